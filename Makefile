@@ -1,0 +1,84 @@
+# make demo    the operator page on a bundled recording; sets everything up the first time
+# make test    linters, types and all tests, as CI runs them
+# make lint    linters and types only
+# make bench   the benchmarks
+# make clean   removes everything that make made
+#
+# Python packages go to .venv. Two system packages are installed where that needs no password
+# (libegl1 for Open3D, chromium for the browser tests); elsewhere one line says what to install.
+
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
+
+.PHONY: demo test lint bench clean
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+
+demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
+	$(BIN)/flatcloth view
+
+test: lint $(VENV)/.libegl $(VENV)/.chromium $(VENV)/.warm
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.bench $(VENV)/.warm
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find flatcloth tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+$(VENV)/.python:
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "flatcloth needs Python 3.11 or newer; found $$(python3 --version 2>&1). Install one, or name it: make demo PYTHON=/path/to/python3.11"; \
+		exit 1; fi
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "flatcloth needs Python's venv module: sudo apt-get install python3-venv"; exit 1; }
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+# The stamps make the second run instant; a change of the dependencies installs again.
+$(VENV)/.demo: pyproject.toml | $(VENV)/.python
+	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
+	@$(PIP_INSTALL) .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml | $(VENV)/.python
+	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
+	@$(PIP_INSTALL) '.[test]'
+	@touch $(VENV)/.demo $@
+
+$(VENV)/.bench: pyproject.toml | $(VENV)/.demo
+	@$(PIP_INSTALL) '.[bench]'
+	@touch $@
+
+# Compiled once here, so that the page does not wait for the compiler.
+$(VENV)/.warm: $(wildcard flatcloth/*.py) | $(VENV)/.python
+	@echo "Compiling the numerics ..."
+	@$(BIN)/python -m flatcloth.warmup
+	@touch $@
+
+# apt-get as root, or by sudo if that asks for no password; $(1) package, $(2) what misses it.
+apt_install = if [ "$$(id -u)" = 0 ]; then root=; \
+	elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=none; fi; \
+	if [ "$$root" = none ] || ! command -v apt-get >/dev/null || ! { \
+		echo "Installing the system package $(1) ..."; \
+		$$root apt-get update -qq && \
+		$$root env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends $(1) >/dev/null; }; then \
+		echo "flatcloth: $(2) needs the system package $(1): sudo apt-get install $(1)"
+
+# Without it everything but Open3D works, so going on is right; the stamp is only set when it is there.
+$(VENV)/.libegl: | $(VENV)/.python
+	@if $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null; then touch $@; \
+	else $(call apt_install,libegl1,Open3D); else touch $@; fi; fi
+
+$(VENV)/.chromium: | $(VENV)/.python
+	@if command -v chromium chromium-browser google-chrome >/dev/null; then touch $@; \
+	else $(call apt_install,chromium,make test); exit 1; else touch $@; fi; fi

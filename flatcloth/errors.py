@@ -1,0 +1,54 @@
+"""The errors a user can meet: one root, one subclass a stage.
+
+Every message names the thing (file, view, option), the cause and the remedy in one line.
+"""
+
+from __future__ import annotations
+
+
+class FlatclothError(Exception):
+    """Root of all errors that are reported to the user as one line, without a traceback."""
+
+
+class RecordingError(FlatclothError):
+    """A recording cannot be read, or its content is not valid."""
+
+
+class ConfigError(FlatclothError):
+    """A setting is out of its range or unknown."""
+
+
+class SurfaceError(FlatclothError):
+    """A view shows no usable cloth surface."""
+
+
+class FlatteningError(FlatclothError):
+    """A surface cannot be flattened."""
+
+
+class PlanningError(FlatclothError):
+    """No next view can be chosen."""
+
+
+class AlignmentError(FlatclothError):
+    """Two flattened views cannot be aligned."""
+
+
+class IllegalDecisionError(FlatclothError):
+    """A decision that the session does not allow now; the message says why."""
+
+
+class JournalError(FlatclothError):
+    """A session folder cannot be written, read, or belongs to something else."""
+
+
+class EvaluationError(FlatclothError):
+    """A result cannot be compared with the truth."""
+
+
+class ServerError(FlatclothError):
+    """The page cannot be served (busy port, unknown host)."""
+
+
+class CancelledError(Exception):
+    """The operator cancelled the computation; not a failure."""

@@ -1,0 +1,255 @@
+"""One view to its flattened view ``F(u, v)`` (paper, section 3).
+
+The surface is sampled at a coarse, then at a fine interval; Eq. (2) is minimised from the pixel
+start ``(u_n, v_n) = (j_n, i_n)`` scaled to metres, the fine level from the coarse result. Parts of
+the surface that no pair connects are flattened each on its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from flatcloth.config import FlatteningConfig
+from flatcloth.errors import FlatteningError
+from flatcloth.minimisation import minimise
+from flatcloth.raster import rasterise, triangulate
+from flatcloth.sampling import Samples, path_on_surface, sample_surface
+from flatcloth.surface import Surface
+from flatcloth.types import FlattenedView, Float64, Int32, RotationAxis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """One sampling interval: the samples, and where they lay before and after the minimisation.
+
+    ``component`` (N,) int32 numbers the connected parts, the largest first; ``energy`` is H of the
+    largest part before the first and after each iteration; ``states`` some (N, 2) states on the way
+    (of the largest part's points ``state_members``), if recorded.
+    """
+
+    samples: Samples
+    component: Int32
+    initial_uv_m: Float64
+    uv_m: Float64
+    energy: tuple[float, ...]
+    state_members: Int32
+    states: tuple[Float64, ...] = ()
+    state_iterations: tuple[int, ...] = ()
+
+    @property
+    def sampling_interval_px(self) -> int:
+        """Interval d."""
+        return self.samples.sampling_interval_px
+
+    @property
+    def points_rc(self) -> Int32:
+        """(N, 2) image pixels of the samples."""
+        return self.samples.points_rc
+
+    @property
+    def points_m(self) -> Float64:
+        """(N, 3) samples, camera frame."""
+        return self.samples.points_m
+
+    @property
+    def edges(self) -> Int32:
+        """(M, 2) pairs with B = 1."""
+        return self.samples.edges
+
+    @property
+    def edge_length_m(self) -> Float64:
+        """(M,) lengths E."""
+        return self.samples.edge_length_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """A connected part of a flattened view: its own raster, in a plane of its own.
+
+    ``flips`` counts triangles that came out mirrored (and were left out): more than a few mean
+    that the part is folded and not to be trusted.
+    """
+
+    view: FlattenedView
+    members: Int32
+    triangles: Int32
+    flips: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flattening:
+    """A flattened view with every intermediate result."""
+
+    levels: tuple[Level, ...]
+    components: tuple[Component, ...]
+    surface: Surface = field(repr=False)
+
+    @property
+    def view(self) -> FlattenedView:
+        """The flattened view of the largest part."""
+        return self.components[0].view
+
+    @property
+    def triangles(self) -> Int32:
+        """(T, 3) triangles of the largest part, indices into the last level's samples."""
+        return self.components[0].triangles
+
+
+def flatten(
+    surface: Surface, axis: RotationAxis, config: FlatteningConfig, *, min_area_m2: float = 0.0, record: bool = False
+) -> Flattening:
+    """Flatten the surface of one view.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    axis : RotationAxis
+        Axis of the recording, to turn the attributes to the held frame.
+    config : FlatteningConfig
+        Intervals, pixel size and limits.
+    min_area_m2 : float
+        Parts smaller than this are dropped (the largest never).
+    record : bool
+        Keep states of the minimisation for the teaching view.
+
+    Returns
+    -------
+    Flattening
+
+    Raises
+    ------
+    FlatteningError
+        If no part has a triangle; the message names the view.
+    """
+    levels: list[Level] = []
+    for n, interval in enumerate(config.sampling_intervals_px):
+        last = n == len(config.sampling_intervals_px) - 1
+        samples = sample_surface(surface, interval, config, rim=last)
+        if not len(samples.points_rc):
+            continue
+        levels.append(_solve_level(samples, levels[-1] if levels else None, surface, config, record))
+    if not levels:
+        raise FlatteningError(_too_small(surface))
+    components = _raster_components(levels[-1], surface, axis, config, min_area_m2)
+    if not components:
+        raise FlatteningError(_too_small(surface))
+    return Flattening(levels=tuple(levels), components=tuple(components), surface=surface)
+
+
+def _too_small(surface: Surface) -> str:
+    return (
+        f"View {surface.frame.view_index}: the visible cloth is too small or too scattered to be "
+        "flattened; use another view or a smaller sampling interval."
+    )
+
+
+def _solve_level(
+    samples: Samples, coarse: Level | None, surface: Surface, config: FlatteningConfig, record: bool
+) -> Level:
+    n = len(samples.points_rc)
+    component = _components(n, samples.edges)
+    initial = _pixel_start(samples, surface) if coarse is None else _from_coarse(samples, coarse, surface)
+    uv = initial.copy()
+    largest = None
+    for c in range(int(component.max()) + 1):
+        members = np.flatnonzero(component == c).astype(np.int32)
+        if members.size < 3:
+            continue
+        own = component[samples.edges[:, 0]] == c
+        local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
+        result = minimise(
+            initial[members], local, samples.edge_length_m[own],
+            max_iterations=config.max_iterations, energy_tolerance=config.energy_tolerance,
+            record=record and c == 0,
+        )
+        uv[members] = result.uv_m
+        if c == 0:
+            largest = result
+    return Level(
+        samples=samples, component=component, initial_uv_m=initial, uv_m=uv,
+        energy=largest.energy if largest else (0.0,),
+        state_members=np.flatnonzero(component == 0).astype(np.int32),
+        states=largest.states if largest else (),
+        state_iterations=largest.state_iterations if largest else (),
+    )
+
+
+def _components(n: int, edges: Int32) -> Int32:
+    """Number the connected parts (N,), the one with most points first."""
+    graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    order = np.argsort(-np.bincount(label), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    return rank[label].astype(np.int32)
+
+
+def _pixel_start(samples: Samples, surface: Surface) -> Float64:
+    start: Float64 = samples.points_rc[:, ::-1] * surface.pixel_pitch_m
+    return start
+
+
+def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
+    """Carry each fine point along with the coarse points seen from it over the surface.
+
+    A coarse point carries its surroundings by the linear map from pixels to the plane that fits
+    its own pairs best.
+    """
+    linear = _local_maps(coarse)
+    tree = cKDTree(coarse.points_rc)
+    near = tree.query_ball_point(samples.points_rc, 1.5 * coarse.sampling_interval_px)
+    counts = np.array([len(x) for x in near])
+    fine = np.repeat(np.arange(len(near)), counts)
+    old = np.array([i for x in near for i in x], dtype=np.int64)
+    both = np.concatenate([samples.points_rc, coarse.points_rc]).astype(np.int32)
+    pairs = np.stack([fine, old + len(near)], axis=1).astype(np.int32)
+    seen = path_on_surface(surface.usable, surface.steps, both, pairs)
+    _, nearest = tree.query(samples.points_rc)
+    alone = np.setdiff1d(np.arange(len(near)), fine[seen])
+    fine = np.concatenate([fine[seen], alone])
+    old = np.concatenate([old[seen], nearest[alone]])
+    offset = (samples.points_rc[fine] - coarse.points_rc[old]).astype(np.float64)
+    weight = 1.0 / (1.0 + np.square(offset).sum(axis=1)) ** 2
+    place = coarse.uv_m[old] + np.einsum("nij,nj->ni", linear[old], offset)
+    total = np.bincount(fine, weight, len(near))
+    uv: Float64 = np.stack([np.bincount(fine, weight * place[:, i], len(near)) / total for i in (0, 1)], axis=1)
+    return uv
+
+
+def _local_maps(level: Level) -> Float64:
+    """Linear maps (N, 2, 2) from (row, col) offsets to plane offsets, by least squares over the pairs."""
+    n = len(level.points_rc)
+    a, b = level.edges[:, 0], level.edges[:, 1]
+    rc = (level.points_rc[b] - level.points_rc[a]).astype(np.float64)
+    uv = level.uv_m[b] - level.uv_m[a]
+    scale = float(np.median(level.edge_length_m)) / level.sampling_interval_px if len(a) else 0.0
+    prior = 0.1 * level.sampling_interval_px**2
+    gram = np.tile(prior * np.eye(2), (n, 1, 1))
+    mixed = np.tile(prior * scale * np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
+    for end in (a, b):
+        np.add.at(gram, end, rc[:, :, None] * rc[:, None, :])
+        np.add.at(mixed, end, uv[:, :, None] * rc[:, None, :])
+    maps: Float64 = mixed @ np.linalg.inv(gram)
+    return maps
+
+
+def _raster_components(
+    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, min_area_m2: float
+) -> list[Component]:
+    found = []
+    for c in range(int(level.component.max()) + 1):
+        members = np.flatnonzero(level.component == c).astype(np.int32)
+        triangles, flips = triangulate(level.uv_m, level.samples, members, surface)
+        if not len(triangles):
+            continue
+        view = rasterise(level.uv_m, level.samples, triangles, surface, axis, config.pixel_size_m)
+        if view.valid.any():
+            found.append(Component(view=view, members=members, triangles=triangles, flips=flips))
+    found.sort(key=lambda part: -part.view.area_m2)
+    return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]

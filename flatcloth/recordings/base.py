@@ -1,0 +1,78 @@
+"""What every source of RGB-D views looks like to the rest of the program."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Protocol
+
+from flatcloth.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+
+
+class Recording(Protocol):
+    """A garment turned in front of a camera: a sequence of views that are read when asked for."""
+
+    @property
+    def name(self) -> str:
+        """Short name, for titles and session folders."""
+        ...
+
+    @property
+    def description(self) -> str:
+        """One sentence of free text; may be empty."""
+        ...
+
+    @property
+    def location(self) -> str:
+        """Where it was read from, for messages and for resuming a session."""
+        ...
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The camera, after lens distortion was undone."""
+        ...
+
+    @property
+    def rotation_axis(self) -> RotationAxis | None:
+        """The turning axis in the camera frame; None if the source does not know it."""
+        ...
+
+    @property
+    def held_point_m(self) -> Float64 | None:
+        """The point where the item is held, camera frame; None if the source does not know it."""
+        ...
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Angle of each view about the axis since view 0."""
+        ...
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether every view has a mask of the side of interest."""
+        ...
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        ...
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Read one view; raises ``RecordingError`` with file, cause and remedy."""
+        ...
+
+
+def fingerprint(recording: Recording) -> str:
+    """Return 16 hexadecimal digits of what a recording says of itself, to recognise it after a move.
+
+    Name, camera, axis, held point, angles and the presence of masks enter; place and pixels do not.
+    """
+    camera, axis, held = recording.intrinsics, recording.rotation_axis, recording.held_point_m
+    content = [
+        recording.name,
+        [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
+        None if axis is None else [axis.point_m.tolist(), axis.direction.tolist()],
+        None if held is None else held.tolist(),
+        list(recording.angles_deg),
+        recording.has_masks,
+    ]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]

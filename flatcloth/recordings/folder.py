@@ -1,0 +1,134 @@
+"""A recording in a folder: ``recording.json`` and image files (``flatcloth-recording/1``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from flatcloth.errors import RecordingError
+from flatcloth.recordings import images
+from flatcloth.recordings.manifest import ViewFiles, read_manifest
+from flatcloth.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
+
+
+class FolderRecording:
+    """A recording folder; opening checks everything but the pixels, reading a view checks those.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder that holds ``recording.json``.
+
+    Raises
+    ------
+    RecordingError
+        If ``recording.json`` is not valid, or an image is missing, unreadable, of the wrong kind
+        or of another size than the camera's; the message names file, cause and remedy.
+
+    Notes
+    -----
+    Opening reads the headers of all images (a few milliseconds for 36 views), and decodes none.
+    Nothing is cached; the caller keeps the frames it needs.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._manifest = read_manifest(folder)
+        for view in self._manifest.views:
+            self._check(view.color, images.check_color)
+            self._check(view.depth, images.check_depth)
+            if view.mask is not None:
+                self._check(view.mask, images.check_mask)
+
+    @property
+    def name(self) -> str:
+        """Short name, for titles and session folders."""
+        return self._manifest.name
+
+    @property
+    def description(self) -> str:
+        """One sentence of free text; may be empty."""
+        return self._manifest.description
+
+    @property
+    def location(self) -> str:
+        """Absolute path of the folder."""
+        return str(self._manifest.folder)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The camera, after lens distortion was undone."""
+        return self._manifest.intrinsics
+
+    @property
+    def rotation_axis(self) -> RotationAxis | None:
+        """The turning axis in the camera frame; None if the recording does not tell."""
+        return self._manifest.rotation_axis
+
+    @property
+    def held_point_m(self) -> Float64 | None:
+        """The point (3,) where the item is held, camera frame; None if the recording does not tell."""
+        return self._manifest.held_point_m
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Angle of each view about the axis since view 0."""
+        return tuple(v.angle_deg for v in self._manifest.views)
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether the views have masks of the side of interest: all of them or none."""
+        return self._manifest.views[0].mask is not None
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self._manifest.views)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Read one view, with lens distortion undone.
+
+        Raises
+        ------
+        IndexError
+            If there is no such view; negative numbers do not count from the end.
+        RecordingError
+            If an image is damaged, has changed since opening, or shows nothing.
+        """
+        if not 0 <= view_index < len(self):
+            raise IndexError(f"view {view_index} of {len(self)}")
+        view = self._manifest.views[view_index]
+        self._check(view.color, images.check_color)
+        color = self._manifest.lens.undistort(images.decode_color(view.color), blend=True)
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=view.angle_deg,
+            color=color,
+            depth_m=self._read_depth(view),
+            mask=self._read_mask(view),
+            intrinsics=self.intrinsics,
+        )
+
+    def _read_depth(self, view: ViewFiles) -> Float32:
+        self._check(view.depth, images.check_depth)
+        units = self._manifest.lens.undistort(images.decode_raw(view.depth, np.uint16), blend=False)
+        if not units.any():
+            raise RecordingError(f"{view.depth}: no depth at all, every pixel is 0. Record the view again.")
+        return units.astype(np.float32) * np.float32(self._manifest.depth_scale_m)
+
+    def _read_mask(self, view: ViewFiles) -> Bool | None:
+        if view.mask is None:
+            return None
+        self._check(view.mask, images.check_mask)
+        values = self._manifest.lens.undistort(images.decode_raw(view.mask, np.uint8), blend=False)
+        mask: Bool = values > 127
+        if not mask.any():
+            raise RecordingError(
+                f"{view.mask}: the mask is empty. Mark the side of interest with 255, or remove the view."
+            )
+        return mask
+
+    def _check(self, path: Path, check: Callable[[Path, images.ImageHeader], None]) -> None:
+        header = images.read_header(path)
+        check(path, header)
+        images.check_size(path, header, self.intrinsics)

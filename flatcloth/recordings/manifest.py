@@ -1,0 +1,317 @@
+"""``recording.json``: read strictly, every value checked, nothing decoded."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, NoReturn
+
+import numpy as np
+
+from flatcloth.errors import RecordingError
+from flatcloth.recordings.lens import Lens
+from flatcloth.types import Float64, Intrinsics, RotationAxis
+
+FORMAT = "flatcloth-recording/1"
+HEADER = "recording.json"
+MAX_VIEWS = 10_000
+_MAX_HEADER_BYTES = 16_000_000
+_ANGLE_TOLERANCE_DEG = 0.01
+_MODELS = ("none", "brown_conrady")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewFiles:
+    """One view as ``recording.json`` lists it: its angle and its image files (absolute paths)."""
+
+    angle_deg: float
+    color: Path
+    depth: Path
+    mask: Path | None
+    truth: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """The checked content of ``recording.json``, lengths in metres, camera frame.
+
+    ``truth`` is what a synthetic recording says of itself, unchecked: only the evaluation reads it.
+    """
+
+    folder: Path
+    name: str
+    description: str
+    intrinsics: Intrinsics
+    lens: Lens
+    depth_scale_m: float
+    rotation_axis: RotationAxis | None
+    held_point_m: Float64 | None
+    views: tuple[ViewFiles, ...]
+    truth: Any
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check ``recording.json`` of a recording folder.
+
+    Raises
+    ------
+    RecordingError
+        One line with the file, the cause and the remedy.
+    """
+    folder = folder.resolve()
+    return _Reader(folder).manifest(_load(folder / HEADER))
+
+
+def _load(path: Path) -> Any:
+    try:
+        if not path.is_file():
+            raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
+        with path.open("rb") as file:
+            data = file.read(_MAX_HEADER_BYTES + 1)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    if len(data) > _MAX_HEADER_BYTES:
+        raise RecordingError(f"{path}: larger than {_MAX_HEADER_BYTES // 10**6} MB. Split the recording.")
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except RecursionError as error:
+        raise RecordingError(f"{path}: nested too deeply. Write it as the format says.") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: not UTF-8 text. Save it as UTF-8.") from error
+    except ValueError as error:  # also numbers with thousands of digits
+        raise RecordingError(
+            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it there."
+        ) from error
+
+
+class _Reader:
+    """Turns the parsed JSON into a manifest; every complaint names the file and the key."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._path = folder / HEADER
+
+    def manifest(self, data: Any) -> Manifest:
+        header = self._table(data, "the file")
+        self._check_format(header)
+        intrinsics, lens = self._camera(header.get("intrinsics"))
+        axis, turns = self._axis(header.get("rotation_axis"))
+        scale = self._depth_scale(header)
+        views = self._views(header.get("views"), turns)
+        held = header.get("held_point_m")
+        return Manifest(
+            folder=self._folder,
+            name=self._text(header, "name") or self._folder.name,
+            description=self._text(header, "description"),
+            intrinsics=intrinsics,
+            lens=lens,
+            depth_scale_m=scale,
+            rotation_axis=axis,
+            held_point_m=None if held is None else self._point(held, "held_point_m"),
+            views=views,
+            truth=header.get("truth"),
+        )
+
+    def _fail(self, cause: str, remedy: str) -> NoReturn:
+        raise RecordingError(f"{self._path}: {cause}. {remedy}")
+
+    def _check_format(self, header: dict[str, Any]) -> None:
+        found = header.get("format")
+        if found == FORMAT:
+            return
+        if isinstance(found, str) and found.startswith("flatcloth-recording/"):
+            self._fail(f"format {_short(found)} is unknown", f"This flatcloth reads {FORMAT}: update it.")
+        self._fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
+
+    def _depth_scale(self, header: dict[str, Any]) -> float:
+        scale = self._number(header.get("depth_scale_m", 0), "depth_scale_m")
+        if scale == 0:
+            self._fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
+        if not 1e-6 <= scale <= 0.1:
+            self._fail(
+                f"depth_scale_m is {scale:g}", "It is the metres per depth unit, 0.001 for millimetres."
+            )
+        return scale
+
+    def _camera(self, data: Any) -> tuple[Intrinsics, Lens]:
+        table = self._table(data, "intrinsics")
+        width, height = (self._size(table.get(k), f"intrinsics.{k}") for k in ("width", "height"))
+        fx, fy, cx, cy = (self._number(table.get(k), f"intrinsics.{k}") for k in ("fx", "fy", "cx", "cy"))
+        longer = max(width, height)
+        for name, focal in (("fx", fx), ("fy", fy)):
+            if not 0.1 * longer <= focal <= 100 * longer:
+                self._fail(f"intrinsics.{name} is {focal:g}", f"No camera of {width}x{height} px has it.")
+        if not 0.5 <= fx / fy <= 2:
+            self._fail(f"intrinsics.fx {fx:g} and fy {fy:g} differ too much", "They are in pixels.")
+        # A cropped image may have its principal point outside, but not far.
+        for name, center, size in (("cx", cx, width), ("cy", cy, height)):
+            if not -2 * size <= center <= 3 * size:
+                self._fail(f"intrinsics.{name} is {center:g}", f"It is a pixel of a {width}x{height} image.")
+        intrinsics = Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        return intrinsics, self._lens(table, intrinsics)
+
+    def _lens(self, table: dict[str, Any], intrinsics: Intrinsics) -> Lens:
+        model = table.get("distortion_model", "none")
+        values = table.get("distortion", [])
+        if model not in _MODELS:
+            self._fail(
+                f"intrinsics.distortion_model {_short(model)} is unknown", f"Known are {', '.join(_MODELS)}."
+            )
+        if not isinstance(values, list):
+            self._fail("intrinsics.distortion is no list", "Write [k1, k2, p1, p2, k3], or [] for none.")
+        numbers = [self._number(v, f"intrinsics.distortion[{i}]") for i, v in enumerate(values)]
+        if model == "none" and any(numbers):
+            self._fail(
+                "intrinsics.distortion has numbers, but distortion_model is none",
+                "Set brown_conrady, or empty the list.",
+            )
+        if model == "brown_conrady" and len(numbers) not in (4, 5):
+            self._fail(f"intrinsics.distortion has {len(numbers)} numbers", "Write [k1, k2, p1, p2, k3].")
+        lens = Lens(intrinsics, tuple((numbers + [0.0] * 5)[:5]))
+        if lens.folds():
+            self._fail("intrinsics.distortion folds the image over itself", "Calibrate the camera again.")
+        return lens
+
+    def _axis(self, data: Any) -> tuple[RotationAxis | None, float]:
+        """Return the axis, and the sense (1 or -1) in which the file's angles turn about it."""
+        if data is None:
+            return None, 1.0
+        table = self._table(data, "rotation_axis")
+        point = self._point(table.get("point_m"), "rotation_axis.point_m")
+        direction = self._vector(table.get("direction"), "rotation_axis.direction")
+        length = math.hypot(*direction)
+        if abs(length - 1) > 1e-3:
+            self._fail(f"rotation_axis.direction has length {length:g}", "It must be a unit vector.")
+        direction = direction / length
+        if abs(direction[2]) > 0.9:
+            self._fail(
+                "the camera looks along rotation_axis.direction", "It must see the item from the side."
+            )
+        # Inside the program the axis points up (y is down): turning about the opposite direction is
+        # turning the other way.
+        turns = -1.0 if direction[1] > 0 else 1.0
+        return RotationAxis(point_m=point, direction=turns * direction), turns
+
+    def _views(self, data: Any, turns: float) -> tuple[ViewFiles, ...]:
+        if not isinstance(data, list) or not data:
+            self._fail("views is not a list, or is empty", "List at least one view.")
+        if len(data) > MAX_VIEWS:
+            self._fail(f"{len(data)} views", f"At most {MAX_VIEWS} are read: split the recording.")
+        views = tuple(
+            self._view(self._table(v, f"views[{i}]"), f"views[{i}]", turns) for i, v in enumerate(data)
+        )
+        self._check_angles([v.angle_deg for v in views])
+        self._check_masks(views)
+        return views
+
+    def _check_angles(self, angles_deg: list[float]) -> None:
+        order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
+        for a, b in zip(order, order[1:] + order[:1], strict=True):
+            apart = (angles_deg[b] - angles_deg[a] + 180) % 360 - 180
+            if a != b and abs(apart) < _ANGLE_TOLERANCE_DEG:
+                first, second = sorted((a, b))
+                self._fail(
+                    f"views[{second}] has the angle of views[{first}] ({abs(angles_deg[first]):g} degrees)",
+                    "Every view needs its own angle, also modulo 360: correct or remove one.",
+                )
+
+    def _check_masks(self, views: tuple[ViewFiles, ...]) -> None:
+        without = [i for i, v in enumerate(views) if v.mask is None]
+        if 0 < len(without) < len(views):
+            self._fail(
+                f"views[{without[0]}] has no mask, but other views have one",
+                "Give every view a mask, or none: the side of interest must be the same in all.",
+            )
+
+    def _view(self, table: dict[str, Any], where: str, turns: float) -> ViewFiles:
+        angle = self._number(table.get("angle_deg"), f"{where}.angle_deg")
+        if abs(angle) > 3600:
+            self._fail(f"{where}.angle_deg is {angle:g}", "Give degrees since view 0.")
+        if table.get("depth") is None:
+            self._fail(f"{where} has no depth image", "flatcloth needs depth in every view.")
+        mask, truth = table.get("mask"), table.get("truth")
+        return ViewFiles(
+            angle_deg=turns * angle + 0.0,  # + 0.0 makes a negative zero positive
+            color=self._file(table.get("color"), f"{where}.color"),
+            depth=self._file(table["depth"], f"{where}.depth"),
+            mask=None if mask is None else self._file(mask, f"{where}.mask"),
+            truth=None if truth is None else self._file(truth, f"{where}.truth"),
+        )
+
+    def _file(self, value: Any, where: str) -> Path:
+        if not isinstance(value, str) or not value:
+            self._fail(f"{where} is {_short(value)}", "Name an image file of the folder.")
+        if not value.isprintable() or len(value) > 1024:  # also lone surrogates and NUL
+            self._fail(f"{where} is {_short(value)}", "A file name has printable characters only.")
+        relative = PurePosixPath(value)
+        outside = relative.is_absolute() or ".." in relative.parts or re.match(r"[A-Za-z]:", value)
+        if outside or "\\" in value:
+            self._fail(
+                f"{where} is {_short(value)}", "Paths are relative, with forward slashes, inside the folder."
+            )
+        path = self._folder / relative
+        try:
+            resolved = path.resolve()
+        except (OSError, RuntimeError):  # a loop of links
+            self._fail(f"{where} {_short(value)} cannot be followed", "Replace the link by the file.")
+        if not resolved.is_relative_to(self._folder):
+            self._fail(f"{where} {_short(value)} leads outside the folder", "Copy the file into the folder.")
+        return path
+
+    def _table(self, value: Any, where: str) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            self._fail(f"{where} is {_kind(value)}", "Expected a JSON object; see the format.")
+        return value
+
+    def _text(self, table: dict[str, Any], key: str) -> str:
+        value = table.get(key, "")
+        if not isinstance(value, str):
+            self._fail(f"{key} is {_kind(value)}", "Expected text.")
+        # Titles and messages are single lines; what a terminal would interpret is dropped.
+        return "".join(c for c in " ".join(value.split()) if c.isprintable())[:500]
+
+    def _number(self, value: Any, where: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self._fail(f"{where} is {_kind(value)}", "Expected a number.")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self._fail(f"{where} is not a finite number", "Write the measured value.")
+        return number
+
+    def _size(self, value: Any, where: str) -> int:
+        number = self._number(value, where)
+        if not number.is_integer() or not 8 <= number <= 16384:
+            self._fail(f"{where} is {number:g}", "Expected whole pixels, 8 to 16384.")
+        return int(number)
+
+    def _vector(self, value: Any, where: str) -> Float64:
+        if not isinstance(value, list) or len(value) != 3:
+            self._fail(f"{where} is {_kind(value)}", "Expected three numbers [x, y, z].")
+        return np.array([self._number(v, f"{where}[{i}]") for i, v in enumerate(value)])
+
+    def _point(self, value: Any, where: str) -> Float64:
+        point = self._vector(value, where)
+        if np.abs(point).max() > 100:
+            self._fail(f"{where} lies more than 100 m away", "It is in metres, camera frame.")
+        return point
+
+
+def _short(value: Any, limit: int = 60) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, default=str)
+    text = json.dumps(text)[1:-1] if not text.isprintable() else text
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "missing"
+    names = {bool: "true or false", int: "a number", float: "a number", str: "text", dict: "an object"}
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return names.get(type(value), "of another type")

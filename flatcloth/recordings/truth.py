@@ -1,0 +1,89 @@
+"""The truth of a synthetic recording: for the evaluation only, never for the method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatcloth.errors import RecordingError
+from flatcloth.recordings import images
+from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
+from flatcloth.types import Bool, Float32, Uint8
+
+_UNITS_PER_M = 20000.0
+_OFFSET_M = 1.5
+_OUTER_FACE = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueView:
+    """What one view truly shows.
+
+    ``panel`` (H, W) uint8: 1 front, 2 back, 0 none; ``outer_face`` (H, W) bool: True where the
+    panel is seen from outside; ``flat_uv_m`` (H, W, 2) float32: true place on the flattened plane
+    (u right, v down, seen from outside), up to one rigid motion; NaN where there is no panel.
+    """
+
+    panel: Uint8
+    outer_face: Bool
+    flat_uv_m: Float32
+
+
+class Truth:
+    """The truth of a recording folder; see :func:`read_truth`."""
+
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+        header, file = manifest.truth, manifest.folder / HEADER
+        if header is None or any(v.truth is None for v in manifest.views):
+            raise RecordingError(f"{file}: has no truth. Only synthetic recordings can be evaluated.")
+        panel = header.get("panel_of_interest") if isinstance(header, dict) else None
+        if isinstance(panel, bool) or panel not in (1, 2):
+            raise RecordingError(
+                f"{file}: truth.panel_of_interest is not 1 (front) or 2 (back). Say which panel is meant."
+            )
+        self.panel_of_interest: int = panel
+        self.garment = str(header.get("garment", ""))
+        self.held_at = str(header.get("held_at", ""))
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self._manifest.views)
+
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Read the truth of one view.
+
+        Raises
+        ------
+        IndexError
+            If there is no such view.
+        RecordingError
+            If its image is missing, damaged, or of the wrong kind or size.
+        """
+        if not 0 <= view_index < len(self):
+            raise IndexError(f"view {view_index} of {len(self)}")
+        path = self._manifest.views[view_index].truth
+        assert path is not None  # the constructor has seen to it
+        header = images.read_header(path)
+        images.check_truth(path, header)
+        images.check_size(path, header, self._manifest.intrinsics)
+        undistort = self._manifest.lens.undistort
+        bgr = undistort(images.decode_raw(path, np.uint16), blend=False)
+        code = bgr[..., 0].astype(np.uint8)
+        panel: Uint8 = code & np.uint8(_OUTER_FACE - 1)
+        flat = bgr[..., :0:-1].astype(np.float32) / np.float32(_UNITS_PER_M) - np.float32(_OFFSET_M)
+        flat[panel == 0] = np.nan
+        return TrueView(panel=panel, outer_face=(code & _OUTER_FACE) != 0, flat_uv_m=flat)
+
+
+def read_truth(folder: str | Path) -> Truth:
+    """Open the truth of a recording folder (``recording.location``); a sequence of :class:`TrueView`.
+
+    Raises
+    ------
+    RecordingError
+        If the folder is no recording, or has no truth.
+    """
+    return Truth(read_manifest(Path(folder)))

@@ -1,0 +1,22 @@
+"""The operator page: one web server for the page, its messages and viser's 3D scene.
+
+This package is the only place that knows viser and the web server. Nothing heavy is imported until
+:func:`serve` or :class:`PageServer` is asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.server import PageServer, serve
+
+__all__ = ["PageServer", "serve"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        from flatcloth.viewer import server
+
+        return getattr(server, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

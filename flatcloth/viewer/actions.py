@@ -1,0 +1,144 @@
+"""The one table of what an operator can do; buttons, tooltips, keys and the ``?`` sheet come from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from flatcloth.session import (
+    Accept,
+    Cancel,
+    Command,
+    Phase,
+    Propose,
+    Redo,
+    Reject,
+    Restart,
+    SessionState,
+    Start,
+    Undo,
+    why_illegal,
+)
+from flatcloth.types import Rigid2
+
+REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
+"""Reasons offered by the reject menu; the second is what the bare key means."""
+
+DEFAULT_REASON = "wrong place"
+
+
+@dataclass(frozen=True)
+class Action:
+    """Something the operator can do.
+
+    ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
+    first one is printed on the button. ``group`` is ``session`` (the server decides whether it is
+    allowed), ``proposal`` (needs a pending view), ``view`` or ``page`` (always allowed).
+    """
+
+    name: str
+    title: str
+    keys: tuple[str, ...]
+    description: str
+    group: str
+
+
+ACTIONS: tuple[Action, ...] = (
+    Action("step", "Step", ("s",), "Choose the next view, flatten it and propose its place.", "session"),
+    Action("accept", "Accept", ("a",), "Make the proposed view part of the shape.", "session"),
+    Action("reject", "Reject", ("r",), f"Refuse the proposed view (reason: {DEFAULT_REASON}).", "session"),
+    Action("reject_menu", "Reject because ...", ("e",), "Refuse the proposed view and say why.", "session"),
+    Action("undo", "Undo", ("u", "Ctrl+z"), "Take the last decision back.", "session"),
+    Action("redo", "Redo", ("y", "Ctrl+y"), "Make the decision that was taken back again.", "session"),
+    Action("auto", "Auto", ("g",), "Accept by the score and step on, until finished or unsure.", "session"),
+    Action("cancel", "Cancel", ("Escape",), "Give up the running computation.", "session"),
+    Action("restart", "Restart", ("n",), "Begin anew from the largest view; Undo brings all back.", "session"),
+    Action("left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal"),
+    Action("right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal"),
+    Action("up", "Move up", ("ArrowUp",), "Move the proposal; Shift for ten times as far.", "proposal"),
+    Action("down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal"),
+    Action("turn_left", "Turn left", ("[", "{"), "Turn the proposal counter-clockwise; Shift: tenfold.", "proposal"),
+    Action("turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal"),
+    Action("overlay", "Show proposal", ("o",), "Show or hide the proposal on the flattened view.", "proposal"),
+    Action("blink", "Blink", ("b",), "Blink the proposal against the shape.", "proposal"),
+    Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
+    Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
+    Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle at which each pixel was seen.", "view"),
+    Action("layer_source", "Source view", ("4",), "Show which view each pixel came from.", "view"),
+    Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
+    Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
+    Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
+    Action("follow", "Follow", ("v",), "Let the 3D camera follow the view: where the real camera stood.", "view"),
+    Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
+    Action("log", "Messages", ("l",), "Show all messages.", "page"),
+    Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
+    Action("help", "Keys", ("?",), "Show this sheet.", "page"),
+)
+
+
+def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
+    """Return the session command behind an action's name, as it would be meant now.
+
+    ``arguments`` may hold ``view_index`` (the view the user saw) and ``reason``. A decision without
+    a view is meant for the pending one; -1 if there is none, which the session then refuses.
+    """
+    document = state.document
+    pending = -1 if document.pending is None else document.pending.view_index
+    view = arguments.get("view_index")
+    match name:
+        case "step":
+            # A cancelled start leaves nothing to step from: the step is the start itself then.
+            return Start() if document.start_view is None else Propose()
+        case "view":
+            return Start(view) if document.start_view is None else Propose(view)
+        case "accept":
+            return Accept(pending if view is None else view)
+        case "reject" | "reject_menu":
+            return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
+        case "undo":
+            return Undo()
+        case "redo":
+            return Redo()
+        case "cancel":
+            return Cancel()
+        case "restart":
+            return Restart(view)
+    raise KeyError(name)
+
+
+def why_not(name: str, state: SessionState) -> str | None:
+    """Say why an action is not allowed now, or None if it is."""
+    if name == "auto":
+        if state.phase is Phase.FINISHED:
+            return state.document.finished
+        return None
+    action = next(a for a in ACTIONS if a.name == name)
+    if action.group == "session":
+        return why_illegal(state, command_of(name, state, {}))
+    if action.group == "proposal" and state.document.pending is None:
+        return "There is no proposal to move; step first."
+    return None
+
+
+def action_table(state: SessionState) -> list[dict[str, Any]]:
+    """Return the table for the page, with the reason where an action is not allowed now."""
+    return [
+        {
+            "name": a.name,
+            "title": a.title,
+            "keys": list(a.keys),
+            "description": a.description,
+            "group": a.group,
+            "why_not": why_not(a.name, state),
+        }
+        for a in ACTIONS
+    ]
+
+
+def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+    """Return the motion of a nudge: a turn about the proposal's own centre, then a shift."""
+    if not all(math.isfinite(x) for x in (*center_uv_m, theta_rad, u_m, v_m)):
+        return Rigid2(math.nan, math.nan, math.nan)  # the session says why this is refused
+    return Rigid2(theta_rad, u_m, v_m).about(center_uv_m)  # type: ignore[arg-type]

@@ -1,0 +1,71 @@
+"""Colour maps made in Oklab, so that equal steps of a value look equal, also to colour-blind eyes.
+
+Sequential and diverging maps differ in lightness as well as in hue along the blue-yellow axis,
+which the common colour deficiencies leave intact. Oklab: B. Ottosson, 2020.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from flatcloth.types import Float64, Floats, Uint8
+
+# (lightness, a, b) in Oklab at equal distances along the map.
+_HEIGHT_STOPS = ((0.25, -0.01, -0.09), (0.45, -0.05, -0.08), (0.65, -0.08, 0.01), (0.82, -0.05, 0.11), (0.95, 0.0, 0.15))
+_DIVERGING_STOPS = ((0.38, -0.03, -0.16), (0.62, -0.05, -0.09), (0.93, 0.0, 0.0), (0.67, 0.07, 0.10), (0.42, 0.10, 0.08))
+_SIZE = 256
+
+
+def rgb_from_oklab(lab: Floats) -> Uint8:
+    """Return sRGB (..., 3) uint8 of Oklab colours (..., 3); out-of-gamut values are clipped."""
+    to_lms = np.array([[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728],
+                       [1.0, -0.0894841775, -1.2914855480]])
+    to_linear = np.array([[4.0767416621, -3.3077115913, 0.2309699292],
+                          [-1.2684380046, 2.6097574011, -0.3413193965],
+                          [-0.0041960863, -0.7034186147, 1.7076147010]])
+    linear = np.clip((np.asarray(lab, dtype=np.float64) @ to_lms.T) ** 3 @ to_linear.T, 0.0, 1.0)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round(encoded * 255).astype(np.uint8)
+
+
+def _table(stops: tuple[tuple[float, float, float], ...]) -> Uint8:
+    at = np.linspace(0.0, 1.0, len(stops))
+    x = np.linspace(0.0, 1.0, _SIZE)
+    lab = np.stack([np.interp(x, at, channel) for channel in np.array(stops).T], axis=-1)
+    return rgb_from_oklab(lab)
+
+
+@cache
+def height_table() -> Uint8:
+    """Return the (256, 3) sequential map, dark blue to light yellow."""
+    return _table(_HEIGHT_STOPS)
+
+
+@cache
+def diverging_table() -> Uint8:
+    """Return the (256, 3) diverging map, blue through near-white to orange."""
+    return _table(_DIVERGING_STOPS)
+
+
+@cache
+def view_colors(n_views: int) -> Uint8:
+    """Return (n_views, 3) colours in which neighbouring views differ clearly.
+
+    Hues lie a golden angle apart, and lightness alternates over three levels, so that two views
+    can be told apart without seeing hue.
+    """
+    index: Float64 = np.arange(n_views, dtype=np.float64)
+    hue = 2 * np.pi * (0.62 + 0.61803398875 * index)
+    lightness = np.array([0.62, 0.78, 0.48])[np.arange(n_views) % 3]
+    lab = np.stack([lightness, 0.11 * np.cos(hue), 0.11 * np.sin(hue)], axis=-1)
+    return rgb_from_oklab(lab)
+
+
+def apply_table(table: Uint8, values: Floats, low: float, high: float) -> Uint8:
+    """Return the colours (..., 3) of values (...); what is not finite gets the map's first colour."""
+    span = high - low if high > low else 1.0
+    share = np.clip((np.asarray(values) - low) / span, 0.0, 1.0)
+    picked: Uint8 = table[np.round(np.nan_to_num(share) * (len(table) - 1)).astype(np.intp)]
+    return picked

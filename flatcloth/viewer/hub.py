@@ -1,0 +1,103 @@
+"""The open tabs: each gets every message meant for it, and of the states only the newest."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+from collections import deque
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+WAITING_LIMIT = 1000
+
+
+class Tab:
+    """What one tab still has to be sent; used on the event loop only."""
+
+    def __init__(self) -> None:
+        self.news = asyncio.Event()
+        self._state: str | None = None
+        self._messages: deque[str] = deque(maxlen=WAITING_LIMIT)
+
+    def put(self, text: str) -> None:
+        """Queue a message."""
+        self._messages.append(text)
+        self.news.set()
+
+    def put_state(self, text: str) -> None:
+        """Queue a state; it replaces one that was not sent yet, so a slow tab never lags behind."""
+        self._state = text
+        self.news.set()
+
+    def take(self) -> list[str]:
+        """Return what is to be sent now."""
+        self.news.clear()
+        texts = list(self._messages)
+        self._messages.clear()
+        if self._state is not None:
+            texts.append(self._state)
+            self._state = None
+        return texts
+
+
+class Hub:
+    """Sends to the tabs; ``show`` and ``tell`` may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._tabs: dict[int, Tab] = {}
+        self._ids = itertools.count(1)
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Begin to send, on this event loop."""
+        self._loop = loop
+
+    def show(self, state: dict[str, Any]) -> None:
+        """Send the whole state to every tab."""
+        text = json.dumps(state, allow_nan=False)
+        self._call(lambda: [tab.put_state(text) for tab in self._tabs.values()])
+
+    def tell(self, client: int | None, message: dict[str, Any]) -> None:
+        """Send one message to one tab, or to all of them."""
+        text = json.dumps(message, allow_nan=False)
+        self._call(lambda: [tab.put(text) for key, tab in self._tabs.items() if client in (None, key)])
+
+    def _call(self, job: Any) -> None:
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(job)
+
+    async def serve(self, socket: WebSocket, first: dict[str, Any], receive: Any) -> None:
+        """Serve one tab until it closes: ``receive(tab_id, tab, text)`` for what it says."""
+        await socket.accept()
+        tab, key = Tab(), next(self._ids)
+        self._tabs[key] = tab
+        if first:
+            tab.put_state(json.dumps(first, allow_nan=False))
+        sender = asyncio.create_task(_send(socket, tab))
+        try:
+            while True:
+                receive(key, tab, await _next_text(socket))
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+        finally:
+            del self._tabs[key]
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
+
+
+async def _next_text(socket: WebSocket) -> str:
+    message = await socket.receive()
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message.get("code", 1000))
+    text = message.get("text")
+    return "" if text is None else str(text)
+
+
+async def _send(socket: WebSocket, tab: Tab) -> None:
+    while True:
+        await tab.news.wait()
+        for text in tab.take():
+            await socket.send_text(text)

@@ -1,0 +1,175 @@
+"""What the page may say to the server: parsed strictly, so that a bad message is only a notification."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from flatcloth.errors import FlatclothError
+from flatcloth.viewer.actions import REJECT_REASONS
+
+MAX_MESSAGE_CHARS = 100_000
+MAX_NAME_CHARS = 80
+
+
+class MessageError(FlatclothError):
+    """A message that the page's server does not understand; names the field and what was expected."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Do:
+    """Perform a session action; ``view_index`` is the view the user means, if the action has one."""
+
+    action: str
+    view_index: int | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """Move the pending view: turn about its own centre, then shift on the plane."""
+
+    view_index: int
+    theta_rad: float = 0.0
+    u_m: float = 0.0
+    v_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hover:
+    """Ask for all attributes at a place of the plane; ``id`` comes back with the answer."""
+
+    id: int
+    u_m: float
+    v_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickAt:
+    """Pick the cloth at (or nearest to) a place of the plane."""
+
+    u_m: float
+    v_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowPick:
+    """Make a pick of the list the current one; None: none is current."""
+
+    id: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenamePick:
+    """Give a pick of the list another name."""
+
+    id: int
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeletePick:
+    """Delete a pick from the list."""
+
+    id: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAuto:
+    """Switch Auto on or off, or set the score below which it stops."""
+
+    running: bool | None = None
+    threshold: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetFollow:
+    """Let the cameras of the 3D scene follow the view, or not."""
+
+    follow: bool
+
+
+Message = Do | Move | Hover | PickAt | ShowPick | RenamePick | DeletePick | SetAuto | SetFollow
+
+KINDS: dict[str, type[Message]] = {
+    "do": Do,
+    "move": Move,
+    "hover": Hover,
+    "pick": PickAt,
+    "show_pick": ShowPick,
+    "rename_pick": RenamePick,
+    "delete_pick": DeletePick,
+    "auto": SetAuto,
+    "follow": SetFollow,
+}
+
+SESSION_ACTIONS = frozenset({"step", "view", "accept", "reject", "undo", "redo", "cancel", "restart"})
+
+
+def parse(text: str) -> Message:
+    """Read one message of the page.
+
+    Raises
+    ------
+    MessageError
+        If it is not JSON, of an unknown type, or has missing, unknown or wrong fields.
+    """
+    if len(text) > MAX_MESSAGE_CHARS:
+        raise MessageError(f"A message of {len(text)} characters is too long; reload the page.")
+    try:
+        raw = json.loads(text)
+    except ValueError as error:
+        raise MessageError(f"A message was not JSON ({error}); reload the page.") from error
+    if not isinstance(raw, dict):
+        raise MessageError("A message was not a JSON object; reload the page.")
+    kind = raw.pop("type", None)
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise MessageError(f"Unknown message type {kind!r}; known are {', '.join(KINDS)}.")
+    message = _fill(KINDS[kind], kind, raw)
+    _check(message)
+    return message
+
+
+def _fill(target: type[Message], kind: str, raw: Mapping[str, Any]) -> Message:
+    known = {f.name: f for f in fields(target)}
+    for name in raw:
+        if name not in known:
+            raise MessageError(f"Message {kind!r}: no field {name!r}; known are {', '.join(known)}.")
+    values = {name: _value(kind, name, str(f.type), raw[name]) for name, f in known.items() if name in raw}
+    try:
+        return target(**values)
+    except TypeError as error:
+        raise MessageError(f"Message {kind!r}: a field is missing ({error}).") from error
+
+
+def _value(kind: str, name: str, hint: str, value: Any) -> Any:
+    if value is None and hint.endswith("| None"):
+        return None
+    wanted = hint.removesuffix(" | None")
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if wanted == "float" and number and math.isfinite(value):
+        return float(value)
+    if wanted == "int" and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53:
+        return value
+    if wanted == "str" and isinstance(value, str):
+        return value
+    if wanted == "bool" and isinstance(value, bool):
+        return value
+    raise MessageError(f"Message {kind!r}: {name} must be of type {hint}, not {value!r:.60}.")
+
+
+def _check(message: Message) -> None:
+    match message:
+        case Do(action=action) if action not in SESSION_ACTIONS:
+            raise MessageError(f"Unknown action {action!r:.60}; known are {', '.join(sorted(SESSION_ACTIONS))}.")
+        case Do(action="view", view_index=None):
+            raise MessageError("Action 'view' needs a view_index.")
+        case Do(reason=str(reason)) if reason not in REJECT_REASONS:
+            raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
+        case SetAuto(threshold=float(threshold)) if not 0 <= threshold <= 1:
+            raise MessageError(f"The threshold of Auto lies between 0 and 1, not at {threshold:g}.")
+        case RenamePick(name=name) if not name.strip() or len(name) > MAX_NAME_CHARS:
+            raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

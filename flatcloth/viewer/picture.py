@@ -1,0 +1,125 @@
+"""Everything the page shows of one document, computed by the worker and never changed afterwards."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.geometry import height_m
+from flatcloth.session import Document
+from flatcloth.types import Bool, FlattenedView, RotationAxis
+from flatcloth.viewer.layers import legends
+
+if TYPE_CHECKING:
+    from flatcloth.alignment import AlignmentScore
+    from flatcloth.integration import Canonical, Integration, Proposal, ViewCloud
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overlay:
+    """The pending view on the plane of the shape, at the placement in force."""
+
+    revision: int
+    view: FlattenedView
+    new_points: Bool
+    score: AlignmentScore
+    proposal: Proposal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """What a document looks like; ``revision`` changes whenever the flattened shape does."""
+
+    revision: int
+    document: Document
+    canonical: Canonical
+    present_view: int
+    angle_deg: float
+    cloud: ViewCloud
+    energies: tuple[tuple[float, ...], ...]
+    legends: dict[str, Any]
+    overlay: Overlay | None = None
+
+    @property
+    def view(self) -> FlattenedView:
+        """The flattened shape."""
+        return self.canonical.view
+
+
+def present_view(document: Document) -> int | None:
+    """Return the view at whose rotation the item stands: the pending one, else the last accepted."""
+    if document.pending is not None:
+        return document.pending.view_index
+    if document.accepted:
+        return document.accepted[-1].view_index
+    return document.start_view
+
+
+def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
+    """Compute what a document with a start view looks like; revisions go on from ``previous``."""
+    canonical = integration.canonical(document)
+    present = present_view(document)
+    assert present is not None  # noqa: S101 - the caller has seen to the start view
+    revision = 1 if previous is None else previous.revision + (canonical.view is not previous.view)
+    overlay = None
+    if document.pending is not None:
+        before = None if previous is None else previous.overlay
+        overlay = _overlay(integration, document, before)
+    angles_deg = integration.recording.angles_deg
+    return Picture(
+        revision=revision,
+        document=document,
+        canonical=canonical,
+        present_view=present,
+        angle_deg=angles_deg[present],
+        cloud=integration.cloud(present),
+        energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
+        legends=legends(canonical.view, integration.axis, angles_deg),
+        overlay=overlay,
+    )
+
+
+_overlay_revisions = itertools.count(1)
+
+
+def _overlay(integration: Integration, document: Document, before: Overlay | None) -> Overlay:
+    view = integration.overlay(document)
+    if before is not None and before.view is view:
+        return before
+    return Overlay(
+        revision=next(_overlay_revisions),
+        view=view,
+        new_points=integration.new_points(document),
+        score=integration.score(document),
+        proposal=integration.proposal(document),
+    )
+
+
+def attributes_at(
+    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis
+) -> dict[str, Any] | None:
+    """Return all attributes of the pixel at a place of the plane, None off the cloth."""
+    row, col = (int(x) for x in np.floor(view.rc_from_uv(np.array([u_m, v_m])) + 0.5))
+    rows, cols = view.shape
+    if not (0 <= row < rows and 0 <= col < cols) or not view.valid[row, col]:
+        return None
+    xyz = view.xyz_m[row, col].astype(np.float64)
+    return {
+        "rc": [row, col],
+        "uv_mm": [1000 * u_m, 1000 * v_m],
+        "rgb": view.rgb[row, col].tolist(),
+        "xyz_mm": (1000 * xyz).tolist(),
+        "height_mm": 1000 * float(height_m(xyz, axis)),
+        "normal": [finite(x) for x in view.normal[row, col].tolist()],
+        "z_angle_deg": finite(float(view.z_angle_deg[row, col])),
+        "view_index": int(view.view_index[row, col]),
+        "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
+    }
+
+
+def finite(value: float | None) -> float | None:
+    """Return the value, or None where JSON has no word for it."""
+    return value if value is not None and np.isfinite(value) else None

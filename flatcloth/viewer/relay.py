@@ -1,0 +1,67 @@
+"""Passes viser's socket through our port: what the browser says, and what viser answers."""
+
+from __future__ import annotations
+
+import asyncio
+
+import websockets
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+
+async def relay(browser: WebSocket, port: int, key: str) -> None:
+    """Join a browser's socket with viser's on loopback until either closes.
+
+    The sub-protocol (viser's version) goes through unchanged; nothing is compressed or limited in
+    size, since point clouds are neither small nor compressible.
+    """
+    wanted = [Subprotocol(p) for p in browser.scope.get("subprotocols", [])]
+    try:
+        viser = await connect(
+            f"ws://127.0.0.1:{port}",
+            subprotocols=wanted or None,
+            compression=None,
+            max_size=None,
+            proxy=None,
+            additional_headers={"X-Flatcloth-Relay": key},
+        )
+    except (OSError, websockets.WebSocketException):
+        await browser.close(1013, "the 3D scene is not running")
+        return
+    await browser.accept(subprotocol=viser.subprotocol)
+    tasks = [
+        asyncio.create_task(_from_browser(browser, viser)),
+        asyncio.create_task(_from_viser(browser, viser)),
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await viser.close()
+
+
+async def _from_browser(browser: WebSocket, viser: ClientConnection) -> None:
+    try:
+        while True:
+            message = await browser.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("bytes")
+            await viser.send(message["text"] if data is None else data)
+    except (WebSocketDisconnect, websockets.ConnectionClosed, RuntimeError):
+        return
+
+
+async def _from_viser(browser: WebSocket, viser: ClientConnection) -> None:
+    try:
+        async for data in viser:
+            if isinstance(data, str):
+                await browser.send_text(data)
+            else:
+                await browser.send_bytes(data)
+        await browser.close(1012, "the 3D scene has closed")
+    except (WebSocketDisconnect, websockets.ConnectionClosed, RuntimeError):
+        return

@@ -1,0 +1,287 @@
+"""The 3D scene: the item in the held frame, with the camera, the axis, the proposal and the pick."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.geometry import held_from_camera
+from flatcloth.types import Bool, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.viewer.panels import Panels
+from flatcloth.viewer.picture import Picture
+
+if TYPE_CHECKING:
+    import viser
+
+MAX_POINTS = 60_000
+"""More points than this make the browser slow, and show no more."""
+
+BALL_RADIUS_M = 0.006
+ARROW_LENGTH_M = 0.06
+FOV_RAD = 0.75
+_HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
+_PICK_COLOR = (225, 29, 116)
+_GREY = 150.0
+
+
+class Scene:
+    """Owns a viser server on loopback; every method may be called from any thread.
+
+    Parameters
+    ----------
+    axis : RotationAxis
+        Held frame.
+    intrinsics : Intrinsics
+        Of the real camera, for its frustum.
+    relay_key : str
+        Connections that do not carry this in their header ``X-Flatcloth-Relay`` are closed, so that
+        other pages on this computer cannot reach the scene behind our server's back.
+    """
+
+    def __init__(self, axis: RotationAxis, intrinsics: Intrinsics, relay_key: str) -> None:
+        self._axis = axis
+        self._lock = threading.RLock()
+        self._clouds: dict[str, viser.PointCloudHandle] = {}
+        self._points: dict[str, Floats] = {}
+        self._wanted: dict[str, bool] = {}
+        self._filled: dict[str, bool] = {}
+        self._shown: tuple[Any, int] | None = None
+        self._view_from: tuple[Float64, Float64, float, float] | None = None
+        self._follow = True
+        self._server = _start_viser(relay_key)
+        self.port: int = self._server.get_port()
+        self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
+        self.on_follow: Callable[[bool], None] = lambda _on: None
+        self._build(intrinsics)
+
+    def _build(self, intrinsics: Intrinsics) -> None:
+        server = self._server
+        server.scene.set_up_direction("-y")
+        server.initial_camera.fov = FOV_RAD
+        self._frustum = server.scene.add_camera_frustum(
+            "/camera",
+            fov=2 * float(np.arctan(intrinsics.height / 2 / intrinsics.fy)),
+            aspect=intrinsics.width / intrinsics.height,
+            scale=0.06,
+            color=(59, 130, 196),
+            thickness=1.5,
+            thickness_units="screen",
+        )
+        self._axis_line = server.scene.add_line_segments(
+            "/axis", self._axis_points(-0.5, 0.5), (140, 140, 140), thickness=1.5, thickness_units="screen"
+        )
+        self._ball = server.scene.add_icosphere(
+            "/pick/ball", radius=BALL_RADIUS_M, color=_PICK_COLOR, visible=False, cast_shadow=False
+        )
+        self._arrow = server.scene.add_arrows(
+            "/pick/arrow",
+            np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, ARROW_LENGTH_M]]]),
+            _PICK_COLOR,
+            shaft_radius=0.0016,
+            head_radius=0.0045,
+            head_length=0.014,
+            visible=False,
+        )
+        self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
+
+        @server.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            self.on_ray(event.ray_origin, event.ray_direction)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            self._aim(client)
+
+    def stop(self) -> None:
+        """Close the viser server."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def visible_points(self) -> Floats:
+        """Return the points (N, 3) of all clouds that are switched on."""
+        with self._lock:
+            seen = [p for name, p in self._points.items() if self._is_visible(name)]
+        return np.concatenate(seen) if seen else np.zeros((0, 3))
+
+    def show(self, picture: Picture | None) -> None:
+        """Show what a document looks like, or an empty scene."""
+        with self._lock, self._server.atomic():
+            self._show(picture)
+            self._panels.show(picture)
+        self._server.flush()
+
+    def _show(self, picture: Picture | None) -> None:
+        if picture is None:
+            for name in self._clouds:
+                self._fill(name, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+            self._shown = None
+            return
+        live = picture.cloud
+        self._fill("/live/cloud", live.xyz_m, _dimmed(live.rgb, live.of_interest), 0.0015)
+        view = picture.view
+        self._fill("/held/cloud", view.xyz_m[view.valid], view.rgb[view.valid], 0.0018)
+        overlay = picture.overlay
+        if overlay is None:
+            self._fill("/proposal/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+        else:
+            new = overlay.new_points & overlay.view.valid
+            colors = (0.35 * overlay.view.rgb[new] + 0.65 * _HIGHLIGHT).astype(np.uint8)
+            self._fill("/proposal/cloud", overlay.view.xyz_m[new], colors, 0.0026)
+        self._place_camera(picture)
+
+    def show_pick(self, position_m: Float64 | None, normal: Float64 | None) -> None:
+        """Show the ball and the outward arrow of a pick (held frame), or hide both."""
+        with self._lock, self._server.atomic():
+            there = position_m is not None
+            if position_m is not None:
+                self._ball.position = self._arrow.position = np.asarray(position_m, dtype=np.float64)
+            pointing = there and normal is not None and bool(np.all(np.isfinite(normal)))
+            if pointing and normal is not None:
+                self._arrow.wxyz = quaternion_from_z(normal)
+            self._filled["/pick/ball"], self._filled["/pick/arrow"] = there, pointing
+            wanted = self._wanted.get("/pick", True)
+            self._ball.visible = there and wanted
+            self._arrow.visible = pointing and wanted
+        self._server.flush()
+
+    def follow(self, on: bool) -> None:
+        """Let the cameras go where the real camera stands at each new view, or leave them alone."""
+        self._follow = on
+        self._panels.set_follow(on)
+        if on:
+            self._aim_all()
+
+    def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
+        self._filled[name] = len(points_m) > 0
+        if len(points_m):
+            keep = _evenly(len(points_m))
+            points, shades = points_m[keep].astype(np.float32), colors[keep]
+            self._points[name] = points
+            if name in self._clouds:
+                self._clouds[name].points = points
+                self._clouds[name].colors = shades
+            else:
+                self._clouds[name] = self._server.scene.add_point_cloud(
+                    name, points, shades, point_size=size_m, point_shape="circle",
+                    precision="float32", point_shading="flat",
+                )  # fmt: skip
+        if name in self._clouds:
+            self._clouds[name].visible = self._is_visible(name)
+
+    def _is_visible(self, name: str) -> bool:
+        return self._filled.get(name, False) and self._wanted.get(name, True)
+
+    def _switch(self, node: str, on: bool) -> None:
+        with self._lock, self._server.atomic():
+            self._wanted[node] = on
+            for name, cloud in self._clouds.items():
+                cloud.visible = self._is_visible(name)
+            self._frustum.visible = self._wanted.get("/camera", True)
+            self._axis_line.visible = self._wanted.get("/axis", True)
+            picks = self._wanted.get("/pick", True)
+            self._ball.visible = picks and self._filled.get("/pick/ball", False)
+            self._arrow.visible = picks and self._filled.get("/pick/arrow", False)
+        self._server.flush()
+
+    def _place_camera(self, picture: Picture) -> None:
+        held = held_from_camera(self._axis, picture.angle_deg)
+        self._frustum.position = held.translation_m
+        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        points = self._points.get("/held/cloud", self._points.get("/live/cloud"))
+        if points is None:
+            return
+        along = (points - self._axis.point_m) @ self._axis.direction
+        self._axis_line.points = self._axis_points(float(along.min()) - 0.05, float(along.max()) + 0.08)
+        center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
+        reach = np.abs(points - center)
+        half_height = float(np.percentile(reach[:, 1], 99.5))
+        half_width = float(np.percentile(np.hypot(reach[:, 0], reach[:, 2]), 99.5))
+        self._view_from = (center, held.translation_m, half_width, half_height)
+        first = self._shown is None
+        turned = self._shown is not None and self._shown[1] != picture.present_view
+        self._shown = (None, picture.present_view)
+        self._server.initial_camera.position = self._eye(1.0, FOV_RAD)
+        self._server.initial_camera.look_at = center
+        if first or (turned and self._follow):
+            self._aim_all()
+
+    def _eye(self, aspect: float, fov_rad: float) -> Float64:
+        assert self._view_from is not None  # noqa: S101 - set by the only caller
+        center, camera, half_width, half_height = self._view_from
+        tangent = np.tan(fov_rad / 2)
+        distance = 1.12 * max(half_height / tangent, half_width / (tangent * max(aspect, 0.2))) + half_width
+        towards = camera - center
+        towards[1] *= 0.35  # seen almost level, so that the item hangs upright in the picture
+        return np.asarray(center + distance * towards / np.linalg.norm(towards), dtype=np.float64)
+
+    def _aim_all(self) -> None:
+        for client in self._server.get_clients().values():
+            self._aim(client)
+
+    def _aim(self, client: viser.ClientHandle) -> None:
+        if self._view_from is None:
+            return
+        with client.atomic():
+            client.camera.fov = FOV_RAD
+            client.camera.position = self._eye(client.camera.aspect, FOV_RAD)
+            client.camera.look_at = self._view_from[0]
+        client.flush()
+
+    def _axis_points(self, low_m: float, high_m: float) -> Float64:
+        ends = [self._axis.point_m + x * self._axis.direction for x in (low_m, high_m)]
+        return np.array([ends])
+
+
+def _start_viser(relay_key: str) -> viser.ViserServer:
+    import viser
+    from viser import _messages
+
+    # viser prints its own address; ours is the only one a user may open.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    socket = server._websock_server
+    # Any client could open a public tunnel to this computer with it.
+    socket.unregister_handler(_messages.ShareUrlRequest)
+
+    async def only_our_relay(connection: Any) -> None:
+        live = socket._live_connections.get(connection.client_id)
+        if live is None or live.request is None or live.request.headers.get("X-Flatcloth-Relay") != relay_key:
+            if live is not None:
+                await live.close(1008, "use the page's own address")
+
+    socket._client_connect_cb.insert(0, only_our_relay)
+    return server
+
+
+def _dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
+    grey = (0.25 * rgb + 0.75 * _GREY).astype(np.uint8)
+    return np.where(of_interest[:, None], rgb, grey)
+
+
+def _evenly(count: int) -> slice | Any:
+    if count <= MAX_POINTS:
+        return slice(None)
+    return np.linspace(0, count - 1, MAX_POINTS).astype(np.intp)
+
+
+def quaternion_from_matrix(rotation: Floats) -> Float64:
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    from viser import transforms
+
+    wxyz: Float64 = transforms.SO3.from_matrix(np.asarray(rotation, dtype=np.float64)).wxyz
+    return wxyz
+
+
+def quaternion_from_z(direction: Floats) -> Float64:
+    """Return the unit quaternion (w, x, y, z) that turns +z to a direction (3,), the shortest way."""
+    d = np.asarray(direction, dtype=np.float64)
+    d = d / np.linalg.norm(d)
+    if d[2] < -1 + 1e-9:
+        return np.array([0.0, 1.0, 0.0, 0.0])  # half a turn; any horizontal axis will do
+    q = np.array([1 + d[2], -d[1], d[0], 0.0])
+    return np.asarray(q / np.linalg.norm(q), dtype=np.float64)

@@ -1,0 +1,336 @@
+"""One web server on one port: the page, its socket, its pictures, and viser behind a relay."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import secrets
+import socket
+import threading
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from flatcloth.errors import FlatclothError, ServerError
+from flatcloth.resources import static_folder
+from flatcloth.viewer import layers, messages
+from flatcloth.viewer.application import Application
+from flatcloth.viewer.guard import Guard, is_loopback, own_names
+from flatcloth.viewer.hub import Hub, Tab
+from flatcloth.viewer.relay import relay
+from flatcloth.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    from flatcloth.integration import Integration
+    from flatcloth.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+STATIC = static_folder()
+PICTURES_KEPT = 12
+_PAGE_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; connect-src 'self' ws: wss:;"
+    " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class PageServer:
+    """The operator page of one session; ``start`` and ``stop`` may be used as a context manager.
+
+    Parameters
+    ----------
+    integration, folder
+        The session to show, see :class:`flatcloth.viewer.application.Application`.
+    host : str
+        Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
+    port : int
+        0 chooses a free one.
+    """
+
+    def __init__(
+        self, integration: Integration, folder: SessionFolder, *, host: str = "127.0.0.1", port: int = 8080
+    ) -> None:
+        self._integration = integration
+        self._socket = bind(host, port)
+        self._token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        self._host = host
+        self.port: int = self._socket.getsockname()[1]
+        self._relay_key = secrets.token_urlsafe(24)
+        axis = integration.axis
+        self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
+        self._hub = Hub()
+        self.application = Application(integration, folder, self._scene, self._hub)
+        self._scene.on_ray = self.application.click_ray
+        self._scene.on_follow = self.application.set_follow
+        self._pngs = PngCache(self.application, integration)
+        self._ready = threading.Event()
+        config = uvicorn.Config(
+            self._app(),
+            log_config=None,
+            access_log=False,
+            ws="websockets-sansio",
+            ws_max_size=2**31 - 1,
+            ws_per_message_deflate=False,
+            ws_ping_interval=20.0,
+            ws_ping_timeout=60.0,
+            timeout_graceful_shutdown=1,
+        )
+        self._uvicorn = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token if one is needed."""
+        host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host  # noqa: S104 - compared only
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+
+    def start(self) -> PageServer:
+        """Start serving; returns when the page answers."""
+        self._thread.start()
+        self._ready.wait()
+        self.application.start()
+        return self
+
+    def stop(self) -> None:
+        """Close the page, the scene and the session's threads."""
+        self._uvicorn.should_exit = True
+        self._thread.join(timeout=5.0)
+        self.application.stop()
+        self._scene.stop()
+        self._socket.close()
+
+    def join(self) -> None:
+        """Wait until the server ends."""
+        while self._thread.is_alive():
+            # A bare join() would not let Ctrl-C through on every system.
+            self._thread.join(timeout=1.0)
+
+    def __enter__(self) -> PageServer:
+        """Start serving."""
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        """Stop serving."""
+        self.stop()
+
+    def _run(self) -> None:
+        self._uvicorn.run(sockets=[self._socket])
+
+    def _app(self) -> Starlette:
+        @contextlib.asynccontextmanager
+        async def lifespan(_app: Starlette) -> AsyncIterator[None]:
+            self._hub.open(asyncio.get_running_loop())
+            # The socket listens already: whoever connects from now on is answered.
+            self._ready.set()
+            yield
+
+        routes: list[BaseRoute] = [
+            Route("/", _page),
+            Route("/layers/{revision:int}/{name}.png", self._layer),
+            Route("/overlay/{revision:int}.png", self._overlay),
+            Route("/export/grasps.json", self._grasps),
+            WebSocketRoute("/ws", self._messages),
+            Route("/viser/", _viser_page),
+            WebSocketRoute("/viser", self._viser_socket),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        guard = Middleware(Guard, names=own_names(self._host), token=self._token, port=self.port)
+        return Starlette(routes=routes, middleware=[guard, Middleware(_Headers)], lifespan=lifespan)
+
+    async def _messages(self, browser: WebSocket) -> None:
+        def receive(key: int, tab: Tab, text: str) -> None:
+            hover = _hover(text)
+            if hover is None:
+                self.application.receive(key, text)
+            else:
+                tab.put(json.dumps(self.application.describe(hover), allow_nan=False))
+
+        await self._hub.serve(browser, self.application.last_snapshot, receive)
+
+    async def _viser_socket(self, browser: WebSocket) -> None:
+        await relay(browser, self._scene.port, self._relay_key)
+
+    async def _layer(self, request: Request) -> Response:
+        revision, name = request.path_params["revision"], request.path_params["name"]
+        return await _picture(lambda: self._pngs.layer(revision, name))
+
+    async def _overlay(self, request: Request) -> Response:
+        revision = request.path_params["revision"]
+        return await _picture(lambda: self._pngs.overlay(revision))
+
+    async def _grasps(self, _request: Request) -> Response:
+        headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
+        return JSONResponse(self.application.grasps(), headers=headers)
+
+
+class PngCache:
+    """The layers of the present picture as PNG, encoded when first asked for."""
+
+    def __init__(self, application: Application, integration: Integration) -> None:
+        self._application = application
+        self._integration = integration
+        self._lock = threading.Lock()
+        self._pngs: OrderedDict[tuple[int, str], bytes] = OrderedDict()
+
+    def layer(self, revision: int, name: str) -> bytes | None:
+        """Return a layer of the shape at a revision; None if it is no longer shown."""
+        return self._get(revision, name if name in layers.LAYERS else "")
+
+    def overlay(self, revision: int) -> bytes | None:
+        """Return the proposal's overlay at a revision; None if it is no longer shown."""
+        return self._get(revision, "overlay")
+
+    def _get(self, revision: int, name: str) -> bytes | None:
+        key = (revision, name)
+        with self._lock:
+            if key in self._pngs:
+                return self._pngs[key]
+        picture = self._application.picture
+        if picture is None:
+            return None
+        axis, n_views = self._integration.axis, len(self._integration.recording)
+        if name == "overlay":
+            overlay = picture.overlay
+            if overlay is None or overlay.revision != revision:
+                return None
+            data = layers.png(layers.rgba(overlay.view, "color", axis, n_views))
+        elif name and picture.revision == revision:
+            data = layers.png(layers.rgba(picture.view, name, axis, n_views))
+        else:
+            return None
+        with self._lock:
+            self._pngs[key] = data
+            while len(self._pngs) > PICTURES_KEPT:
+                self._pngs.popitem(last=False)
+        return data
+
+
+class _Headers:
+    """ASGI middleware that adds the page's protective headers to what is not viser's."""
+
+    def __init__(self, app: Any) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http" or scope["path"].startswith("/viser"):
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(k.lower().encode(), v.encode()) for k, v in _PAGE_HEADERS.items()]
+                message["headers"] = [*message.get("headers", []), *extra]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
+
+
+async def _page(_request: Request) -> Response:
+    # The page's own files carry no version in their names, so they are asked for anew each time.
+    return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
+
+
+async def _viser_page(_request: Request) -> Response:
+    import viser
+
+    build = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
+
+
+async def _picture(make: Callable[[], bytes | None]) -> Response:
+    data = await run_in_threadpool(make)
+    if data is None:
+        return PlainTextResponse("This picture is no longer shown; a newer state is on its way.", status_code=404)
+    return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+
+def _hover(text: str) -> messages.Hover | None:
+    # Hover read-outs need no turn in the queue: they only read the present picture.
+    if '"hover"' not in text[:200]:
+        return None
+    try:
+        message = messages.parse(text)
+    except FlatclothError:
+        return None  # the application thread reports it
+    return message if isinstance(message, messages.Hover) else None
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Return a socket that listens at an address.
+
+    Raises
+    ------
+    ServerError
+        If the port is busy or the host is not one of this computer; the message tells the remedy.
+    """
+    if not 0 <= port <= 65535:
+        raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
+    try:
+        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, address = found[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise ServerError(f"Host {host!r} is unknown ({error.strerror}); use 127.0.0.1.") from error
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(128)
+    except OSError as error:
+        listener.close()
+        raise ServerError(
+            f"Cannot serve at {host}:{port} ({error.strerror}); choose another --port, or 0 for any free one."
+        ) from error
+    return listener
+
+
+def serve(
+    integration: Integration,
+    folder: SessionFolder,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    open_url: Callable[[str], None] | None = None,
+) -> None:
+    """Serve the operator page until Ctrl-C.
+
+    Parameters
+    ----------
+    integration, folder, host, port
+        See :class:`PageServer`.
+    open_url
+        Called with the page's address once it answers; the default prints it.
+
+    Raises
+    ------
+    ServerError
+        If the address cannot be bound.
+    """
+    with PageServer(integration, folder, host=host, port=port) as server:
+        (open_url or _print_url)(server.url)
+        try:
+            server.join()
+        except KeyboardInterrupt:
+            _log.info("stopped by the operator")
+
+
+def _print_url(url: str) -> None:
+    import sys
+
+    sys.stdout.write(f"flatcloth is at {url} (Ctrl-C ends it)\n")
+    sys.stdout.flush()

@@ -1,0 +1,193 @@
+"""The small state that every tab gets in full, as plain JSON values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.session import (
+    Document,
+    Propose,
+    SessionState,
+    Start,
+    why_illegal,
+)
+from flatcloth.types import FlattenedView, Rigid2, RotationAxis
+from flatcloth.viewer.actions import REJECT_REASONS, action_table
+from flatcloth.viewer.layers import LAYERS
+from flatcloth.viewer.picks import CurrentPick, PlaceBook, numbers
+from flatcloth.viewer.picture import Overlay, Picture, finite, present_view
+
+if TYPE_CHECKING:
+    from flatcloth.integration import Integration
+    from flatcloth.journal import Pick
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """Something the operator is told; ``level`` is ``info``, ``warning`` or ``error``."""
+
+    id: int
+    level: str
+    text: str
+    time_s: float
+
+    def plain(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {"id": self.id, "level": self.level, "text": self.text, "time_s": self.time_s}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Desk:
+    """What belongs to the page and not to the session: Auto, follow, progress, picks, messages."""
+
+    auto: bool = False
+    auto_threshold: float = 0.5
+    follow: bool = True
+    progress: tuple[float, str] | None = None
+    pick: CurrentPick | None = None
+    picks: tuple[Pick, ...] = ()
+    log: tuple[Note, ...] = field(default=())
+
+
+def snapshot(
+    revision: int,
+    state: SessionState,
+    desk: Desk,
+    picture: Picture | None,
+    integration: Integration,
+    places: PlaceBook,
+) -> dict[str, Any]:
+    """Return the whole state of the page."""
+    recording = integration.recording
+    document = state.document
+    present = present_view(document)
+    return {
+        "type": "state",
+        "revision": revision,
+        "phase": state.phase.value,
+        "method": integration.method,
+        "recording": {"name": recording.name, "description": recording.description, "n_views": len(recording)},
+        "notes": list(integration.notes),
+        "step": len(document.used_views),
+        "start_view": document.start_view,
+        "finished": document.finished,
+        "undo": state.undo[-1].name if state.undo else None,
+        "redo": state.redo[-1].name if state.redo else None,
+        "request": None if state.request is None else {"kind": state.request.kind, "view_index": state.request.view_index},
+        "present_view": present,
+        "angle_deg": None if present is None else recording.angles_deg[present],
+        "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
+        "actions": action_table(state),
+        "reject_reasons": list(REJECT_REASONS),
+        "auto": {"running": desk.auto, "threshold": desk.auto_threshold},
+        "follow": desk.follow,
+        "progress": None if desk.progress is None else {"share": desk.progress[0], "text": desk.progress[1]},
+        "pending": _pending(document, None if picture is None else picture.overlay),
+        "layers": None if picture is None else _layers(picture),
+        "pick": _pick(desk.pick, picture, places, integration.axis),
+        "picks": [_listed(p, picture, places) for p in desk.picks],
+        "log": [n.plain() for n in desk.log],
+    }
+
+
+def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
+    document = state.document
+    word, detail = "unused", ""
+    if index == document.start_view:
+        word = "start"
+    elif document.pending is not None and index == document.pending.view_index:
+        word = "pending"
+    else:
+        for accepted in document.accepted:
+            if accepted.view_index == index:
+                word = "fixed" if accepted.fixed else "accepted"
+        for rejected in document.rejected:
+            if rejected.view_index == index and word == "unused":
+                word, detail = "rejected", rejected.reason
+    command = Start(index) if document.start_view is None else Propose(index)
+    return {
+        "index": index,
+        "angle_deg": angle_deg,
+        "state": word,
+        "detail": detail,
+        "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
+    }
+
+
+def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | None:
+    pending = document.pending
+    if pending is None:
+        return None
+    described = overlay is not None and overlay.proposal.view_index == pending.view_index
+    plan = overlay.proposal.plan if overlay is not None and described else None
+    return {
+        "view_index": pending.view_index,
+        "side": None if pending.side is None else pending.side.value,
+        "proposed_score": finite(pending.score),
+        "score": finite(overlay.score.total) if overlay is not None and described else finite(pending.score),
+        "parts": {k: finite(float(v)) for k, v in overlay.score.parts.items()} if overlay is not None and described else {},
+        "nudge": _motion(pending.nudge),
+        "reason": "" if plan is None else plan.reason,
+        "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
+    }
+
+
+def _motion(motion: Rigid2) -> dict[str, float]:
+    return {"theta_deg": math.degrees(motion.theta_rad), "u_mm": 1000 * motion.u_m, "v_mm": 1000 * motion.v_m}
+
+
+def _grid(view: FlattenedView) -> dict[str, Any]:
+    return {
+        "rows": view.shape[0],
+        "cols": view.shape[1],
+        "pixel_size_m": view.pixel_size_m,
+        "origin_uv_m": list(view.origin_uv_m),
+    }
+
+
+def _layers(picture: Picture) -> dict[str, Any]:
+    overlay = picture.overlay
+    return {
+        "revision": picture.revision,
+        "names": list(LAYERS),
+        "area_cm2": picture.view.area_m2 * 1e4,
+        "legends": picture.legends,
+        "overlay": None
+        if overlay is None
+        else {
+            "revision": overlay.revision,
+            "view_index": overlay.proposal.view_index,
+            "center_uv_m": list(center_uv_m(overlay.view)),
+            **_grid(overlay.view),
+        },
+        **_grid(picture.view),
+    }
+
+
+def center_uv_m(view: FlattenedView) -> tuple[float, float]:
+    """Return the centre of the grid on the plane: what a nudge turns about."""
+    rows, cols = view.shape
+    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+    return float(u_m), float(v_m)
+
+
+def _pick(
+    current: CurrentPick | None, picture: Picture | None, places: PlaceBook, axis: RotationAxis
+) -> dict[str, Any] | None:
+    if current is None or picture is None:
+        return None
+    place = places.place(picture, current.pick.position_held_m)
+    return numbers(current, place, picture, axis)
+
+
+def _listed(pick: Pick, picture: Picture | None, places: PlaceBook) -> dict[str, Any]:
+    listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
+    if picture is not None:
+        place = places.place(picture, pick.position_held_m)
+        if place.in_shape:
+            listed["uv_m"] = list(place.uv_m)
+    return listed
