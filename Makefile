@@ -65,20 +65,23 @@ $(VENV)/.warm: $(wildcard flatcloth/*.py) | $(VENV)/.python
 	@$(BIN)/python -m flatcloth.warmup
 	@touch $@
 
-# apt-get as root, or by sudo if that asks for no password; $(1) package, $(2) what misses it.
-apt_install = if [ "$$(id -u)" = 0 ]; then root=; \
-	elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=none; fi; \
-	if [ "$$root" = none ] || ! command -v apt-get >/dev/null || ! { \
-		echo "Installing the system package $(1) ..."; \
-		$$root apt-get update -qq && \
-		$$root env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends $(1) >/dev/null; }; then \
-		echo "flatcloth: $(2) needs the system package $(1): sudo apt-get install $(1)"
+# apt-get as root, or by sudo if that asks for no password; fails where neither is possible. What it
+# says goes to .venv/apt.log.
+apt_install = { if [ "$$(id -u)" = 0 ]; then root=; else root="sudo -n"; fi; \
+	command -v apt-get >/dev/null && $$root true 2>/dev/null && \
+	echo "Installing the system package $(1) ..." && $$root apt-get update -qq && \
+	$$root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -o Dpkg::Use-Pty=0 \
+		--no-install-recommends $(1) >$(VENV)/apt.log 2>&1; }
 
 # Without it everything but Open3D works, so going on is right; the stamp is only set when it is there.
 $(VENV)/.libegl: | $(VENV)/.python
-	@if $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null; then touch $@; \
-	else $(call apt_install,libegl1,Open3D); else touch $@; fi; fi
+	@if $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
+		|| $(call apt_install,libegl1); then touch $@; \
+	else echo "Open3D needs the system package libegl1: sudo apt-get install libegl1"; fi
 
-$(VENV)/.chromium: | $(VENV)/.python
-	@if command -v chromium chromium-browser google-chrome >/dev/null; then touch $@; \
-	else $(call apt_install,chromium,make test); exit 1; else touch $@; fi; fi
+# Ubuntu has no chromium package but a snap; Playwright's own build serves there.
+$(VENV)/.chromium: | $(VENV)/.test
+	@if command -v chromium chromium-browser google-chrome >/dev/null || $(call apt_install,chromium) \
+		|| { { [ "$$(id -u)" = 0 ] || sudo -n true; } 2>/dev/null \
+		&& $(BIN)/playwright install --with-deps chromium; }; then touch $@; \
+	else echo "The browser tests need Chromium: sudo apt-get install chromium"; exit 1; fi

@@ -26,6 +26,18 @@ class SurfaceConfig:
     """Half width of the window in which a plane is fitted for each normal."""
     grazing_limit_deg: float = 75.0
     """Surface seen at a larger angle between normal and line of sight is not used."""
+    ramp_half_width_px: int = 4
+    """Half the width of the slopes by which a stereo sensor joins two layers."""
+    ramp_height_m: float = 0.010
+    """A ramp rises by at least this more than the surface beside it explains."""
+    ramp_slope: float = 1.5
+    """A ramp's middle is at least this steep (depth over width)."""
+    ramp_length_px: int = 8
+    """A ramp is at least this long; shorter ones are noise."""
+    weak_ramp_share: float = 0.7
+    """Where a ramp goes on with this share of its least height and slope, it is still one."""
+    max_dropout_px: int = 150
+    """Holes of at most this many pixels inside the mask are bridged."""
     min_component_area_m2: float = 0.0004
     """Separate parts of a view smaller than this are dropped."""
     min_item_area_m2: float = 0.01
@@ -60,8 +72,14 @@ class PlanningConfig:
     """Measurement limit A_w of the Z-angle."""
     overlap_area_m2: float = 0.03
     """Desirable overlap S_0."""
-    edge_width_m: float = 0.006
-    """The Z-angle at an outline is the mean over this width; beyond A_w the outline is an occluding edge."""
+    edge_width_px: int = 4
+    """The Z-angle at an outline is the mean over this width."""
+    occluding_z_angle_deg: float = 40.0
+    """An outline seen more steeply than this is an occluding edge."""
+    edge_search_px: int = 10
+    """A nearer layer within this distance of an outline covers the cloth behind it."""
+    covering_gap_m: float = 0.01
+    """A covering layer is nearer by at least this."""
     occluding_edge_min_m: float = 0.03
     """A side with less occluding edge than this has nothing more to give."""
     rotation_min_deg: float = 10.0
@@ -74,14 +92,26 @@ class AlignmentConfig:
 
     search_translation_m: float = 0.06
     """Largest disturbance of the translation that the search tries."""
-    search_rotation_deg: float = 20.0
+    search_rotation_deg: float = 15.0
     """Largest disturbance of the rotation that the search tries."""
-    search_steps: int = 8
-    """Steps to each side in the first, coarse search."""
-    search_levels: int = 6
-    """Searches, each around the best of the one before with finer steps."""
-    search_points: int = 1000
+    search_step_m: float = 0.006
+    """Step of the coarse search in translation."""
+    search_step_deg: float = 2.5
+    """Step of the coarse search in rotation."""
+    search_finest_m: float = 0.0004
+    """The detailed search ends at this step."""
+    search_candidates: int = 12
+    """Best places of the coarse search that are looked at in detail."""
+    search_points: int = 700
     """Pixels compared in the coarse search."""
+    coarse_smoothing_m: float = 0.006
+    """Smoothing of the texture in the coarse search."""
+    fine_smoothing_m: float = 0.002
+    """Smoothing of the texture in the detailed search and in the score."""
+    missing_overlap_cost: float = 0.3
+    """Cost of losing all of the overlap that the initial estimate has."""
+    distance_cost: float = 0.03
+    """Cost of the largest disturbance: of two equal matches the one nearer to the initial wins."""
     line_bands_deg: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
     """Half widths of the band of Z-angles that makes a line; the first with enough pixels is used."""
     line_min_area_m2: float = 0.0003
@@ -90,13 +120,15 @@ class AlignmentConfig:
     """Difference in height that counts as half a disagreement."""
     intensity_weight: float = 0.5
     """Weight of the intensity against the height."""
-    intensity_floor: float = 4.0
+    intensity_floor: float = 6.0
     """A texture of less spread (grey levels) is taken for noise."""
     min_overlap_share: float = 0.1
     """Share of the new view that must lie on the current one."""
     enough_overlap_m2: float = 0.005
     """The score falls in proportion when the overlap is smaller than this."""
-    accept_score: float = 0.6
+    least_part_share: float = 0.2
+    """Of a view's separate parts, those with at least this share of the largest are tried."""
+    accept_score: float = 0.75
     """Unattended, a proposal with a lower score is refused."""
 
 

@@ -22,7 +22,8 @@ from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, Flatte
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.geometry import back_project, held_from_camera
 from flatcloth.merging import Canonical, begin, place, renew
-from flatcloth.planning import Plan, choose, column_curves, occluding_edge_length_m, plan_side
+from flatcloth.occlusion import occluding_edge_length_m
+from flatcloth.planning import Plan, choose, column_curves, plan_side
 from flatcloth.recordings.base import Recording
 from flatcloth.session import Accepted, Document, Event, NothingMore, Proposed, Rejected, Request, Side, Started
 from flatcloth.surface import foreground_mask, item_mask, observe_surface, observed_area_m2
@@ -46,9 +47,14 @@ class ViewCloud:
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """A view laid on the canonical shape: ``plan`` is None for a view that the operator chose."""
+    """A view laid on the canonical shape.
+
+    ``component`` numbers the connected part of the view that was laid on; ``plan`` is None for a
+    view that the operator chose.
+    """
 
     view_index: int
+    component: int
     side: Side | None
     plan: Plan | None
     alignment: Alignment
@@ -120,6 +126,13 @@ class Integration:
             raise made
         return made
 
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one connected part of a view's flattened view, the largest being 0."""
+        components = self.flattening(view_index).components
+        if not 0 <= component < len(components):
+            raise FlatclothError(f"View {view_index} has {len(components)} parts, none numbered {component}.")
+        return components[component].view
+
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
         """Return the observed area of the side of interest in each view (n_views,)."""
         areas = np.zeros(len(self.recording))
@@ -147,8 +160,8 @@ class Integration:
             key = (start, *document.accepted[: n + 1])
 
             def grow(before: Canonical = made, added: Accepted = added) -> Canonical:
-                views = {k: self.flattening(k).view for k in before.current_from_view}
-                new = self.flattening(added.view_index).view
+                views = {k: self.part(k, document.parts.get(k, 0)) for k in before.current_from_view}
+                new = self.part(added.view_index, added.component)
                 return renew(before, views, new, added.view_index, added.current_from_new, added.side)
 
             made = self._cached(self._canonicals, key, 64, grow)
@@ -175,15 +188,14 @@ class Integration:
         turned = fronts[Side.LEFT][1] + fronts[Side.RIGHT][1]
         unavailable = document.used_views | document.refused_views | self._unusable()
         config = self.config.planning
+        parts = document.parts
         sides = []
         for side, (front, _) in fronts.items():
             curves = column_curves(
                 canonical.view, self.axis, self.recording.angles_deg[front], config.z_angle_limit_deg,
                 canonical.current_from_view[front].inverse(),
             )
-            edge = occluding_edge_length_m(
-                self.flattening(front).view, self.axis, self.recording.angles_deg[front], side, config
-            )
+            edge = self._occluding_edge_m(front, parts.get(front, 0), side)
             sides.append(plan_side(side, curves, edge, front, self.recording.angles_deg, unavailable, turned, config))
         last = document.accepted[-1].side if document.accepted else None
         return choose(sides, last)
@@ -203,7 +215,7 @@ class Integration:
     def overlay(self, document: Document) -> FlattenedView:
         """Return the pending view, rastered on the current plane at the placement in force."""
         assert document.pending is not None
-        new = self.flattening(document.pending.view_index).view
+        new = self.part(document.pending.view_index, document.pending.component)
         return place(new, document.pending.current_from_new)
 
     def new_points(self, document: Document) -> Bool:
@@ -220,8 +232,8 @@ class Integration:
     def score(self, document: Document) -> AlignmentScore:
         """Score the placement in force, nudges included."""
         assert document.pending is not None
-        key = (document.start_view, document.accepted, document.pending.view_index)
-        new = self.flattening(document.pending.view_index).view
+        key = (document.start_view, document.accepted, document.pending.view_index, document.pending.component)
+        new = self.part(document.pending.view_index, document.pending.component)
         matcher = self._cached(
             self._matchers, key, 4,
             lambda: Matcher(self.canonical(document).view, new, self.axis, self.config.alignment),
@@ -301,24 +313,36 @@ class Integration:
         with self._lock:
             _remember(self._proposals, key, proposal, 16)
         return Proposed(token, proposal.view_index, proposal.alignment.current_from_new, proposal.side,
-                        proposal.alignment.score.total)
+                        proposal.alignment.score.total, proposal.component)
 
     def _align(
         self, document: Document, view_index: int, side: Side | None, plan: Plan | None,
         progress: Progress = no_progress,
     ) -> Proposal:
         progress(0.1, f"flattening view {view_index}")
-        new = self.flattening(view_index).view
+        components = self.flattening(view_index).components
         canonical = self.canonical(document)
         front = self.fronts(document)[side or Side.LEFT][0]
         angles = self.recording.angles_deg
         turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
-        alignment = align_by_z_angle(
-            canonical.view, new, self.axis, (angles[front], angles[front] + turn),
-            canonical.current_from_view[front].inverse(), self.config.planning.z_angle_limit_deg,
-            self.config.alignment, progress,
-        )
-        return Proposal(view_index=view_index, side=side, plan=plan, alignment=alignment)
+        found: list[tuple[int, Alignment]] = []
+        errors: list[AlignmentError] = []
+        for n, component in enumerate(components):
+            # Which of several parts continues the shape is not known before they are tried.
+            if component.view.area_m2 < self.config.alignment.least_part_share * components[0].view.area_m2:
+                continue
+            try:
+                found.append((n, align_by_z_angle(
+                    canonical.view, component.view, self.axis, (angles[front], angles[front] + turn),
+                    canonical.current_from_view[front].inverse(), self.config.planning.z_angle_limit_deg,
+                    self.config.alignment, progress,
+                )))
+            except AlignmentError as error:
+                errors.append(error)
+        if not found:
+            raise errors[0]
+        best, alignment = max(found, key=lambda item: item[1].score.total)
+        return Proposal(view_index=view_index, component=best, side=side, plan=plan, alignment=alignment)
 
     def _flatten(self, view_index: int) -> Flattening | FlatclothError:
         config = self.config
@@ -328,6 +352,14 @@ class Integration:
                            min_area_m2=config.surface.min_component_area_m2)
         except (SurfaceError, FlatteningError) as error:
             return error
+
+    def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
+        flattening = self.flattening(view_index)
+        level = flattening.levels[-1]
+        points = level.points_rc[flattening.components[component].members]
+        return occluding_edge_length_m(
+            flattening.surface, points, level.sampling_interval_px, side, self.config.planning
+        )
 
     def _unusable(self) -> set[int]:
         with self._lock:

@@ -115,36 +115,6 @@ def overlap_column(curves: ColumnCurves, side: Side, area_m2: float) -> tuple[fl
     return float(curves.u_m[order][index]), float(curves.column_mean_z_angle_deg[order][index])
 
 
-def occluding_edge_length_m(
-    view: FlattenedView, axis: RotationAxis, angle_deg: float, side: Side, config: PlanningConfig
-) -> float:
-    """Return how much of a view's outline on one side is an occluding edge, measured along v.
-
-    At an occluding edge the cloth turns out of sight, so its last pixels are seen steeply; at a
-    hem, or where another layer lies in front, they are not. The paper judges the outermost column
-    alone; here every row's ends count, so that one flat part does not hide a steep one.
-    """
-    outward = -1.0 if side is Side.LEFT else 1.0
-    towards = slice(None) if side is Side.LEFT else slice(None, None, -1)
-    angle = outward * z_angle_deg(view.normal, axis, angle_deg)
-    valid = view.valid[:, towards]
-    width = max(1, round(config.edge_width_m / view.pixel_size_m))
-    count = _ahead(valid.astype(np.float64), width)
-    steepness = _ahead(np.where(valid, angle[:, towards], 0.0), width) / np.maximum(count, 1.0)
-    before = np.zeros_like(count)
-    before[:, width:] = count[:, :-width]
-    before[:, :width] = np.cumsum(valid, axis=1)[:, :width] - valid[:, :width]
-    edge = valid & (before == 0) & (steepness >= config.z_angle_limit_deg)
-    return float(edge.sum()) * view.pixel_size_m
-
-
-def _ahead(values: Float64, width: int) -> Float64:
-    """Sum (H, W) over each pixel and the ``width - 1`` after it in its row."""
-    total = np.cumsum(np.pad(values, ((0, 0), (1, width))), axis=1)
-    ahead: Float64 = total[:, width:-1] - total[:, : -width - 1]
-    return ahead
-
-
 def plan_side(
     side: Side,
     curves: ColumnCurves,
@@ -164,7 +134,7 @@ def plan_side(
     curves : ColumnCurves
         Curves at the rotation of ``from_view``.
     occluding_edge_m : float
-        From :func:`occluding_edge_length_m`, for ``from_view``.
+        From :func:`flatcloth.occlusion.occluding_edge_length_m`, for ``from_view``.
     from_view : int
         Outermost accepted view on this side.
     angles_deg : sequence of float

@@ -43,13 +43,15 @@ class Accepted:
     """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
 
     The current view's frame is that of the view accepted before it (the orientation of a renewed
-    view is that of the added one, paper 4.3). ``fixed`` marks a placement changed by hand.
+    view is that of the added one, paper 4.3). ``component`` numbers the connected part of the view
+    that is meant, the largest 0. ``fixed`` marks a placement changed by hand.
     """
 
     view_index: int
     current_from_new: Rigid2
     side: Side | None = None
     fixed: bool = False
+    component: int = 0
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class Pending:
     side: Side | None = None
     score: float = math.nan
     nudge: Rigid2 = field(default_factory=Rigid2)
+    component: int = 0
 
     @property
     def current_from_new(self) -> Rigid2:
@@ -108,6 +111,11 @@ class Document:
         """The views that are not to be planned now."""
         n = len(self.accepted)
         return frozenset(r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
+
+    @property
+    def parts(self) -> dict[int, int]:
+        """Which connected part of each accepted view is meant."""
+        return {a.view_index: a.component for a in self.accepted}
 
     @property
     def used_views(self) -> frozenset[int]:
@@ -223,6 +231,7 @@ class Proposed:
     current_from_new: Rigid2
     side: Side | None = None
     score: float = math.nan
+    component: int = 0
 
 
 @dataclass(frozen=True)
@@ -347,7 +356,8 @@ def _accepted(document: Document) -> Document:
     pending = document.pending
     assert pending is not None
     added = Accepted(
-        pending.view_index, pending.current_from_new, pending.side, fixed=pending.nudge != Rigid2()
+        pending.view_index, pending.current_from_new, pending.side,
+        fixed=pending.nudge != Rigid2(), component=pending.component,
     )
     rejected = tuple(r for r in document.rejected if r.view_index != pending.view_index)
     return replace(
@@ -374,7 +384,9 @@ def _answer(state: SessionState, event: Event) -> SessionState:
         case Started(view_index=view):
             return replace(state, document=replace(document, start_view=view))
         case Proposed():
-            pending = Pending(event.view_index, event.current_from_new, event.side, event.score)
+            pending = Pending(
+                event.view_index, event.current_from_new, event.side, event.score, component=event.component
+            )
             return replace(state, document=replace(document, pending=pending, finished=None))
         case NothingMore(reason=reason):
             return replace(state, document=replace(document, finished=reason))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flatcloth.config import SurfaceConfig
 from flatcloth.errors import SurfaceError
 from flatcloth.geometry import back_project, z_angle_deg
+from flatcloth.ramps import fill_dropouts, find_ramps
 from flatcloth.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 
 STEP_RIGHT, STEP_DOWN = 1, 2
@@ -98,7 +99,10 @@ def observe_surface(
         item = item_mask(frame, axis, config)
     inverse_depth = np.where(item, 1.0 / np.where(frame.depth_m > 0, frame.depth_m, 1.0), 0.0)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, config.max_dropout_px)
+    inverse_depth[find_ramps(inverse_depth, k, config)] = 0.0
     steps = _find_steps(inverse_depth, step_limit)
+    item = inverse_depth > 0
     rows, cols = np.nonzero(item)
     fit = fit_patches(inverse_depth, steps, rows.astype(np.int32), cols.astype(np.int32),
                       config.normal_window_px, False)
@@ -170,12 +174,14 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
 
 
 def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
-    """Pixels of the item whose four steps all stay on the item and on one layer."""
-    right, down = (steps & STEP_RIGHT) > 0, (steps & STEP_DOWN) > 0
-    off = item & right & down
-    off[:, 1:] &= right[:, :-1]
-    off[1:] &= down[:-1]
-    off[:, 0] = off[0] = False
+    """Pixels of the item that no jump divides from a neighbour that belongs to the item too."""
+    cut_right = item[:, :-1] & item[:, 1:] & ((steps[:, :-1] & STEP_RIGHT) == 0)
+    cut_down = item[:-1] & item[1:] & ((steps[:-1] & STEP_DOWN) == 0)
+    off = item.copy()
+    off[:, :-1] &= ~cut_right
+    off[:, 1:] &= ~cut_right
+    off[:-1] &= ~cut_down
+    off[1:] &= ~cut_down
     return off
 
 

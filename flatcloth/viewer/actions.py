@@ -49,19 +49,37 @@ ACTIONS: tuple[Action, ...] = (
     Action("step", "Step", ("s",), "Choose the next view, flatten it and propose its place.", "session"),
     Action("accept", "Accept", ("a",), "Make the proposed view part of the shape.", "session"),
     Action("reject", "Reject", ("r",), f"Refuse the proposed view (reason: {DEFAULT_REASON}).", "session"),
-    Action("reject_menu", "Reject because ...", ("e",), "Refuse the proposed view and say why.", "session"),
+    Action("reject_menu", "Reject with reason", ("e",), "Refuse the proposed view and say why.", "session"),
     Action("undo", "Undo", ("u", "Ctrl+z"), "Take the last decision back.", "session"),
     Action("redo", "Redo", ("y", "Ctrl+y"), "Make the decision that was taken back again.", "session"),
     Action("auto", "Auto", ("g",), "Accept by the score and step on, until finished or unsure.", "session"),
     Action("cancel", "Cancel", ("Escape",), "Give up the running computation.", "session"),
-    Action("restart", "Restart", ("n",), "Begin anew from the largest view; Undo brings all back.", "session"),
-    Action("left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action("right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal"),
+    Action(
+        "restart", "Restart", ("n",), "Begin anew from the largest view; undo brings all back.", "session",
+    ),
+    Action(
+        "left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal",
+    ),
+    Action(
+        "right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal",
+    ),
     Action("up", "Move up", ("ArrowUp",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action("down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action("turn_left", "Turn left", ("[", "{"), "Turn the proposal counter-clockwise; Shift: tenfold.", "proposal"),
-    Action("turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal"),
-    Action("overlay", "Show proposal", ("o",), "Show or hide the proposal on the flattened view.", "proposal"),
+    Action(
+        "down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal",
+    ),
+    Action(
+        "turn_left",
+        "Turn left",
+        ("[", "{"),
+        "Turn the proposal counter-clockwise; Shift for ten times as far.",
+        "proposal",
+    ),
+    Action(
+        "turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal",
+    ),
+    Action(
+        "overlay", "Show proposal", ("o",), "Show or hide the proposal on the flattened view.", "proposal",
+    ),
     Action("blink", "Blink", ("b",), "Blink the proposal against the shape.", "proposal"),
     Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
     Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
@@ -70,12 +88,16 @@ ACTIONS: tuple[Action, ...] = (
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
-    Action("follow", "Follow", ("v",), "Let the 3D camera follow the view: where the real camera stood.", "view"),
+    Action(
+        "follow", "Follow", ("v",), "Let the 3D camera follow the view: where the real camera stood.", "view",
+    ),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
     Action("log", "Messages", ("l",), "Show all messages.", "page"),
     Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
     Action("help", "Keys", ("?",), "Show this sheet.", "page"),
 )
+
+
 
 
 def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from flatcloth.errors import CancelledError, FlatclothError, IllegalDecisionError
-from flatcloth.grasping import grasp_at, pixel_of_point, point_on_ray
 from flatcloth.session import (
     Accept,
     Command,
@@ -35,7 +34,7 @@ from flatcloth.session import (
 from flatcloth.types import Float64, Floats
 from flatcloth.viewer import messages
 from flatcloth.viewer.actions import command_of, nudge_about
-from flatcloth.viewer.picks import CurrentPick, PlaceBook, grasps_document
+from flatcloth.viewer.picks import PickDesk, PlaceBook
 from flatcloth.viewer.picture import Picture, attributes_at, make_picture
 from flatcloth.viewer.snapshot import Desk, Note, center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
@@ -104,7 +103,8 @@ class Application:
         self._stage = stage
         self._audience = audience
         self._state = folder.state
-        self._desk = Desk(picks=folder.picks, auto_threshold=auto_threshold)
+        self._desk = Desk(auto_threshold=auto_threshold)
+        self._picks = PickDesk(folder, integration.axis, stage.show_pick)
         self._picture: Picture | None = None
         self._made: Picture | None = None
         self._asked: Document | None = None
@@ -160,8 +160,18 @@ class Application:
         return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal}
 
     def grasps(self) -> dict[str, Any]:
-        """Return the list of picks as it is exported."""
-        return grasps_document(self._desk.picks, self._integration.recording.name, self._integration.axis)
+        """Return the list of picks as it is exported.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        from flatcloth.export import grasps_document
+
+        if self._picture is None:
+            raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
+        return grasps_document(self._picture.view, self._picks.picks)
 
     # --- the application thread --------------------------------------------------------------
 
@@ -176,7 +186,7 @@ class Application:
         except FlatclothError as error:
             _log.warning("%s", error)
             self._tell(client, "error", str(error))
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a command failed")
             self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
 
@@ -196,20 +206,24 @@ class Application:
         match message:
             case messages.Do(action=action, view_index=view, reason=reason):
                 given = {"view_index": view, "reason": reason}
-                self._by_hand(command_of(action, self._state, {k: v for k, v in given.items() if v is not None}))
+                given = {k: v for k, v in given.items() if v is not None}
+                self._by_hand(command_of(action, self._state, given))
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
                 overlay = None if self._picture is None else self._picture.overlay
                 center = (0.0, 0.0) if overlay is None else center_uv_m(overlay.view)
                 self._by_hand(Nudge(view, nudge_about(center, theta, u, v)))
             case messages.PickAt(u_m=u, v_m=v):
-                self._pick_at(u, v)
+                self._picks.add(self._picture, u, v)
+                self._publish()
             case messages.ShowPick(id=pick_id):
-                self._show_pick(None if pick_id is None else CurrentPick(pick=self._listed(pick_id)))
+                self._picks.show(pick_id)
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
-                self._rename_pick(pick_id, name.strip())
+                self._picks.rename(pick_id, name.strip())
+                self._publish()
             case messages.DeletePick(id=pick_id):
-                self._delete_pick(pick_id)
+                self._picks.delete(pick_id)
+                self._publish()
             case messages.SetAuto(running=running, threshold=threshold):
                 desk = self._desk
                 self._desk = replace(
@@ -292,7 +306,13 @@ class Application:
     def _publish(self) -> None:
         self._revision += 1
         self._snapshot = snapshot(
-            self._revision, self._state, self._desk, self._picture, self._integration, self._places
+            self._revision,
+            self._state,
+            self._desk,
+            self._picks,
+            self._picture,
+            self._integration,
+            self._places,
         )
         self._audience.show(self._snapshot)
 
@@ -304,71 +324,10 @@ class Application:
         else:
             self._audience.tell(client, {"type": "note", **note.plain()})
 
-    # --- picks -------------------------------------------------------------------------------
-
-    def _pick_at(self, u_m: float, v_m: float, miss_m: float | None = None) -> None:
-        picture = self._picture
-        if picture is None:
-            raise FlatclothError("Nothing is flattened yet; wait for the start view, then click.")
-        grasp = grasp_at(picture.view, (u_m, v_m), self._integration.axis, picture.angle_deg)
-        pick = self._folder.add_pick(
-            f"Pick {max((p.id for p in self._desk.picks), default=0) + 1}",
-            grasp.position_held_m,
-            grasp.normal_held,
-            grasp.view_index,
-            grasp.source_rc,
-        )
-        self._desk = replace(self._desk, picks=(*self._desk.picks, pick))
-        self._show_pick(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m))
-        self._publish()
-
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        picture = self._picture
-        if picture is None:
-            raise FlatclothError("Nothing is flattened yet; wait for the start view, then click.")
-        points_m = self._stage.visible_points()
-        hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
-        if hit is None:
-            return  # a click on the background picks nothing
-        rc, distance_m = pixel_of_point(picture.view, points_m[hit])
-        if distance_m > 0.03:
-            raise FlatclothError(
-                f"That point is not part of the flattened shape yet: the nearest of it is"
-                f" {1000 * distance_m:.0f} mm away. Click another, or step on."
-            )
-        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
-        self._pick_at(u_m, v_m, miss_m=distance_m)
-
-    def _show_pick(self, current: CurrentPick | None) -> None:
-        self._desk = replace(self._desk, pick=current)
-        if current is None:
-            self._stage.show_pick(None, None)
-        else:
-            self._stage.show_pick(current.pick.position_held_m, current.pick.normal_held)
-
-    def _listed(self, pick_id: int) -> Any:
-        for pick in self._desk.picks:
-            if pick.id == pick_id:
-                return pick
-        raise FlatclothError(f"Pick {pick_id} is no longer in the list.")
-
-    def _rename_pick(self, pick_id: int, name: str) -> None:
-        self._listed(pick_id)
-        self._folder.rename_pick(pick_id, name)
-        self._after_picks_changed()
-
-    def _delete_pick(self, pick_id: int) -> None:
-        self._listed(pick_id)
-        self._folder.delete_pick(pick_id)
-        self._after_picks_changed()
-
-    def _after_picks_changed(self) -> None:
-        self._desk = replace(self._desk, picks=self._folder.picks)
-        current = self._desk.pick
-        if current is not None:
-            found = [p for p in self._desk.picks if p.id == current.pick.id]
-            self._show_pick(replace(current, pick=found[0]) if found else None)
-        self._publish()
+        # A click on the background picks nothing and changes nothing.
+        if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
+            self._publish()
 
     def _set_follow(self, follow: bool) -> None:
         self._desk = replace(self._desk, follow=follow)
@@ -391,7 +350,7 @@ class Application:
         except FlatclothError as error:
             text = str(error)
             _log.warning("%s", error)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the work on %s failed", request)
             text = f"Unexpected error while computing: {error!r}. The terminal shows more."
         else:
@@ -426,7 +385,7 @@ class Application:
             picture = self._made = make_picture(self._integration, document, self._made)
         except FlatclothError as error:
             text = str(error)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a picture could not be computed")
             text = f"Unexpected error while drawing: {error!r}. The terminal shows more."
         else:

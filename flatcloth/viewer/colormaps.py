@@ -13,8 +13,20 @@ import numpy as np
 from flatcloth.types import Float64, Floats, Uint8
 
 # (lightness, a, b) in Oklab at equal distances along the map.
-_HEIGHT_STOPS = ((0.25, -0.01, -0.09), (0.45, -0.05, -0.08), (0.65, -0.08, 0.01), (0.82, -0.05, 0.11), (0.95, 0.0, 0.15))
-_DIVERGING_STOPS = ((0.38, -0.03, -0.16), (0.62, -0.05, -0.09), (0.93, 0.0, 0.0), (0.67, 0.07, 0.10), (0.42, 0.10, 0.08))
+_HEIGHT_STOPS = (
+    (0.25, -0.01, -0.09),
+    (0.45, -0.05, -0.08),
+    (0.65, -0.08, 0.01),
+    (0.82, -0.05, 0.11),
+    (0.95, 0.0, 0.15),
+)
+_DIVERGING_STOPS = (
+    (0.38, -0.03, -0.16),
+    (0.62, -0.05, -0.09),
+    (0.93, 0.0, 0.0),
+    (0.67, 0.07, 0.10),
+    (0.42, 0.10, 0.08),
+)
 _SIZE = 256
 
 
@@ -27,7 +39,8 @@ def rgb_from_oklab(lab: Floats) -> Uint8:
                           [-0.0041960863, -0.7034186147, 1.7076147010]])
     linear = np.clip((np.asarray(lab, dtype=np.float64) @ to_lms.T) ** 3 @ to_linear.T, 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(encoded * 255).astype(np.uint8)
+    rgb: Uint8 = np.round(encoded * 255).astype(np.uint8)
+    return rgb
 
 
 def _table(stops: tuple[tuple[float, float, float], ...]) -> Uint8:

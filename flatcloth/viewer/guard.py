@@ -30,7 +30,8 @@ def own_names(host: str) -> frozenset[str]:
     """Return the host names by which a browser may call a server bound to ``host``."""
     if is_loopback(host):
         return frozenset({"localhost", "127.0.0.1", "::1", host})
-    return frozenset({host.lower(), "localhost", "127.0.0.1", "::1", socket.gethostname().lower(), socket.getfqdn().lower()})
+    names = {host, "localhost", "127.0.0.1", "::1", socket.gethostname(), socket.getfqdn()}
+    return frozenset(name.lower() for name in names)
 
 
 class Guard:

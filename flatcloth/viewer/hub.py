@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import json
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -57,19 +58,32 @@ class Hub:
     def show(self, state: dict[str, Any]) -> None:
         """Send the whole state to every tab."""
         text = json.dumps(state, allow_nan=False)
-        self._call(lambda: [tab.put_state(text) for tab in self._tabs.values()])
+
+        def give() -> None:
+            for tab in self._tabs.values():
+                tab.put_state(text)
+
+        self._call(give)
 
     def tell(self, client: int | None, message: dict[str, Any]) -> None:
         """Send one message to one tab, or to all of them."""
         text = json.dumps(message, allow_nan=False)
-        self._call(lambda: [tab.put(text) for key, tab in self._tabs.items() if client in (None, key)])
 
-    def _call(self, job: Any) -> None:
+        def give() -> None:
+            for key, tab in self._tabs.items():
+                if client in (None, key):
+                    tab.put(text)
+
+        self._call(give)
+
+    def _call(self, job: Callable[[], None]) -> None:
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(job)
 
-    async def serve(self, socket: WebSocket, first: dict[str, Any], receive: Any) -> None:
+    async def serve(
+        self, socket: WebSocket, first: dict[str, Any], receive: Callable[[int, Tab, str], None]
+    ) -> None:
         """Serve one tab until it closes: ``receive(tab_id, tab, text)`` for what it says."""
         await socket.accept()
         tab, key = Tab(), next(self._ids)

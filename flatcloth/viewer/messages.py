@@ -164,7 +164,8 @@ def _value(kind: str, name: str, hint: str, value: Any) -> Any:
 def _check(message: Message) -> None:
     match message:
         case Do(action=action) if action not in SESSION_ACTIONS:
-            raise MessageError(f"Unknown action {action!r:.60}; known are {', '.join(sorted(SESSION_ACTIONS))}.")
+            known = ", ".join(sorted(SESSION_ACTIONS))
+            raise MessageError(f"Unknown action {action!r:.60}; known are {known}.")
         case Do(action="view", view_index=None):
             raise MessageError("Action 'view' needs a view_index.")
         case Do(reason=str(reason)) if reason not in REJECT_REASONS:

@@ -13,6 +13,9 @@ from flatcloth.viewer.picture import Picture
 if TYPE_CHECKING:
     import viser
 
+    from flatcloth.integration import Proposal
+    from flatcloth.planning import ColumnCurves
+
 _AXIS = {"stroke": "#888888", "grid": {"stroke": "#88888840", "width": 1}, "size": 46}
 _BLUE, _ORANGE = "#3b82c4", "#d9822b"
 
@@ -85,16 +88,15 @@ class Panels:
     def set_follow(self, follow: bool) -> None:
         """Show the state of the switch that the page has changed."""
         if self._follow.value != follow:
-            self._follow.value = follow
+            self._follow.value = follow  # type: ignore[misc]  # viser declares it read-only, but means it
 
     def show(self, picture: Picture | None) -> None:
         """Show the curves of a picture, or none."""
         overlay = None if picture is None else picture.overlay
-        plan = None if overlay is None else overlay.proposal.plan
-        self._hint.visible = plan is None
-        self._count.visible = self._angle.visible = plan is not None
-        if plan is not None:
-            curves = plan.curves
+        curves = None if overlay is None else planned_curves(overlay.proposal)
+        self._hint.visible = curves is None
+        self._count.visible = self._angle.visible = curves is not None
+        if curves is not None:
             u_mm = 1000.0 * np.asarray(curves.u_m, dtype=np.float64)
             _update(self._count, u_mm, np.asarray(curves.column_count, dtype=np.float64))
             _update(self._angle, u_mm, np.asarray(curves.column_mean_z_angle_deg, dtype=np.float64))
@@ -103,6 +105,13 @@ class Panels:
         if energy.size > 1:
             iterations = np.arange(energy.size, dtype=np.float64)
             _update(self._energy, iterations, np.log10(np.maximum(energy, 1e-15)))
+
+
+def planned_curves(proposal: Proposal) -> ColumnCurves | None:
+    """Return the curves from which a proposal's rotation was chosen; None if it was chosen by hand."""
+    if proposal.plan is None:
+        return None
+    return next((side.curves for side in proposal.plan.sides if side.side is proposal.side), None)
 
 
 def _update(plot: viser.GuiUplotHandle, x: Float64, y: Float64) -> None:

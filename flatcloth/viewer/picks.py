@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flatcloth.errors import FlatclothError
 from flatcloth.geometry import camera_from_held
-from flatcloth.grasping import pixel_of_point
-from flatcloth.types import Float64, RotationAxis
+from flatcloth.grasping import grasp_at, pixel_of_point, point_on_ray
+from flatcloth.types import Float64, Floats, RotationAxis
 from flatcloth.viewer.picture import Picture, finite
 
 if TYPE_CHECKING:
-    from flatcloth.journal import Pick
+    from flatcloth.journal import Pick, SessionFolder
 
 LOST_AT_M = 0.010
 """A pick further than this from the present shape is not drawn on it (its view was taken back)."""
+
+TOO_FAR_M = 0.030
+"""A click in 3D further than this from the shape picks nothing; nearer, it picks the nearest of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,97 @@ class CurrentPick:
 
     pick: Pick
     miss_m: float = 0.0
+
+
+class PickDesk:
+    """Adds, shows, renames and deletes picks; used by the application thread only.
+
+    ``show(position, normal)`` puts the ball and the arrow into the scene, or hides them.
+    """
+
+    def __init__(
+        self,
+        folder: SessionFolder,
+        axis: RotationAxis,
+        show: Callable[[Float64 | None, Float64 | None], None],
+    ) -> None:
+        self._folder = folder
+        self._axis = axis
+        self._show = show
+        self.picks: tuple[Pick, ...] = folder.picks
+        self.current: CurrentPick | None = None
+
+    def add(
+        self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None
+    ) -> None:
+        """Pick the cloth nearest to a place of the plane, keep the pick and show it."""
+        picture = _shown(picture)
+        grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)
+        number = max((p.id for p in self.picks), default=0) + 1
+        pick = self._folder.add_pick(
+            f"Pick {number}", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
+        )
+        self.picks = (*self.picks, pick)
+        self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m))
+
+    def add_on_ray(
+        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+    ) -> bool:
+        """Pick what a ray of the eye hits first; False if it hits nothing."""
+        picture = _shown(picture)
+        hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
+        if hit is None:
+            return False
+        rc, distance_m = pixel_of_point(picture.view, points_m[hit])
+        if distance_m > TOO_FAR_M:
+            raise FlatclothError(
+                f"That point is not part of the flattened shape yet: the nearest of it is"
+                f" {1000 * distance_m:.0f} mm away. Click another, or step on."
+            )
+        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+        self.add(picture, u_m, v_m, miss_m=distance_m)
+        return True
+
+    def show(self, pick_id: int | None) -> None:
+        """Make a pick of the list the current one, or none."""
+        self._set(None if pick_id is None else CurrentPick(pick=self._listed(pick_id)))
+
+    def rename(self, pick_id: int, name: str) -> None:
+        """Give a pick another name."""
+        self._listed(pick_id)
+        self._folder.rename_pick(pick_id, name)
+        self._reload()
+
+    def delete(self, pick_id: int) -> None:
+        """Take a pick off the list."""
+        self._listed(pick_id)
+        self._folder.delete_pick(pick_id)
+        self._reload()
+
+    def _set(self, current: CurrentPick | None) -> None:
+        self.current = current
+        if current is None:
+            self._show(None, None)
+        else:
+            self._show(current.pick.position_held_m, current.pick.normal_held)
+
+    def _reload(self) -> None:
+        self.picks = self._folder.picks
+        if self.current is not None:
+            found = [p for p in self.picks if p.id == self.current.pick.id]
+            self._set(replace(self.current, pick=found[0]) if found else None)
+
+    def _listed(self, pick_id: int) -> Pick:
+        for pick in self.picks:
+            if pick.id == pick_id:
+                return pick
+        raise FlatclothError(f"Pick {pick_id} is no longer in the list.")
+
+
+def _shown(picture: Picture | None) -> Picture:
+    if picture is None:
+        raise FlatclothError("Nothing is flattened yet; wait for the start view, then click.")
+    return picture
 
 
 class PlaceBook:
@@ -82,25 +178,4 @@ def numbers(current: CurrentPick, place: Place, picture: Picture, axis: Rotation
         "view_index": pick.view_index,
         "source_rc": list(pick.source_rc),
         "miss_m": current.miss_m,
-    }
-
-
-def grasps_document(picks: tuple[Pick, ...], recording_name: str, axis: RotationAxis) -> dict[str, Any]:
-    """Return the content of ``grasps.json``."""
-    return {
-        "format": "flatcloth-grasps/1",
-        "recording": recording_name,
-        "frame": "held: the camera frame of view 0 (x right, y down, z forward), metres",
-        "rotation_axis": {"point_m": axis.point_m.tolist(), "direction": axis.direction.tolist()},
-        "grasps": [
-            {
-                "id": p.id,
-                "name": p.name,
-                "position_held_m": np.asarray(p.position_held_m).tolist(),
-                "normal_held": [finite(x) for x in np.asarray(p.normal_held).tolist()],
-                "view_index": p.view_index,
-                "source_rc": list(p.source_rc),
-            }
-            for p in picks
-        ],
     }

@@ -15,7 +15,8 @@ from flatcloth.viewer.layers import legends
 
 if TYPE_CHECKING:
     from flatcloth.alignment import AlignmentScore
-    from flatcloth.integration import Canonical, Integration, Proposal, ViewCloud
+    from flatcloth.integration import Integration, Proposal, ViewCloud
+    from flatcloth.merging import Canonical
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,7 @@ def make_picture(integration: Integration, document: Document, previous: Picture
     """Compute what a document with a start view looks like; revisions go on from ``previous``."""
     canonical = integration.canonical(document)
     present = present_view(document)
-    assert present is not None  # noqa: S101 - the caller has seen to the start view
+    assert present is not None
     revision = 1 if previous is None else previous.revision + (canonical.view is not previous.view)
     overlay = None
     if document.pending is not None:

@@ -23,7 +23,7 @@ MAX_POINTS = 60_000
 
 BALL_RADIUS_M = 0.006
 ARROW_LENGTH_M = 0.06
-FOV_RAD = 0.75
+FRAME_MARGIN = 1.15
 _HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
 _PICK_COLOR = (225, 29, 116)
 _GREY = 150.0
@@ -62,7 +62,6 @@ class Scene:
     def _build(self, intrinsics: Intrinsics) -> None:
         server = self._server
         server.scene.set_up_direction("-y")
-        server.initial_camera.fov = FOV_RAD
         self._frustum = server.scene.add_camera_frustum(
             "/camera",
             fov=2 * float(np.arctan(intrinsics.height / 2 / intrinsics.fy)),
@@ -139,7 +138,8 @@ class Scene:
         with self._lock, self._server.atomic():
             there = position_m is not None
             if position_m is not None:
-                self._ball.position = self._arrow.position = np.asarray(position_m, dtype=np.float64)
+                place: Any = position_m
+                self._ball.position = self._arrow.position = place
             pointing = there and normal is not None and bool(np.all(np.isfinite(normal)))
             if pointing and normal is not None:
                 self._arrow.wxyz = quaternion_from_z(normal)
@@ -192,11 +192,13 @@ class Scene:
         held = held_from_camera(self._axis, picture.angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_from_matrix(held.rotation)
-        points = self._points.get("/held/cloud", self._points.get("/live/cloud"))
-        if points is None:
+        clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]
+        if not clouds:
             return
+        points = np.concatenate(clouds)
         along = (points - self._axis.point_m) @ self._axis.direction
-        self._axis_line.points = self._axis_points(float(along.min()) - 0.05, float(along.max()) + 0.08)
+        ends: Any = self._axis_points(float(along.min()) - 0.05, float(along.max()) + 0.08)
+        self._axis_line.points = ends
         center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
         reach = np.abs(points - center)
         half_height = float(np.percentile(reach[:, 1], 99.5))
@@ -205,19 +207,19 @@ class Scene:
         first = self._shown is None
         turned = self._shown is not None and self._shown[1] != picture.present_view
         self._shown = (None, picture.present_view)
-        self._server.initial_camera.position = self._eye(1.0, FOV_RAD)
-        self._server.initial_camera.look_at = center
+        initial = self._server.initial_camera
+        initial.fov, initial.position = self._fov_rad(1.0), held.translation_m
+        initial.look_at = center
         if first or (turned and self._follow):
             self._aim_all()
 
-    def _eye(self, aspect: float, fov_rad: float) -> Float64:
-        assert self._view_from is not None  # noqa: S101 - set by the only caller
+    def _fov_rad(self, aspect: float) -> float:
+        """Return the vertical field of view in which the whole item is seen from the camera's place."""
+        assert self._view_from is not None
         center, camera, half_width, half_height = self._view_from
-        tangent = np.tan(fov_rad / 2)
-        distance = 1.12 * max(half_height / tangent, half_width / (tangent * max(aspect, 0.2))) + half_width
-        towards = camera - center
-        towards[1] *= 0.35  # seen almost level, so that the item hangs upright in the picture
-        return np.asarray(center + distance * towards / np.linalg.norm(towards), dtype=np.float64)
+        distance = max(float(np.linalg.norm(camera - center)) - half_width, 0.05)
+        tangent = FRAME_MARGIN * max(half_height, half_width / max(aspect, 0.2)) / distance
+        return float(np.clip(2 * np.arctan(tangent), 0.2, 2.2))
 
     def _aim_all(self) -> None:
         for client in self._server.get_clients().values():
@@ -227,8 +229,8 @@ class Scene:
         if self._view_from is None:
             return
         with client.atomic():
-            client.camera.fov = FOV_RAD
-            client.camera.position = self._eye(client.camera.aspect, FOV_RAD)
+            client.camera.fov = self._fov_rad(client.camera.aspect)
+            client.camera.position = self._view_from[1]
             client.camera.look_at = self._view_from[0]
         client.flush()
 
@@ -273,8 +275,7 @@ def quaternion_from_matrix(rotation: Floats) -> Float64:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
     from viser import transforms
 
-    wxyz: Float64 = transforms.SO3.from_matrix(np.asarray(rotation, dtype=np.float64)).wxyz
-    return wxyz
+    return np.asarray(transforms.SO3.from_matrix(np.asarray(rotation)).wxyz, dtype=np.float64)
 
 
 def quaternion_from_z(direction: Floats) -> Float64:

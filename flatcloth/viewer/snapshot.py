@@ -18,7 +18,7 @@ from flatcloth.session import (
 from flatcloth.types import FlattenedView, Rigid2, RotationAxis
 from flatcloth.viewer.actions import REJECT_REASONS, action_table
 from flatcloth.viewer.layers import LAYERS
-from flatcloth.viewer.picks import CurrentPick, PlaceBook, numbers
+from flatcloth.viewer.picks import CurrentPick, PickDesk, PlaceBook, numbers
 from flatcloth.viewer.picture import Overlay, Picture, finite, present_view
 
 if TYPE_CHECKING:
@@ -42,14 +42,12 @@ class Note:
 
 @dataclass(frozen=True, kw_only=True)
 class Desk:
-    """What belongs to the page and not to the session: Auto, follow, progress, picks, messages."""
+    """What belongs to the page and not to the session: Auto, follow, progress, messages."""
 
     auto: bool = False
     auto_threshold: float = 0.5
     follow: bool = True
     progress: tuple[float, str] | None = None
-    pick: CurrentPick | None = None
-    picks: tuple[Pick, ...] = ()
     log: tuple[Note, ...] = field(default=())
 
 
@@ -57,6 +55,7 @@ def snapshot(
     revision: int,
     state: SessionState,
     desk: Desk,
+    picks: PickDesk,
     picture: Picture | None,
     integration: Integration,
     places: PlaceBook,
@@ -70,14 +69,20 @@ def snapshot(
         "revision": revision,
         "phase": state.phase.value,
         "method": integration.method,
-        "recording": {"name": recording.name, "description": recording.description, "n_views": len(recording)},
+        "recording": {
+            "name": recording.name,
+            "description": recording.description,
+            "n_views": len(recording),
+        },
         "notes": list(integration.notes),
         "step": len(document.used_views),
         "start_view": document.start_view,
         "finished": document.finished,
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
-        "request": None if state.request is None else {"kind": state.request.kind, "view_index": state.request.view_index},
+        "request": None
+        if state.request is None
+        else {"kind": state.request.kind, "view_index": state.request.view_index},
         "present_view": present,
         "angle_deg": None if present is None else recording.angles_deg[present],
         "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
@@ -88,8 +93,8 @@ def snapshot(
         "progress": None if desk.progress is None else {"share": desk.progress[0], "text": desk.progress[1]},
         "pending": _pending(document, None if picture is None else picture.overlay),
         "layers": None if picture is None else _layers(picture),
-        "pick": _pick(desk.pick, picture, places, integration.axis),
-        "picks": [_listed(p, picture, places) for p in desk.picks],
+        "pick": _pick(picks.current, picture, places, integration.axis),
+        "picks": [_listed(p, picture, places) for p in picks.picks],
         "log": [n.plain() for n in desk.log],
     }
 
@@ -122,14 +127,15 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
     pending = document.pending
     if pending is None:
         return None
-    described = overlay is not None and overlay.proposal.view_index == pending.view_index
-    plan = overlay.proposal.plan if overlay is not None and described else None
+    if overlay is not None and overlay.proposal.view_index != pending.view_index:
+        overlay = None  # of the proposal before; this one's is on its way
+    plan = None if overlay is None else overlay.proposal.plan
     return {
         "view_index": pending.view_index,
         "side": None if pending.side is None else pending.side.value,
         "proposed_score": finite(pending.score),
-        "score": finite(overlay.score.total) if overlay is not None and described else finite(pending.score),
-        "parts": {k: finite(float(v)) for k, v in overlay.score.parts.items()} if overlay is not None and described else {},
+        "score": finite(pending.score if overlay is None else overlay.score.total),
+        "parts": {} if overlay is None else {k: finite(float(v)) for k, v in overlay.score.parts.items()},
         "nudge": _motion(pending.nudge),
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),

@@ -1,0 +1,38 @@
+// The socket to the server: comes back by itself, says so, and drops nothing silently.
+
+const FIRST_WAIT_MS = 300;
+const LONGEST_WAIT_MS = 5000;
+
+export class Connection {
+  /** `handlers`: message(object), opened(again), lost(seconds until the next attempt). */
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.wait = FIRST_WAIT_MS;
+    this.openedBefore = false;
+    this.open();
+  }
+
+  open() {
+    const address = new URL("/ws", location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    this.socket = new WebSocket(address);
+    this.socket.onopen = () => {
+      this.wait = FIRST_WAIT_MS;
+      this.handlers.opened(this.openedBefore);
+      this.openedBefore = true;
+    };
+    this.socket.onmessage = (event) => this.handlers.message(JSON.parse(event.data));
+    this.socket.onclose = () => {
+      this.handlers.lost(this.wait / 1000);
+      setTimeout(() => this.open(), this.wait);
+      this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+    };
+  }
+
+  /** Send a message; returns false if there is no connection. */
+  send(message) {
+    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(message));
+    return true;
+  }
+}

@@ -1,0 +1,292 @@
+// The page: takes the server's states, gives them to its parts, and turns what the operator does into messages.
+
+import { FlatCanvas } from "/static/canvas.js";
+import { Connection } from "/static/connection.js";
+import { byId, make, rebuild, setText } from "/static/dom.js";
+import { number } from "/static/format.js";
+import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
+import { pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
+import { loadScene, startScene } from "/static/scene.js";
+import { applyTheme, toggleTheme } from "/static/theme.js";
+import { RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
+
+const LAYER_OF = { layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source" };
+const MOVES = {
+  left: [0, -1, 0], right: [0, 1, 0], up: [0, 0, -1], down: [0, 0, 1], turn_left: [-1, 0, 0], turn_right: [1, 0, 0],
+};
+const NUDGE_PAUSE_MS = 250; // arrow keys closer together than this are one gesture, one item to undo
+
+let state = null;
+let hoverId = 0;
+let hoverWanted = null;
+let hoverBusy = false;
+let nudge = null;
+
+const page = {
+  layer: "color", overlay: true, blink: false, opacity: 0.7, increment: 2,
+  increments: [[0.5, 0.2], [1, 0.5], [2, 1], [5, 2]],
+  setOpacity(value) {
+    page.opacity = canvas.opacity = value;
+    canvas.redraw();
+  },
+  setIncrement(index) {
+    page.increment = index;
+  },
+};
+
+const canvas = new FlatCanvas({
+  pick: (u, v) => send({ type: "pick", u_m: u, v_m: v }),
+  hover: (u, v) => hover(u === null ? null : { u_m: u, v_m: v }),
+  nudge: (by) => sendMove(by),
+  mayDrag: () => Boolean(state?.pending),
+});
+const toolbar = new Toolbar(run, page);
+const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
+
+const connection = new Connection({
+  message: (message) => HANDLERS[message.type]?.(message),
+  opened: (again) => {
+    byId("banner").hidden = true;
+    if (!again) return;
+    forgetServerLog();
+    loadScene(true);
+  },
+  lost: (seconds) => {
+    byId("banner").hidden = false;
+    setText(byId("banner"), `No connection to flatcloth. Trying again in ${number(seconds, 1)} s. If the program has ended, start it again: nothing is lost.`);
+    hoverBusy = false;
+  },
+});
+
+const HANDLERS = {
+  state: (message) => show(message),
+  progress: (message) => showProgress(message),
+  note: (message) => notify(message.level, message.text, message.time_s),
+  hover: (message) => {
+    hoverBusy = false;
+    if (message.id === hoverId) showReadout(message);
+    askHover();
+  },
+};
+
+function send(message) {
+  const sent = connection.send(message);
+  if (!sent && message.type !== "hover") notify("warning", "There is no connection; this was not done.");
+  return sent;
+}
+
+// --- show --------------------------------------------------------------------------------------
+
+function show(next) {
+  state = next;
+  byId("recording").textContent = `${state.recording.name} · ${state.recording.n_views} views · method ${state.method}`;
+  byId("recording").dataset.tip = state.recording.description || state.recording.name;
+  document.title = `${state.recording.name} · flatcloth`;
+  setText(byId("hint"), hint());
+  toolbar.update(state);
+  showProgress(state.progress);
+  showNotes();
+  showProposal(state);
+  showPick(state, copyPick);
+  showPicks(state, send);
+  showTimeline(state, chooseView);
+  showLayer();
+  takeServerLog(state.log);
+}
+
+function hint() {
+  const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
+  const area = state.layers ? ` Shape: ${state.step} ${state.step === 1 ? "view" : "views"}, ${number(state.layers.area_cm2, 0)} cm².` : "";
+  if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
+  switch (state.phase) {
+    case "computing":
+      if (state.request.kind === "start") return "Choosing and flattening the start view.";
+      return state.request.view_index === null ? `Looking for the next view.${area}` : `Laying ${angle(state.request.view_index)} on the shape.${area}`;
+    case "deciding":
+      return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), or move it with the arrow keys.${area}`;
+    case "finished":
+      return `Finished: ${state.finished} Click the cloth for a grasp point.${area}`;
+    default:
+      return state.start_view === null
+        ? "Press Step (S): the start view is chosen and flattened."
+        : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
+  }
+}
+
+function showLayer() {
+  canvas.showOverlay = page.overlay;
+  canvas.update(state, page.layer);
+  showLegend(state.layers?.legends[page.layer]);
+  byId("empty").hidden = Boolean(state.layers);
+  setText(byId("empty"), state.phase === "computing" ? "The start view is being flattened." : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.");
+}
+
+function showProgress(progress) {
+  byId("progress").hidden = !progress;
+  if (!progress) return;
+  setText(byId("progress-text"), `${progress.text} · ${Math.round(100 * progress.share)} %`);
+  byId("progress-bar").value = progress.share;
+}
+
+function showNotes() {
+  const strip = byId("session-notes");
+  const key = JSON.stringify([state.recording.name, state.notes]);
+  strip.hidden = !state.notes.length || sessionStorage.getItem("flatcloth-notes") === key;
+  rebuild(strip, key, () => [
+    make("ul", {}, ...state.notes.map((text) => make("li", {}, text))),
+    make("button", { type: "button", class: "close", "aria-label": "Dismiss the notes", on: { click: () => { sessionStorage.setItem("flatcloth-notes", key); strip.hidden = true; } } }, "×"),
+  ]);
+}
+
+// --- do ----------------------------------------------------------------------------------------
+
+function decide(action, more = {}) {
+  flushNudge();
+  // The view that this user sees is the view that is meant, whatever has changed meanwhile.
+  const view = ["accept", "reject"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
+  send({ type: "do", action, ...view, ...more });
+}
+
+function chooseView(view) {
+  if (view.why_not !== null) return notify("info", view.why_not);
+  decide("view", { view_index: view.index });
+}
+
+function run(name, large = false) {
+  if (!state) return;
+  const action = state.actions.find((a) => a.name === name);
+  if (action.why_not !== null) {
+    // Escape closes things all the time; it needs no lecture.
+    if (name !== "cancel") notify("warning", action.why_not);
+    return;
+  }
+  if (name in LAYER_OF) {
+    page.layer = LAYER_OF[name];
+    show(state);
+  } else if (name in MOVES) {
+    keyNudge(MOVES[name], large ? 10 : 1);
+  } else if (name in PAGE_ACTIONS) {
+    PAGE_ACTIONS[name]();
+  } else {
+    decide(name);
+  }
+}
+
+const PAGE_ACTIONS = {
+  auto: () => {
+    flushNudge();
+    send({ type: "auto", running: !state.auto.running });
+  },
+  reject_menu: () => rejectMenu.open(state.reject_reasons),
+  overlay: () => {
+    page.overlay = !page.overlay;
+    show(state);
+  },
+  blink: () => {
+    page.blink = !page.blink;
+    canvas.setBlink(page.blink);
+    show(state);
+  },
+  fit: () => canvas.fit(),
+  zoom_in: () => canvas.zoomBy(1.4),
+  zoom_out: () => canvas.zoomBy(1 / 1.4),
+  follow: () => send({ type: "follow", follow: !state.follow }),
+  copy: copyPick,
+  log: showLog,
+  theme: toggleTheme,
+  help: () => showHelp(state.actions),
+};
+
+function keyNudge([turn, u, v], times) {
+  const [mm, deg] = page.increments[page.increment];
+  const by = { theta: (turn * deg * times * Math.PI) / 180, u: (u * mm * times) / 1000, v: (v * mm * times) / 1000 };
+  canvas.movePreview(by);
+  nudge ??= { view: state.pending.view_index, by: { theta: 0, u: 0, v: 0 } };
+  for (const axis of ["theta", "u", "v"]) nudge.by[axis] += by[axis];
+  clearTimeout(nudge.timer);
+  nudge.timer = setTimeout(flushNudge, NUDGE_PAUSE_MS);
+}
+
+function flushNudge() {
+  if (!nudge) return;
+  clearTimeout(nudge.timer);
+  const { view, by } = nudge;
+  nudge = null;
+  if (state.pending?.view_index === view) sendMove(by);
+}
+
+function sendMove(by) {
+  send({ type: "move", view_index: state.pending.view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });
+}
+
+function hover(at) {
+  hoverWanted = at;
+  if (at === null) {
+    hoverId += 1;
+    showReadout(null);
+  } else {
+    askHover();
+  }
+}
+
+function askHover() {
+  // One question at a time, always about the latest place.
+  if (hoverBusy || !hoverWanted || !state?.layers) return;
+  hoverId += 1;
+  hoverBusy = send({ type: "hover", id: hoverId, ...hoverWanted });
+  hoverWanted = null;
+}
+
+async function copyPick() {
+  if (!state.pick) return notify("info", "There is no pick to copy; click the cloth first.");
+  const text = pickText(state.pick);
+  try {
+    await navigator.clipboard.writeText(text);
+  } catch {
+    // Without https or permission there is only the old way.
+    const area = make("textarea", { class: "unseen", readonly: true }, text);
+    document.body.append(area);
+    area.select();
+    const done = document.execCommand("copy");
+    area.remove();
+    if (!done) return notify("warning", "The browser does not allow copying.");
+  }
+  notify("info", `Copied the numbers of ${state.pick.name}.`);
+}
+
+// --- keys --------------------------------------------------------------------------------------
+
+function onKeyDown(event) {
+  if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+  const target = event.target;
+  if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
+  if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
+  const key = event.ctrlKey ? `Ctrl+${event.key.toLowerCase()}` : event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const action = state.actions.find((a) => a.keys.includes(key));
+  if (!action) return;
+  // Without a proposal the arrow keys keep their own meaning, such as scrolling.
+  if (action.name in MOVES && !state.pending) return;
+  event.preventDefault();
+  event.stopPropagation();
+  if (event.repeat && !(action.name in MOVES) && !action.name.startsWith("zoom")) return;
+  run(action.name, event.shiftKey);
+}
+
+document.addEventListener("keydown", onKeyDown);
+byId("cancel").addEventListener("click", () => run("cancel"));
+applyTheme();
+startTips();
+startScene(onKeyDown);
+showReadout(null);
+
+window.flatcloth = {
+  get state() { return state; },
+  get revision() { return state?.revision ?? 0; },
+  get step() { return state?.step ?? 0; },
+  get phase() { return state?.phase ?? null; },
+  get pick() { return state?.pick ?? null; },
+  get layerRevision() { return canvas.layerRevision; },
+  get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
+  toScreen: (u, v) => canvas.toScreen(u, v),
+  send,
+};

@@ -1,0 +1,180 @@
+// What stands beside the canvas: the values under the pointer, the proposal, the picks, the timeline.
+
+import { byId, make, rebuild, setText } from "/static/dom.js";
+import { degrees, hex, number, vector } from "/static/format.js";
+
+const STATES = {
+  start: ["●", "start view"], accepted: ["✓", "accepted"], fixed: ["✎", "accepted, moved by hand"],
+  rejected: ["✕", "rejected"], pending: ["?", "proposed"], unused: ["", "not used"],
+};
+
+// --- values under the pointer ------------------------------------------------------------------
+
+const READOUT = [
+  ["Pixel", "row, column", (a) => `${a.rc[0]}, ${a.rc[1]}`],
+  ["u, v", "mm on the plane", (a) => `${vector(a.uv_mm)} mm`],
+  ["Color", "red, green, blue", (a) => `${a.rgb.join(" ")}`],
+  ["Source", "view @ its pixel (row, column)", (a) => `${a.view_index} @ ${a.source_rc.map((x) => number(x)).join(", ")}`],
+  ["x y z", "mm, held frame", (a) => `${vector(a.xyz_mm)} mm`],
+  ["Height z", "mm along the axis", (a) => `${number(a.height_mm)} mm`],
+  ["Normal", "outward, held frame", (a) => vector(a.normal, 3)],
+  ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
+];
+
+export function showReadout(answer) {
+  const list = byId("readout");
+  if (!list.childElementCount) {
+    list.append(...READOUT.map(([name, about]) =>
+      make("div", {}, make("dt", { data: { tip: `${name}: ${about}` } }, name), make("dd", {}, "–"))));
+  }
+  const values = answer?.shape ?? answer?.proposal ?? null;
+  list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
+  READOUT.forEach(([name, , text], i) => {
+    const cell = list.children[i].lastChild;
+    setText(cell, values ? text(values) : "–");
+    if (name === "Color") cell.style.setProperty("--swatch", values ? hex(values.rgb) : "transparent");
+  });
+}
+
+export function showLegend(legend) {
+  const box = byId("legend");
+  box.hidden = !legend || legend.kind === "none";
+  if (box.hidden) return;
+  rebuild(box, legend, () => {
+    if (legend.kind === "classes") {
+      return [make("h3", {}, legend.title), ...legend.classes.map((c) => {
+        const swatch = make("i", { class: "swatch" });
+        swatch.style.background = c.color;
+        return make("p", {}, swatch, c.label);
+      })];
+    }
+    const ramp = make("i", { class: "ramp" });
+    ramp.style.background = `linear-gradient(to top, ${legend.colors.join(", ")})`;
+    const middle = (legend.low + legend.high) / 2;
+    return [make("h3", {}, legend.title), make("div", { class: "scale" }, ramp,
+      make("div", {}, ...[legend.high, middle, legend.low].map((x) => make("span", {}, number(x, 0)))))];
+  });
+}
+
+// --- proposal ----------------------------------------------------------------------------------
+
+function unitless(name) {
+  const units = { mm: "mm", cm2: "cm²", deg: "°", px: "px", m: "m", m2: "m²" };
+  const words = name.split("_");
+  const unit = units[words.at(-1)];
+  return [(unit ? words.slice(0, -1) : words).join(" "), unit ? ` ${unit}` : ""];
+}
+
+export function showProposal(state) {
+  const section = byId("proposal");
+  const pending = state.pending;
+  section.hidden = !pending;
+  if (!pending) return;
+  const view = state.views[pending.view_index];
+  const low = pending.score !== null && pending.score < state.auto.threshold;
+  rebuild(byId("proposal-values"), [pending, state.auto.threshold], () => [
+    make("h2", {}, `Proposal: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
+    make("div", { class: `score${low ? " low" : ""}`, data: { tip: `Score of the present place, 0 to 1. Auto accepts from ${state.auto.threshold}.` } },
+      make("meter", { min: 0, max: 1, value: pending.score ?? 0, "aria-label": "Score" }),
+      make("strong", {}, pending.score === null ? "no score" : number(pending.score, 2)),
+      make("span", {}, low ? "below Auto's limit" : "score")),
+    make("dl", { class: "values" }, ...Object.entries(pending.parts).flatMap(([name, value]) => {
+      const [words, unit] = unitless(name);
+      return [make("dt", {}, words), make("dd", {}, value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`)];
+    }),
+    make("dt", { data: { tip: "What you have moved the proposal by: u, v on the plane, and clockwise" } }, "moved"),
+    make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`)),
+    pending.reason ? make("p", { class: "why" }, pending.reason) : null,
+  ].filter(Boolean));
+}
+
+// --- picks -------------------------------------------------------------------------------------
+
+export function pickText(pick) {
+  return [
+    `name\t${pick.name}`,
+    `position_held_m\t${pick.position_held_m.map((x) => x.toFixed(5)).join(" ")}`,
+    `position_camera_m\t${pick.position_camera_m.map((x) => x.toFixed(5)).join(" ")}\t(rotation ${pick.angle_deg} deg)`,
+    `normal_held\t${pick.normal_held.map((x) => (x === null ? "nan" : x.toFixed(5))).join(" ")}`,
+    `normal_camera\t${pick.normal_camera.map((x) => (x === null ? "nan" : x.toFixed(5))).join(" ")}`,
+    `view\t${pick.view_index}`,
+    `source_row_col\t${pick.source_rc.map((x) => x.toFixed(2)).join(" ")}`,
+    `miss_m\t${pick.miss_m.toFixed(5)}`,
+  ].join("\n");
+}
+
+export function showPick(state, copy) {
+  const pick = state.pick;
+  rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
+    if (!pick) {
+      return [make("h2", {}, "Pick"), make("p", { class: "nothing" },
+        state.layers ? "Click the cloth, flat or in 3D, to get its grasp point." : "Grasp points can be picked once a view is flattened.")];
+    }
+    const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
+    return [
+      make("div", { class: "heading" }, make("h2", {}, pick.name),
+        make("button", { type: "button", class: "button small", data: { id: "copy", tip: "Copy all numbers in metres" }, on: { click: copy } }, "Copy", make("kbd", {}, "C"))),
+      make("dl", { class: "values" },
+        ...row("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
+        ...row(`camera ${number(pick.angle_deg, 0)}°`, `${vector(pick.position_camera_m, 1, 1000)} mm`, "Position x y z in the camera frame at the present rotation"),
+        ...row("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
+        ...row("n. camera", vector(pick.normal_camera, 3), "Outward normal in the camera frame at the present rotation"),
+        ...row("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"),
+        ...row("source", `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`, "View and image pixel (row, column) it was measured in"),
+        ...row("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
+        ...row("miss", pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth", "Distance between the click and the nearest cloth")),
+      pick.in_shape ? null : make("p", { class: "why" }, "Its view is not part of the present shape."),
+    ].filter(Boolean);
+  });
+}
+
+/** `send` goes to the server. */
+export function showPicks(state, send) {
+  rebuild(byId("picks"), [state.picks, state.pick?.id ?? null], () => [
+    make("div", { class: "heading" }, make("h2", {}, `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
+      state.picks.length
+        ? make("a", { class: "button small", href: "/export/grasps.json", download: "grasps.json", data: { id: "export", tip: "Download all picks as grasps.json" } }, "Export")
+        : null),
+    state.picks.length ? make("ol", { class: "picks" }, ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
+      : make("p", { class: "nothing" }, "Every pick is kept here: name it, show it again, export it."),
+  ]);
+}
+
+function pickRow(pick, current, send) {
+  const rename = (event) => {
+    const name = event.target.value.trim();
+    if (name && name !== pick.name) send({ type: "rename_pick", id: pick.id, name });
+    else event.target.value = pick.name;
+  };
+  return make("li", { class: current ? "current" : "" },
+    make("button", {
+      type: "button", class: "show", "aria-label": `Show ${pick.name}`, "aria-pressed": String(current),
+      data: { id: `show-${pick.id}`, tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape" },
+      on: { click: () => send({ type: "show_pick", id: pick.id }) },
+    }, pick.uv_m ? "◎" : "○"),
+    make("input", {
+      value: pick.name, maxlength: 80, "aria-label": `Name of ${pick.name}`, data: { id: `name-${pick.id}` },
+      on: { change: rename, keydown: (e) => { if (e.key === "Enter") e.target.blur(); if (e.key === "Escape") { e.target.value = pick.name; e.target.blur(); } } },
+    }),
+    make("button", {
+      type: "button", class: "close", "aria-label": `Delete ${pick.name}`, data: { id: `delete-${pick.id}`, tip: "Delete" },
+      on: { click: () => send({ type: "delete_pick", id: pick.id }) },
+    }, "×"));
+}
+
+// --- timeline ----------------------------------------------------------------------------------
+
+export function showTimeline(state, choose) {
+  rebuild(byId("timeline"), [state.views, state.present_view], () => state.views.map((view) => {
+    const [sign, word] = STATES[view.state];
+    const detail = view.detail ? ` (${view.detail})` : "";
+    const used = ["start", "accepted", "fixed"].includes(view.state);
+    const act = view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
+    const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${word}${detail}`;
+    return make("button", {
+      type: "button", class: `view ${view.state}${view.index === state.present_view ? " present" : ""}`,
+      "aria-disabled": String(view.why_not !== null), "aria-label": about, "aria-current": view.index === state.present_view ? "true" : null,
+      data: { id: `view-${view.index}`, tip: about + act }, on: { click: () => choose(view) },
+    }, make("span", { class: "sign", "aria-hidden": "true" }, sign), make("span", { class: "angle" }, number(view.angle_deg, 0)));
+  }));
+}

@@ -1,0 +1,67 @@
+// The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
+
+import { boxOf } from "/static/geometry.js";
+
+const OUTLINE = [230, 126, 0];
+
+/** One picture with its place on the plane. */
+export class Picture {
+  constructor(onReady) {
+    this.onReady = onReady;
+    this.wanted = null;
+    this.shown = null; // {key, revision, grid, box, image, alpha, outline}
+  }
+
+  clear() {
+    this.wanted = null;
+    if (this.shown === null) return;
+    this.shown = null;
+    this.onReady();
+  }
+
+  /** Ask for a picture; nothing happens if it is the one that is shown or on its way. */
+  async show(address, revision, grid, withOutline) {
+    if (this.wanted === address) return;
+    this.wanted = address;
+    let image;
+    try {
+      const response = await fetch(address);
+      if (!response.ok) throw new Error(String(response.status));
+      image = await createImageBitmap(await response.blob());
+    } catch {
+      if (this.wanted === address) this.wanted = null; // the next state asks again
+      return;
+    }
+    if (this.wanted !== address) return;
+    this.shown = { revision, grid, box: boxOf(grid), image, ...(withOutline ? outlineOf(image) : {}) };
+    this.onReady();
+  }
+
+  /** Whether the picture is opaque at a place of the plane. */
+  covers(u, v) {
+    if (!this.shown?.alpha) return false;
+    const { grid, alpha } = this.shown;
+    const col = Math.round((u - grid.origin_uv_m[0]) / grid.pixel_size_m);
+    const row = Math.round((v - grid.origin_uv_m[1]) / grid.pixel_size_m);
+    return col >= 0 && row >= 0 && col < grid.cols && row < grid.rows && alpha[row * grid.cols + col] > 0;
+  }
+}
+
+function outlineOf(image) {
+  const canvas = new OffscreenCanvas(image.width, image.height);
+  const context = canvas.getContext("2d");
+  context.drawImage(image, 0, 0);
+  const data = context.getImageData(0, 0, image.width, image.height);
+  const { width, height } = image;
+  const alpha = new Uint8Array(width * height);
+  for (let i = 0; i < alpha.length; i++) alpha[i] = data.data[4 * i + 3];
+  const inside = (row, col) => row >= 0 && col >= 0 && row < height && col < width && alpha[row * width + col] > 0;
+  for (let row = 0; row < height; row++) {
+    for (let col = 0; col < width; col++) {
+      const edge = inside(row, col) && !(inside(row - 1, col) && inside(row + 1, col) && inside(row, col - 1) && inside(row, col + 1));
+      data.data.set([...OUTLINE, edge ? 255 : 0], 4 * (row * width + col));
+    }
+  }
+  context.putImageData(data, 0, 0);
+  return { alpha, outline: canvas };
+}

@@ -1,0 +1,23 @@
+// Light and dark: the system's choice until the operator makes one; viser's frame gets the same.
+
+const STORED = "flatcloth-theme";
+const system = matchMedia("(prefers-color-scheme: dark)");
+const listeners = [];
+
+export const isDark = () => (localStorage.getItem(STORED) ?? (system.matches ? "dark" : "light")) === "dark";
+
+export function onTheme(listener) {
+  listeners.push(listener);
+}
+
+export function toggleTheme() {
+  localStorage.setItem(STORED, isDark() ? "light" : "dark");
+  applyTheme();
+}
+
+export function applyTheme() {
+  document.documentElement.dataset.theme = isDark() ? "dark" : "light";
+  for (const listener of listeners) listener(isDark());
+}
+
+system.addEventListener("change", applyTheme);

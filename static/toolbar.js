@@ -1,0 +1,157 @@
+// The buttons: made from the server's table of actions, so that names, keys and reasons are one.
+
+import { byId, make, rebuild, setAllowed } from "/static/dom.js";
+import { keyName } from "/static/format.js";
+
+const SESSION = ["step", "accept", "reject", "|", "undo", "redo", "|", "auto", "restart"];
+const PAGE = ["log", "theme", "help"];
+const LAYERS = { layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source" };
+
+/** `run(name)` performs an action; `page` holds what belongs to this tab: layer, overlay, blink, opacity, step. */
+export class Toolbar {
+  constructor(run, page) {
+    this.run = run;
+    this.page = page;
+  }
+
+  update(state) {
+    const actions = new Map(state.actions.map((a) => [a.name, a]));
+    this.actions = actions;
+    this.build(byId("actions"), SESSION);
+    this.build(byId("page-actions"), PAGE);
+    this.buildLayers();
+    this.buildOverlay();
+    this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], { zoom_out: "−", zoom_in: "+" });
+    for (const button of document.querySelectorAll("[data-action]")) {
+      const action = actions.get(button.dataset.action);
+      setAllowed(button, action.why_not, this.tip(action));
+    }
+    const auto = document.querySelector('[data-action="auto"]');
+    auto.setAttribute("aria-pressed", String(state.auto.running));
+    auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
+    this.setPressed("overlay", this.page.overlay);
+    this.setPressed("blink", this.page.blink);
+    for (const [name, layer] of Object.entries(LAYERS)) {
+      this.setPressed(name, this.page.layer === layer);
+    }
+    const main = { deciding: "accept", ready: "step" }[state.phase];
+    for (const name of ["step", "accept"]) {
+      document.querySelector(`[data-action="${name}"]`).classList.toggle("primary", name === main && !state.auto.running);
+    }
+  }
+
+  tip(action) {
+    const keys = action.keys.slice(0, 2).map(keyName).join(" or ");
+    return `${action.description}\nKey: ${keys}`;
+  }
+
+  setPressed(name, on) {
+    document.querySelector(`[data-action="${name}"]`)?.setAttribute("aria-pressed", String(on));
+  }
+
+  button(name, title = null) {
+    const action = this.actions.get(name);
+    return make("button", {
+      type: "button", class: "button", "aria-label": title ? action.title : null,
+      data: { action: name, id: name }, on: { click: () => this.run(name) },
+    }, title ?? action.title, make("kbd", {}, keyName(action.keys[0])));
+  }
+
+  build(container, names, titles = {}) {
+    rebuild(container, [names], () =>
+      names.flatMap((name) => {
+        if (name === "|") return [make("span", { class: "gap", "aria-hidden": "true" })];
+        const button = this.button(name, titles[name]);
+        if (name !== "reject") return [button];
+        const more = make("button", {
+          type: "button", class: "button more", "aria-haspopup": "menu", "aria-label": "Reject with a reason",
+          data: { action: "reject_menu", id: "reject_menu" }, on: { click: () => this.run("reject_menu") },
+        }, "▾", make("kbd", {}, keyName(this.actions.get("reject_menu").keys[0])));
+        return [make("span", { class: "joined" }, button, more)];
+      }));
+  }
+
+  buildLayers() {
+    rebuild(byId("layers"), ["layers"], () => Object.keys(LAYERS).map((name) => this.button(name)));
+  }
+
+  buildOverlay() {
+    const page = this.page;
+    rebuild(byId("overlay-tools"), ["overlay"], () => [
+      make("div", { class: "group" }, this.button("overlay", "Show"), this.button("blink")),
+      make("label", { class: "field" }, make("span", {}, "Opacity"),
+        make("input", {
+          type: "range", min: 0, max: 1, step: 0.05, value: page.opacity, data: { id: "opacity" },
+          on: { input: (event) => page.setOpacity(Number(event.target.value)) },
+        })),
+      make("label", { class: "field", data: { tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged." } },
+        make("span", {}, "Arrows, [ ]"),
+        make("select", { data: { id: "increment" }, on: { change: (event) => page.setIncrement(Number(event.target.value)) } },
+          ...page.increments.map(([mm, deg], i) =>
+            make("option", { value: i, selected: i === page.increment }, `${mm} mm · ${deg}°`)))),
+    ]);
+  }
+}
+
+/** The reasons to reject, as a menu under its button. */
+export class RejectMenu {
+  constructor(choose) {
+    this.choose = choose;
+    this.menu = byId("reject-menu");
+    this.menu.addEventListener("keydown", (event) => this.key(event));
+    this.menu.addEventListener("focusout", (event) => {
+      if (!this.menu.contains(event.relatedTarget)) this.close();
+    });
+  }
+
+  open(reasons) {
+    const button = document.querySelector('[data-action="reject"]');
+    const at = button.getBoundingClientRect();
+    this.menu.replaceChildren(...reasons.map((reason, i) =>
+      make("button", { type: "button", role: "menuitem", on: { click: () => this.take(reason) } }, reason, make("kbd", {}, String(i + 1)))));
+    this.menu.style.left = `${at.left}px`;
+    this.menu.style.top = `${at.bottom + 4}px`;
+    this.menu.hidden = false;
+    this.menu.firstElementChild.focus();
+  }
+
+  take(reason) {
+    this.close();
+    this.choose(reason);
+  }
+
+  close() {
+    this.menu.hidden = true;
+  }
+
+  key(event) {
+    const items = [...this.menu.children];
+    const at = items.indexOf(document.activeElement);
+    const digit = Number(event.key);
+    if (event.key === "ArrowDown") items[(at + 1) % items.length].focus();
+    else if (event.key === "ArrowUp") items[(at + items.length - 1) % items.length].focus();
+    else if (event.key === "Escape") this.close();
+    else if (digit >= 1 && digit <= items.length) items[digit - 1].click();
+    else if (event.key !== "Enter" && event.key !== " " && event.key !== "Tab") return;
+    else return event.stopPropagation();
+    event.preventDefault();
+    event.stopPropagation();
+  }
+}
+
+/** Fill the sheet of keys. */
+export function showHelp(actions) {
+  const titles = { session: "Session", proposal: "Proposal", view: "Views", page: "Page" };
+  byId("help-body").replaceChildren(...Object.entries(titles).map(([group, title]) =>
+    make("section", {}, make("h3", {}, title),
+      make("dl", { class: "keys" }, ...actions.filter((a) => a.group === group).flatMap((a) => [
+        make("dt", {}, ...a.keys.slice(0, 2).map((k) => make("kbd", {}, keyName(k)))),
+        make("dd", {}, make("strong", {}, a.title), " ", a.description),
+      ])))),
+    make("section", {}, make("h3", {}, "Pointer"), make("dl", { class: "keys" },
+      make("dt", {}, "Click"), make("dd", {}, "Pick a grasp point, on the flattened view or in 3D."),
+      make("dt", {}, "Drag"), make("dd", {}, "Pan the flattened view; on the proposal: move it, with Shift turn it."),
+      make("dt", {}, "Right drag"), make("dd", {}, "Pan, also over the proposal."),
+      make("dt", {}, "Wheel"), make("dd", {}, "Zoom at the pointer."))));
+  byId("help").showModal();
+}

@@ -1,0 +1,190 @@
+"""Starts the real program and a real Chromium; pictures of each test are kept in tests/screenshots."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Frame, Page, sync_playwright
+
+ROOT = Path(__file__).parents[2]
+SCREENSHOTS = ROOT / "tests" / "screenshots"
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+WAIT_MS = 90_000
+START_LIMIT_S = 60
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    if not CHROMIUM.exists():
+        pytest.fail(f"{CHROMIUM} is missing; install it (apt-get install chromium).", pytrace=False)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        yield browser
+        browser.close()
+
+
+class Program:
+    """The program, serving a recording on a free port until it is stopped by Ctrl-C."""
+
+    def __init__(self, source: str, session: Path, port: int = 0) -> None:
+        self._source, self._session = source, session
+        self._process = subprocess.Popen(
+            [sys.executable, "app.py", "view", source, "--port", str(port), "--session", str(session)],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        self.said: list[str] = []
+        self._urls: list[str] = []
+        self._answered = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        self._answered.wait(START_LIMIT_S)
+        if not self._urls:
+            self.stop()
+            pytest.fail("the program printed no address:\n" + "".join(self.said), pytrace=False)
+        self.url = self._urls[0]
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.said.append(line)
+            if found := re.search(r"http://\S+", line):
+                self._urls.append(found.group())
+                self._answered.set()
+        self._answered.set()
+
+    def again(self) -> Program:
+        """Start it anew, after it was stopped, with the same session at the same address."""
+        return Program(self._source, self._session, int(self.url.rstrip("/").rsplit(":", 1)[1]))
+
+    def stop(self) -> int:
+        """End it as an operator does, and return its exit status."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        status = self._process.wait(timeout=30)
+        self._reader.join(timeout=10)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        return status
+
+
+@pytest.fixture
+def program(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Program]:
+    source = getattr(request, "param", "recordings/shirt-sleeve-clean")
+    running = Program(source, tmp_path / "session")
+    yield running
+    running.stop()
+
+
+class Tab:
+    """The operator page in a tab, with what tests want to know of it."""
+
+    def __init__(self, page: Page, url: str) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.set_default_timeout(WAIT_MS)
+        page.goto(url)
+
+    @property
+    def scene(self) -> Frame:
+        return next(f for f in self.page.frames if re.search(r"/viser/?(\?|$)", f.url))
+
+    def until(self, expression: str) -> None:
+        self.page.wait_for_function(f"() => window.flatcloth && ({expression})")
+
+    def state(self) -> dict:
+        return self.page.evaluate("flatcloth.state")
+
+    def pick(self) -> dict:
+        return self.page.evaluate("flatcloth.pick")
+
+    def ready(self) -> Tab:
+        """Wait until the start view is drawn on both sides."""
+        self.until("flatcloth.layerRevision > 0 && flatcloth.phase === 'ready'")
+        self.scene_shows("/live/cloud")
+        return self
+
+    def scene_shows(self, node: str) -> None:
+        self.page.wait_for_selector("#viser", state="attached")
+        self.scene.wait_for_function(f"window.__viserMutable?.nodeRefFromName[{node!r}]")
+
+    def step(self) -> None:
+        """Step, and wait until the proposal is drawn."""
+        self.page.keyboard.press("s")
+        self.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+
+    def accept(self) -> None:
+        """Accept, and wait until the new shape is drawn."""
+        step, revision = self.page.evaluate("[flatcloth.step, flatcloth.layerRevision]")
+        self.page.keyboard.press("a")
+        self.until(f"flatcloth.step === {step + 1} && flatcloth.layerRevision > {revision}")
+
+    def click_shape(self, along: float = 0.5, down: float = 0.5) -> dict:
+        """Click the flattened view at shares of its width and height; return the new pick."""
+        count = len(self.state()["picks"])
+        at = self.page.evaluate(
+            "([x, y]) => { const l = flatcloth.state.layers, d = l.pixel_size_m;"
+            " const [u, v] = l.origin_uv_m;"
+            " return flatcloth.toScreen(u + d * x * l.cols, v + d * y * l.rows); }",
+            [along, down],
+        )
+        self.page.mouse.click(at["x"], at["y"])
+        self.until(f"flatcloth.state.picks.length === {count + 1}")
+        return self.pick()
+
+    def ball(self, near: list[float]) -> list[float]:
+        """Return where the ball stands in the scene, once it has arrived near a point."""
+        self.scene.wait_for_function(
+            "(p) => { const b = window.__viserMutable?.nodePoseData['/pick/ball']?.position;"
+            " return b && Math.hypot(b[0] - p[0], b[1] - p[1], b[2] - p[2]) < 0.002; }",
+            arg=near,
+        )
+        return self.scene.evaluate("window.__viserMutable.nodePoseData['/pick/ball'].position")
+
+    def close_viser_notice(self) -> None:
+        """Dismiss viser's remark about software rendering, which is none of ours."""
+        with contextlib.suppress(Exception):
+            self.scene.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
+
+    def shoot(self, name: str) -> None:
+        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+
+
+@pytest.fixture
+def open_tab(chromium: Browser, program: Program, request: pytest.FixtureRequest):
+    tabs: list[Tab] = []
+
+    def open_one(width: int = 1280, height: int = 720, scheme: str = "light") -> Tab:
+        page = chromium.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        tabs.append(Tab(page, program.url))
+        return tabs[-1]
+
+    yield open_one
+    for number, tab in enumerate(tabs):
+        tab.shoot(f"last-{request.node.name}-{number}")
+        tab.page.close()
+    assert [e for tab in tabs for e in tab.errors] == []

@@ -1,0 +1,519 @@
+"""The page's server, headless: its sockets, its guard, its files and pictures."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+
+import httpx
+import numpy as np
+import pytest
+from viewer_fakes import CylinderIntegration, MemoryFolder, point_on_cylinder
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from flatcloth.errors import FlatteningError, ServerError
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.guard import Guard, is_loopback
+
+WAIT_S = 20
+
+
+@pytest.fixture
+def integration():
+    return CylinderIntegration()
+
+
+@pytest.fixture
+def folder():
+    return MemoryFolder()
+
+
+@pytest.fixture
+def server(integration, folder):
+    with PageServer(integration, folder, port=0) as running:
+        yield running
+        integration.gate.set()
+
+
+class Tab:
+    """A tab of the page: remembers what it was told."""
+
+    def __init__(self, server: PageServer, origin: str | None = None) -> None:
+        address = f"127.0.0.1:{server.port}"
+        self._socket = connect(f"ws://{address}/ws", origin=origin or f"http://{address}", max_size=None)
+        self.notes: list[dict] = []
+        self.state: dict = {}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._socket.close()
+
+    def say(self, **message):
+        self.say_raw(json.dumps(message))
+
+    def say_raw(self, text):
+        self._socket.send(text)
+
+    def until(self, found):
+        """Read until ``found(last message)`` is true, and return that message."""
+        end = time.monotonic() + WAIT_S
+        while True:
+            message = json.loads(self._socket.recv(timeout=end - time.monotonic()))
+            if message["type"] == "state":
+                self.state = message
+            elif message["type"] == "note":
+                self.notes.append(message)
+            if found(message):
+                return message
+
+    def state_where(self, found):
+        return self.until(lambda m: m["type"] == "state" and found(m))
+
+    def ready(self):
+        return self.state_where(lambda s: s["phase"] == "ready" and s["layers"])
+
+    def proposed(self):
+        self.ready()
+        self.say(type="do", action="step")
+        return self.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
+
+    def note(self):
+        return self.until(lambda m: m["type"] == "note")
+
+
+def greet(address, **options):
+    """Open a socket and return its sub-protocol and the first thing it says."""
+    with connect(address, max_size=None, **options) as opened:
+        return opened.subprotocol, opened.recv(timeout=WAIT_S)
+
+
+def get(server, path, **headers):
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers)
+
+
+def test_an_empty_session_starts_by_itself_and_waits_for_a_step(server):
+    with Tab(server) as tab:
+        state = tab.ready()
+    assert state["start_view"] == 0
+    assert state["step"] == 1
+    assert state["views"][0]["state"] == "start"
+    step = next(a for a in state["actions"] if a["name"] == "step")
+    accept = next(a for a in state["actions"] if a["name"] == "accept")
+    assert step["why_not"] is None
+    assert "step first" in accept["why_not"]
+
+
+def test_step_accept_undo_redo(server, folder):
+    with Tab(server) as tab:
+        state = tab.proposed()
+        assert state["views"][1]["state"] == "pending"
+        assert state["pending"]["parts"]["overlap_cm2"] == 42.0
+        tab.say(type="do", action="accept", view_index=1)
+        state = tab.state_where(lambda s: s["step"] == 2 and s["layers"]["revision"] == 2)
+        tab.say(type="do", action="undo")
+        state = tab.state_where(lambda s: s["step"] == 1 and s["pending"] and s["layers"]["overlay"])
+        tab.say(type="do", action="redo")
+        state = tab.state_where(lambda s: s["step"] == 2)
+    assert state["pending"] is None
+    assert [type(c).__name__ for c in folder.recorded] == [
+        "Start", "Started", "Propose", "Proposed", "Accept", "Undo", "Redo"
+    ]  # fmt: skip
+
+
+def test_reject_keeps_its_reason(server):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="do", action="reject", view_index=1, reason="bad depth")
+        state = tab.state_where(lambda s: s["pending"] is None)
+    assert state["views"][1]["state"] == "rejected"
+    assert state["views"][1]["detail"] == "bad depth"
+
+
+def test_a_nudge_is_one_undo_item_and_the_score_follows(server):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="move", view_index=1, u_m=0.004)
+        state = tab.state_where(lambda s: s["pending"]["parts"].get("height_rms_mm"))
+        assert state["pending"]["parts"]["height_rms_mm"] == pytest.approx(4.0)
+        assert state["pending"]["score"] == pytest.approx(0.76)
+        assert state["pending"]["nudge"]["u_mm"] == pytest.approx(4.0)
+        tab.say(type="do", action="undo")
+        state = tab.state_where(lambda s: s["pending"]["nudge"]["u_mm"] == 0)
+    assert state["undo"] is None
+
+
+def test_a_nudge_turns_about_the_proposals_centre(server, folder):
+    with Tab(server) as tab:
+        state = tab.proposed()
+        center = np.array(state["layers"]["overlay"]["center_uv_m"])
+        tab.say(type="move", view_index=1, theta_rad=0.3)
+        tab.state_where(lambda s: s["pending"]["nudge"]["theta_deg"] > 1)
+    moved = folder.state.document.pending.nudge.apply(center)
+    np.testing.assert_allclose(moved, center, atol=1e-9)
+
+
+def test_an_illegal_decision_is_told_to_who_made_it_only(server):
+    with Tab(server) as one, Tab(server) as two:
+        one.ready()
+        one.say(type="do", action="accept")
+        note = one.note()
+        one.say(type="follow", follow=False)
+        two.state_where(lambda s: not s["follow"])
+    assert note["level"] == "warning"
+    assert note["text"] == "There is no proposal to decide about; step first."
+    assert two.notes == []
+
+
+def test_a_double_click_decides_once(server):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="do", action="accept", view_index=1)
+        tab.say(type="do", action="accept", view_index=1)
+        note = tab.note()
+    assert note["level"] == "warning"
+
+
+def test_two_tabs_show_the_same_state(server):
+    with Tab(server) as one, Tab(server) as two:
+        one.ready()
+        one.say(type="pick", u_m=0.0, v_m=0.1)
+        first = one.state_where(lambda s: s["pick"])
+        second = two.state_where(lambda s: s["revision"] == first["revision"])
+    assert first == second
+
+
+def test_a_late_tab_gets_the_last_state_at_once(server):
+    with Tab(server) as one:
+        one.ready()
+        one.say(type="pick", u_m=0.0, v_m=0.1)
+        state = one.state_where(lambda s: s["pick"])
+    with Tab(server) as late:
+        assert late.state_where(lambda _: True) == state
+
+
+def test_a_pick_goes_round(server):
+    with Tab(server) as tab:
+        layers = tab.ready()["layers"]
+        u, v = (layers["origin_uv_m"][0] + 20 * layers["pixel_size_m"], layers["origin_uv_m"][1] + 0.1)
+        tab.say(type="pick", u_m=u, v_m=v)
+        pick = tab.state_where(lambda s: s["pick"])["pick"]
+        xyz, normal = point_on_cylinder(u, v)
+        np.testing.assert_allclose(pick["position_held_m"], xyz, atol=1e-6)
+        np.testing.assert_allclose(pick["normal_held"], normal, atol=1e-6)
+        np.testing.assert_allclose(pick["uv_m"], (u, v), atol=1e-9)
+        assert pick["in_shape"]
+        assert pick["miss_m"] == 0
+        np.testing.assert_allclose(server._scene._ball.position, xyz, atol=1e-6)
+        assert server._scene._ball.visible
+
+
+def test_a_click_off_the_cloth_tells_by_how_much(server):
+    with Tab(server) as tab:
+        layers = tab.ready()["layers"]
+        u, v = layers["origin_uv_m"]
+        tab.say(type="pick", u_m=u - 0.05, v_m=v + 0.1)
+        pick = tab.state_where(lambda s: s["pick"])["pick"]
+    assert pick["miss_m"] == pytest.approx(0.05, abs=0.006)
+
+
+def test_a_click_in_3d_marks_the_flattened_pixel(server):
+    with Tab(server) as tab:
+        tab.ready()
+        target, _ = point_on_cylinder(0.05, 0.15)
+        server.application.click_ray((0.0, 0.0, 0.0), tuple(target))
+        pick = tab.state_where(lambda s: s["pick"])["pick"]
+    np.testing.assert_allclose(pick["uv_m"], (0.05, 0.15), atol=0.006)
+
+
+def test_a_click_in_3d_on_the_background_picks_nothing(server):
+    with Tab(server) as tab:
+        tab.ready()
+        server.application.click_ray((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+        tab.say(type="follow", follow=False)
+        state = tab.state_where(lambda s: not s["follow"])
+    assert state["picks"] == []
+
+
+def test_the_camera_numbers_of_a_pick_follow_the_rotation(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="pick", u_m=0.0, v_m=0.1)
+        before = tab.state_where(lambda s: s["pick"])["pick"]
+        tab.say(type="do", action="step")
+        after = tab.state_where(lambda s: s["pick"]["angle_deg"] == 30)["pick"]
+    np.testing.assert_allclose(before["position_camera_m"], before["position_held_m"], atol=1e-9)
+    assert after["position_held_m"] == before["position_held_m"]
+    # What faces the camera moves to the right of the image.
+    assert after["position_camera_m"][0] == pytest.approx(0.075, abs=1e-3)
+
+
+def test_picks_are_named_shown_deleted_and_exported(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="pick", u_m=0.0, v_m=0.1)
+        tab.say(type="pick", u_m=0.02, v_m=0.1)
+        tab.state_where(lambda s: len(s["picks"]) == 2)
+        tab.say(type="rename_pick", id=1, name="  collar <b> ")
+        tab.state_where(lambda s: s["picks"][0]["name"] == "collar <b>")
+        tab.say(type="show_pick", id=1)
+        tab.state_where(lambda s: s["pick"]["id"] == 1)
+        tab.say(type="delete_pick", id=2)
+        tab.state_where(lambda s: len(s["picks"]) == 1)
+        exported = get(server, "/export/grasps.json")
+        assert exported.json()["grasps"][0]["name"] == "collar <b>"
+        assert "attachment" in exported.headers["content-disposition"]
+        tab.say(type="delete_pick", id=1)
+        assert tab.state_where(lambda s: not s["picks"])["pick"] is None
+        tab.say(type="show_pick", id=1)
+        assert "no longer" in tab.note()["text"]
+
+
+def test_hover_tells_all_attributes(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="hover", id=7, u_m=0.0, v_m=0.1)
+        answer = tab.until(lambda m: m["type"] == "hover")
+        tab.say(type="hover", id=8, u_m=9.0, v_m=9.0)
+        off = tab.until(lambda m: m["type"] == "hover")
+    assert answer["id"] == 7
+    assert set(answer["shape"]) == {
+        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "view_index", "source_rc"
+    }  # fmt: skip
+    assert off["shape"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("not json", "not JSON"),
+        ("[]", "not a JSON object"),
+        ('{"type": "explode"}', "Unknown message type"),
+        ('{"type": "do", "action": "explode"}', "Unknown action"),
+        ('{"type": "do", "action": "view"}', "needs a view_index"),
+        ('{"type": "do", "action": "view", "view_index": 99}', "does not exist"),
+        ('{"type": "do", "action": "reject", "reason": "<script>"}', "Unknown reason"),
+        ('{"type": "pick", "u_m": "1", "v_m": 0}', "u_m must be of type float"),
+        ('{"type": "pick", "u_m": 1}', "missing"),
+        ('{"type": "pick", "u_m": 1, "v_m": 0, "w_m": 2}', "no field 'w_m'"),
+        ('{"type": "pick", "u_m": NaN, "v_m": 0}', "u_m must be"),
+        ('{"type": "hover", "id": 1.5, "u_m": 0, "v_m": 0}', "id must be"),
+        ('{"type": "auto", "threshold": 2}', "between 0 and 1"),
+        ('{"type": "auto", "running": 1}', "running must be"),
+        ('{"type": "rename_pick", "id": 1, "name": " "}', "characters"),
+        ('{"type": "move", "view_index": true}', "view_index must be"),
+        ("x" * 200_000, "too long"),
+    ],
+)
+def test_a_bad_message_is_a_notification_and_nothing_more(server, text, told):
+    with Tab(server) as tab:
+        revision = tab.ready()["revision"]
+        tab.say_raw(text)
+        assert told in tab.note()["text"]
+        tab.say(type="follow", follow=False)
+        assert tab.state_where(lambda s: not s["follow"])["revision"] == revision + 1
+
+
+@pytest.mark.parametrize(
+    "error", [FlatteningError("View 3 is <torn>."), ZeroDivisionError("division by zero")]
+)
+def test_a_failing_worker_becomes_a_notification(server, integration, error, caplog):
+    with Tab(server) as tab:
+        tab.ready()
+        integration.error = error
+        tab.say(type="do", action="step")
+        state = tab.state_where(lambda s: s["log"])
+        assert state["log"][-1]["level"] == "error"
+        assert str(error) in state["log"][-1]["text"]
+        assert state["phase"] == "ready"
+        tab.say(type="do", action="step")
+        tab.state_where(lambda s: s["pending"])
+    assert caplog.records
+
+
+def test_a_full_disk_stops_the_decision(server, folder):
+    with Tab(server) as tab:
+        tab.proposed()
+        folder.full = True
+        tab.say(type="do", action="accept", view_index=1)
+        assert "disk full" in tab.note()["text"]
+        folder.full = False
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["step"] == 2)
+
+
+def test_cancel_gives_the_work_up_and_its_late_answer_is_dropped(server, integration):
+    with Tab(server) as tab:
+        tab.ready()
+        integration.at_gate.clear()
+        integration.gate.clear()
+        tab.say(type="do", action="step")
+        tab.state_where(lambda s: s["phase"] == "computing" and s["progress"])
+        assert integration.at_gate.wait(WAIT_S)
+        tab.say(type="do", action="cancel")
+        state = tab.state_where(lambda s: s["phase"] == "ready")
+        assert state["progress"] is None
+        integration.gate.set()
+        tab.say(type="do", action="view", view_index=5)
+        state = tab.state_where(lambda s: s["pending"])
+    # View 1 was what the cancelled work would have proposed.
+    assert state["pending"]["view_index"] == 5
+
+
+def test_auto_runs_until_finished(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["phase"] == "finished" and not s["auto"]["running"])
+    assert [v["state"] for v in state["views"][:4]] == ["start", "accepted", "accepted", "accepted"]
+    assert "Auto has finished" in state["log"][-1]["text"]
+
+
+def test_auto_stops_when_unsure(server, integration):
+    integration.scores = 0.3
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["log"])
+    assert not state["auto"]["running"]
+    assert state["pending"]["view_index"] == 1
+    assert "0.30, below 0.50" in state["log"][-1]["text"]
+
+
+def test_a_decision_by_hand_stops_auto(server, integration):
+    with Tab(server) as tab:
+        tab.ready()
+        integration.gate.clear()
+        tab.say(type="auto", running=True)
+        tab.state_where(lambda s: s["auto"]["running"] and s["phase"] == "computing")
+        tab.say(type="do", action="cancel")
+        state = tab.state_where(lambda s: s["phase"] == "ready")
+        integration.gate.set()
+    assert not state["auto"]["running"]
+
+
+def test_layers_are_pictures_of_the_revision_shown(server):
+    import cv2
+
+    with Tab(server) as tab:
+        layers = tab.ready()["layers"]
+        for name in layers["names"]:
+            answer = get(server, f"/layers/{layers['revision']}/{name}.png")
+            image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+            assert image.shape == (layers["rows"], layers["cols"], 4)
+        assert get(server, "/layers/99/color.png").status_code == 404
+        assert get(server, "/layers/1/secret.png").status_code == 404
+
+
+def test_the_overlay_is_a_picture_of_its_revision(server):
+    with Tab(server) as tab:
+        overlay = tab.proposed()["layers"]["overlay"]
+        assert get(server, f"/overlay/{overlay['revision']}.png").headers["content-type"] == "image/png"
+        assert get(server, f"/overlay/{overlay['revision'] + 1}.png").status_code == 404
+
+
+def test_the_page_and_visers_page_are_served(server):
+    page = get(server, "/")
+    assert page.status_code == 200
+    assert "Content-Security-Policy".lower() in page.headers
+    assert get(server, "/static/main.js").headers["content-type"].startswith("text/javascript")
+    assert "<html" in get(server, "/viser/").text
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/../pyproject.toml", "/static/%2e%2e/pyproject.toml", "/static/..%2fpyproject.toml",
+     "/viser/../pyproject.toml", "/viser/%2e%2e/x", "/static//etc/passwd", "/pyproject.toml"],
+)  # fmt: skip
+def test_files_outside_the_page_cannot_be_had(server, path):
+    with socket.create_connection(("127.0.0.1", server.port)) as raw:
+        # By hand: a client library would tidy the path up.
+        raw.sendall(
+            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nConnection: close\r\n\r\n".encode()
+        )
+        answer = b"".join(iter(lambda: raw.recv(65536), b""))
+    assert b" 404 " in answer.split(b"\r\n")[0]
+
+
+@pytest.mark.parametrize("path", ["/ws", "/viser"])
+def test_sockets_of_foreign_pages_are_refused(server, path):
+    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}", None):
+        with pytest.raises((InvalidStatus, ConnectionClosed)):
+            greet(f"ws://127.0.0.1:{server.port}{path}", origin=origin)
+
+
+def test_a_foreign_host_name_is_refused(server):
+    assert get(server, "/", Host="evil.example").status_code == 403
+    assert get(server, "/", Origin="http://evil.example").status_code == 403
+    assert get(server, "/", Host=f"localhost:{server.port}").status_code == 200
+
+
+def test_visers_socket_goes_through_the_relay_only(server):
+    import viser
+
+    version = f"viser-v{viser.__version__}"
+    address = f"127.0.0.1:{server.port}"
+    protocol, first = greet(f"ws://{address}/viser", origin=f"http://{address}", subprotocols=[version])
+    assert protocol == version
+    assert isinstance(first, bytes)
+    with pytest.raises(ConnectionClosed):
+        greet(f"ws://127.0.0.1:{server._scene.port}", subprotocols=[version])
+
+
+def test_nobody_can_open_a_tunnel():
+    from viser import _messages
+
+    with PageServer(CylinderIntegration(), MemoryFolder(), port=0) as server:
+        handlers = server._scene._server._websock_server._incoming_handlers
+    assert _messages.ShareUrlRequest not in handlers
+
+
+def test_beyond_loopback_the_token_is_asked_for():
+    with PageServer(CylinderIntegration(), MemoryFolder(), host="0.0.0.0", port=0) as server:
+        assert get(server, "/").status_code == 403
+        assert get(server, "/?token=wrong").status_code == 403
+        with pytest.raises(InvalidStatus):
+            Tab(server)
+        with httpx.Client(follow_redirects=True) as client:
+            assert client.get(server.url).status_code == 200
+            assert "token" not in str(client.get(server.url).url)
+
+
+def test_a_busy_port_is_one_clear_line(server):
+    with pytest.raises(ServerError, match=f"Cannot serve at 127.0.0.1:{server.port} .*--port"):
+        PageServer(CylinderIntegration(), MemoryFolder(), port=server.port)
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1"])
+def test_a_host_that_cannot_be_bound_is_one_clear_line(host):
+    with pytest.raises(ServerError, match=host):
+        PageServer(CylinderIntegration(), MemoryFolder(), host=host, port=0)
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("cell-3", False)],
+)
+def test_only_loopback_needs_no_token(host, expected):
+    assert is_loopback(host) is expected
+
+
+def test_a_broken_cookie_is_no_token():
+    guard = Guard(None, frozenset({"localhost"}), "secret", 80)  # type: ignore[arg-type]
+    assert not guard._is_token("")
+    assert guard._is_token("secret")
+
+
+def test_a_session_is_resumed_where_it_was_left(folder):
+    with PageServer(CylinderIntegration(), folder, port=0) as server, Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["step"] == 2)
+    integration = CylinderIntegration()
+    with PageServer(integration, folder, port=0) as server, Tab(server) as tab:
+        state = tab.ready()
+    assert state["step"] == 2
+    assert integration.answers == 0

@@ -1,0 +1,254 @@
+"""A small integration of an exact cylinder, and an in-memory session folder: fast, no files, no noise.
+
+View ``i`` sees the half of a cylinder that faces the camera; the flattened plane is its unrolled
+side, so every place has a closed form: ``u = radius * angle about the axis``, ``v = height``.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from flatcloth.alignment import Alignment, AlignmentScore
+from flatcloth.config import Config
+from flatcloth.errors import JournalError
+from flatcloth.integration import Proposal, ViewCloud
+from flatcloth.journal import Pick
+from flatcloth.merging import Canonical
+from flatcloth.planning import ColumnCurves, Plan, SidePlan
+from flatcloth.session import (
+    Document,
+    Event,
+    NothingMore,
+    Proposed,
+    Request,
+    SessionState,
+    Side,
+    Started,
+    apply,
+)
+from flatcloth.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
+
+RADIUS_M = 0.15
+HEIGHT_M = 0.30
+CENTER_M = np.array([0.0, 0.0, 0.85])
+PIXEL_M = 0.005
+SEEN_DEG = 55.0
+
+
+@dataclass
+class CylinderRecording:
+    name: str = "cylinder"
+    description: str = "an exact cylinder <b>not bold</b>"
+    location: str = "memory"
+    has_masks: bool = True
+    held_point_m: Any = None
+    n_views: int = 12
+    intrinsics: Intrinsics = field(
+        default_factory=lambda: Intrinsics(width=480, height=640, fx=425.0, fy=425.0, cx=239.5, cy=319.5)
+    )
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        return tuple(i * 360.0 / self.n_views for i in range(self.n_views))
+
+    @property
+    def rotation_axis(self) -> RotationAxis:
+        return RotationAxis(point_m=CENTER_M, direction=np.array([0.0, -1.0, 0.0]))
+
+    def __len__(self) -> int:
+        return self.n_views
+
+
+def point_on_cylinder(u_m, v_m):
+    """Held-frame point and outward normal of a place on the plane; u = 0 faces the camera of view 0."""
+    phi = np.asarray(u_m) / RADIUS_M
+    normal = np.stack([np.sin(phi), np.zeros_like(phi), -np.cos(phi)], axis=-1)
+    point = CENTER_M + RADIUS_M * normal
+    point[..., 1] += np.asarray(v_m) - HEIGHT_M / 2
+    return point, normal
+
+
+def cylinder_view(views: dict[int, float]) -> FlattenedView:
+    """The unrolled side as the given views (index to held-frame angle in degrees) see it together."""
+    lows = [a - SEEN_DEG for a in views.values()]
+    highs = [a + SEEN_DEG for a in views.values()]
+    u = np.arange(np.radians(min(lows)) * RADIUS_M, np.radians(max(highs)) * RADIUS_M, PIXEL_M)
+    v = np.arange(0.0, HEIGHT_M, PIXEL_M)
+    uu, vv = np.meshgrid(u, v)
+    xyz, normal = point_on_cylinder(uu, vv)
+    z_angles = np.degrees(uu / RADIUS_M)[..., None] - np.array(list(views.values()))
+    nearest = np.argmin(np.abs(z_angles), axis=-1)
+    z_angle = np.take_along_axis(z_angles, nearest[..., None], axis=-1)[..., 0]
+    index = np.array(list(views), dtype=np.int16)[nearest]
+    rgb = np.zeros((*uu.shape, 3), dtype=np.uint8)
+    rgb[..., 0] = np.where((np.floor(uu / 0.03) + np.floor(vv / 0.03)) % 2 == 0, 200, 60)
+    rgb[..., 1:] = 120
+    rows, cols = np.indices(uu.shape)
+    return FlattenedView(
+        rgb=rgb, xyz_m=xyz.astype(np.float32), normal=normal.astype(np.float32),
+        z_angle_deg=z_angle.astype(np.float32), valid=np.abs(z_angle) <= SEEN_DEG, view_index=index,
+        source_rc=np.stack([rows, cols], axis=-1).astype(np.float32), pixel_size_m=PIXEL_M,
+        origin_uv_m=(float(u[0]), float(v[0])),
+    )  # fmt: skip
+
+
+class CylinderIntegration:
+    """Answers at once, unless ``gate`` is cleared; ``error`` is raised by the next answer."""
+
+    def __init__(self, scores: float = 0.8) -> None:
+        self.recording = CylinderRecording()
+        self.config = Config()
+        self.method = "paper"
+        self.axis = self.recording.rotation_axis
+        self.held_point_m = CENTER_M
+        self.notes = ("No masks: <i>a note</i>.",)
+        self.scores = scores
+        self.gate = threading.Event()
+        self.gate.set()
+        self.at_gate = threading.Event()
+        self.error: Exception | None = None
+        self.answers = 0
+        self._canonicals: dict[Any, Canonical] = {}
+        self._overlays: dict[Any, FlattenedView] = {}
+
+    def _held_angle(self, view_index: int) -> float:
+        # The item turns right-handed about up; in the held frame the camera goes the other way.
+        return (-self.recording.angles_deg[view_index] + 180.0) % 360.0 - 180.0
+
+    def cloud(self, view_index: int) -> ViewCloud:
+        view = cylinder_view({view_index: self._held_angle(view_index)})
+        of_interest = np.arange(view.valid.sum()) % 5 != 0
+        return ViewCloud(
+            view_index=view_index,
+            xyz_m=view.xyz_m[view.valid],
+            rgb=view.rgb[view.valid],
+            of_interest=of_interest,
+        )
+
+    def flattening(self, _view_index: int) -> Any:
+        return SimpleNamespace(
+            levels=(SimpleNamespace(energy=(1.0, 0.1, 0.01)), SimpleNamespace(energy=(0.02, 0.001)))
+        )
+
+    def canonical(self, document: Document) -> Canonical:
+        key = (document.start_view, document.accepted)
+        if key not in self._canonicals:
+            views = [document.start_view, *(a.view_index for a in document.accepted)]
+            self._canonicals[key] = Canonical(
+                view=cylinder_view({i: self._held_angle(i) for i in views}),
+                current_from_view={i: Rigid2() for i in views},
+            )
+        return self._canonicals[key]
+
+    def overlay(self, document: Document) -> FlattenedView:
+        pending = document.pending
+        if pending not in self._overlays:
+            view = cylinder_view({pending.view_index: self._held_angle(pending.view_index)})
+            at = pending.current_from_new
+            u, v = view.origin_uv_m
+            self._overlays[pending] = replace(view, origin_uv_m=(u + at.u_m, v + at.v_m))
+        return self._overlays[pending]
+
+    def new_points(self, document: Document):
+        shape = self.canonical(document).view
+        overlay = self.overlay(document)
+        used = [self._held_angle(i) for i in document.used_views]
+        phi = np.degrees(
+            overlay.uv_from_rc(np.indices(overlay.shape).transpose(1, 2, 0).astype(float))[..., 0] / RADIUS_M
+        )
+        assert shape.valid.any()
+        return overlay.valid & np.all(np.abs(phi[..., None] - np.array(used)) > SEEN_DEG, axis=-1)
+
+    def score(self, document: Document) -> AlignmentScore:
+        nudge = document.pending.nudge
+        off_mm = 1000 * float(np.hypot(nudge.u_m, nudge.v_m))
+        return AlignmentScore(
+            total=max(0.0, self.scores - 0.01 * off_mm), parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0}
+        )
+
+    def proposal(self, document: Document) -> Proposal:
+        pending = document.pending
+        curves = ColumnCurves(
+            u_m=np.arange(5) * 0.01, column_count=np.arange(5, dtype=np.int32),
+            column_mean_z_angle_deg=np.linspace(-40, 40, 5), pixel_size_m=PIXEL_M,
+        )  # fmt: skip
+        side = SidePlan(
+            side=Side.LEFT, from_view=0, curves=curves, occluding_edge_m=0.1, u_b_m=0.0, a_0_deg=20.0,
+            rotation_deg=30.0, view_index=pending.view_index, reason="left: A = 30 deg",
+        )  # fmt: skip
+        plan = Plan(
+            view_index=pending.view_index,
+            side=Side.LEFT,
+            rotation_deg=30.0,
+            reason=side.reason,
+            sides=(side,),
+        )
+        score = self.score(document)
+        alignment = Alignment(
+            current_from_new=pending.proposed,
+            initial=pending.proposed,
+            score=score,
+            initial_score=score,
+            correspondence=None,
+        )
+        return Proposal(view_index=pending.view_index, side=Side.LEFT, plan=plan, alignment=alignment)
+
+    def answer(self, document: Document, request: Request, progress: Progress) -> Event:
+        self.answers += 1
+        progress(0.1, "working")
+        self.at_gate.set()
+        assert self.gate.wait(timeout=30), "the test never opened the gate"
+        progress(0.5, "still working")
+        if self.error is not None:
+            error, self.error = self.error, None
+            raise error
+        if request.kind == "start":
+            return Started(request.token, request.view_index or 0)
+        view = request.view_index
+        if view is None:
+            refused = {r.view_index for r in document.rejected}
+            left = [i for i in (1, 2, 3) if i not in document.used_views | refused]
+            if not left:
+                return NothingMore(request.token, "Nothing more to give.")
+            view = left[0]
+        return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores)
+
+
+class MemoryFolder:
+    """What a session folder does, without a disk; ``full`` makes it refuse to write."""
+
+    def __init__(self, n_views: int = 12) -> None:
+        self.state = SessionState(n_views=n_views)
+        self.recorded: list[Any] = []
+        self.picks: tuple[Pick, ...] = ()
+        self.full = False
+        self._next = 1
+
+    def record(self, command: Any, score_parts: Any = None) -> None:
+        if self.full:
+            raise JournalError("journal.jsonl: cannot be written (disk full). Make room and repeat it.")
+        self.state = apply(self.state, command)
+        self.recorded.append(command)
+
+    def add_pick(self, name, position_held_m, normal_held, view_index, source_rc) -> Pick:
+        pick = Pick(
+            id=self._next, name=name, position_held_m=position_held_m, normal_held=normal_held,
+            view_index=view_index, source_rc=source_rc,
+        )  # fmt: skip
+        self._next += 1
+        self.picks = (*self.picks, pick)
+        return pick
+
+    def rename_pick(self, pick_id: int, name: str) -> None:
+        self.picks = tuple(replace(p, name=name) if p.id == pick_id else p for p in self.picks)
+
+    def delete_pick(self, pick_id: int) -> None:
+        self.picks = tuple(p for p in self.picks if p.id != pick_id)
+
+    def close(self) -> None:
+        pass
