@@ -4,8 +4,8 @@
 # make bench   the benchmarks
 # make clean   removes everything that make made
 #
-# Python packages go to .venv. Two system packages are installed where that needs no password
-# (libegl1 for Open3D, chromium for the browser tests); elsewhere one line says what to install.
+# Python packages go to .venv. System packages are installed where that needs no password (libegl1 for
+# Open3D; chromium and libatomic1 for the browser tests); elsewhere one line says what to install.
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -20,7 +20,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
 	$(BIN)/flatcloth view
 
-test: lint $(VENV)/.libegl $(VENV)/.chromium $(VENV)/.warm
+test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/.test
@@ -69,7 +69,7 @@ $(VENV)/.warm: $(wildcard flatcloth/*.py) | $(VENV)/.python
 # says goes to .venv/apt.log.
 apt_install = { if [ "$$(id -u)" = 0 ]; then root=; else root="sudo -n"; fi; \
 	command -v apt-get >/dev/null && $$root true 2>/dev/null && \
-	echo "Installing the system package $(1) ..." && $$root apt-get update -qq && \
+	echo "Installing from the system: $(1) ..." && $$root apt-get update -qq && \
 	$$root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -o Dpkg::Use-Pty=0 \
 		--no-install-recommends $(1) >$(VENV)/apt.log 2>&1; }
 
@@ -79,9 +79,12 @@ $(VENV)/.libegl: | $(VENV)/.python
 		|| $(call apt_install,libegl1); then touch $@; \
 	else echo "Open3D needs the system package libegl1: sudo apt-get install libegl1"; fi
 
-# Ubuntu has no chromium package but a snap; Playwright's own build serves there.
-$(VENV)/.chromium: | $(VENV)/.test
-	@if command -v chromium chromium-browser google-chrome >/dev/null || $(call apt_install,chromium) \
+# Playwright's driver needs libatomic. Ubuntu has no chromium package but a snap; Playwright's own
+# build serves there.
+$(VENV)/.browser: | $(VENV)/.test
+	@if { $(BIN)/python -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' 2>/dev/null \
+		&& command -v chromium chromium-browser google-chrome >/dev/null; } \
+		|| $(call apt_install,chromium libatomic1) \
 		|| { { [ "$$(id -u)" = 0 ] || sudo -n true; } 2>/dev/null \
 		&& $(BIN)/playwright install --with-deps chromium; }; then touch $@; \
-	else echo "The browser tests need Chromium: sudo apt-get install chromium"; exit 1; fi
+	else echo "The browser tests need Chromium: sudo apt-get install chromium libatomic1"; exit 1; fi

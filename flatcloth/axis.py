@@ -42,7 +42,9 @@ def resolve_axis(
         return axis, held
     if held is None:
         first = frame(0)
-        item = foreground_mask(first, axis, config) if first.mask is None else first.mask & (first.depth_m > 0)
+        item = (
+            foreground_mask(first, axis, config) if first.mask is None else first.mask & (first.depth_m > 0)
+        )
         points = back_project(first.depth_m, first.intrinsics)[item].astype(np.float64)
         height = points @ (UP if axis is None else axis.direction)
         held = points[height >= height.max() - 0.010].mean(axis=0) if len(points) else np.zeros(3)

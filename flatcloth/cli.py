@@ -16,7 +16,6 @@ from flatcloth import __version__
 from flatcloth.errors import FlatclothError
 
 if TYPE_CHECKING:
-    from flatcloth.evaluation import Evaluation
     from flatcloth.integration import Integration
 
 COMMANDS = ("view", "run", "evaluate")
@@ -56,38 +55,59 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="flatcloth", description="Integrate turned RGB-D views of a hanging garment into its canonical shape.",
-        epilog="\n\n".join(_EXAMPLES.values()), formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="flatcloth",
+        description="Integrate turned RGB-D views of a hanging garment into its canonical shape.",
+        epilog="\n\n".join(_EXAMPLES.values()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"flatcloth {__version__}")
     commands = parser.add_subparsers(required=True, metavar="{" + ",".join(COMMANDS) + "}")
 
     view = _command(commands, "view", "open the operator page (the default command)", _view)
-    view.add_argument("source", nargs="?", default=DEFAULT_SAMPLE, metavar="SOURCE",
-                      help="recording folder, or the name of a bundled recording (default: %(default)s)")
+    view.add_argument(
+        "source",
+        nargs="?",
+        default=DEFAULT_SAMPLE,
+        metavar="SOURCE",
+        help="recording folder, or the name of a bundled recording (default: %(default)s)",
+    )
     _add_method(view)
     view.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
-    view.add_argument("--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)")
-    view.add_argument("--session", type=Path, metavar="DIR",
-                      help="session folder, resumed if it exists (default: one per recording in the user's state folder)")
+    view.add_argument(
+        "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
+    )
+    view.add_argument(
+        "--session",
+        type=Path,
+        metavar="DIR",
+        help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
+    )
 
     run = _command(commands, "run", "integrate unattended and export the result", _run)
     run.add_argument("source", metavar="SOURCE", help="recording folder, or the name of a bundled recording")
-    run.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder to write; resumed if it exists")
+    run.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="session folder to write; resumed if it exists"
+    )
     _add_method(run)
 
     evaluate = _command(commands, "evaluate", "integrate unattended and compare with the truth", _evaluate)
-    evaluate.add_argument("sources", nargs="+", metavar="SOURCE", help="synthetic recording folders, or bundled names")
+    evaluate.add_argument(
+        "sources", nargs="+", metavar="SOURCE", help="synthetic recording folders, or bundled names"
+    )
     _add_method(evaluate)
     evaluate.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
-    evaluate.add_argument("--pictures", type=Path, metavar="DIR",
-                          help="write a picture of each result beside its truth to DIR")
+    evaluate.add_argument(
+        "--pictures", type=Path, metavar="DIR", help="write a picture of each result beside its truth to DIR"
+    )
     return parser
 
 
 def _command(commands: Any, name: str, text: str, function: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=text, description=text[0].upper() + text[1:] + ".", epilog=_EXAMPLES[name],
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=_EXAMPLES[name],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(command=function)
@@ -95,8 +115,12 @@ def _command(commands: Any, name: str, text: str, function: Any) -> argparse.Arg
 
 
 def _add_method(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--method", choices=METHODS, default=METHODS[0],
-                        help="way of integrating the views (default: %(default)s)")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
+        help="way of integrating the views (default: %(default)s)",
+    )
 
 
 def _port(text: str) -> int:
@@ -156,7 +180,9 @@ def _evaluate(options: argparse.Namespace) -> None:
             options.json.parent.mkdir(parents=True, exist_ok=True)
             options.json.write_text(json.dumps(rows, indent=1) + "\n")
         except OSError as error:
-            raise FlatclothError(f"{options.json}: cannot be written ({error}); choose another file.") from error
+            raise FlatclothError(
+                f"{options.json}: cannot be written ({error}); choose another file."
+            ) from error
 
 
 def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -177,8 +203,11 @@ def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
     if options.pictures is not None:
         _write_picture(options.pictures, recording.name, comparison)
     return {
-        "recording": recording.name, "method": options.method, **dataclasses.asdict(comparison.evaluation),
-        "views": sorted(state.document.used_views), "seconds": round(seconds, 2),
+        "recording": recording.name,
+        "method": options.method,
+        **dataclasses.asdict(comparison.evaluation),
+        "views": sorted(state.document.used_views),
+        "seconds": round(seconds, 2),
     }
 
 
@@ -194,10 +223,14 @@ def _write_picture(folder: Path, name: str, comparison: Any) -> None:
 
 
 _COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("absolute_median_mm", "abs med", "{:.1f}"), ("absolute_p95_mm", "p95", "{:.1f}"),
-    ("absolute_rms_mm", "rms", "{:.1f}"), ("absolute_far_share", ">20mm", "{:.1%}"),
-    ("relative_median_mm", "rel med", "{:.1f}"), ("relative_p95_mm", "p95", "{:.1f}"),
-    ("relative_far_share", ">20mm", "{:.1%}"), ("wrong_side_share", "wrong side", "{:.2%}"),
+    ("absolute_median_mm", "abs med", "{:.1f}"),
+    ("absolute_p95_mm", "p95", "{:.1f}"),
+    ("absolute_rms_mm", "rms", "{:.1f}"),
+    ("absolute_far_share", ">20mm", "{:.1%}"),
+    ("relative_median_mm", "rel med", "{:.1f}"),
+    ("relative_p95_mm", "p95", "{:.1f}"),
+    ("relative_far_share", ">20mm", "{:.1%}"),
+    ("wrong_side_share", "wrong side", "{:.2%}"),
     ("coverage", "coverage", "{:.3f}"),
 )
 

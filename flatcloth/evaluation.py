@@ -110,7 +110,9 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     looked_up = _look_up(view, truth)
     known = np.isfinite(looked_up[:, 0])
     if known.sum() < 3:
-        raise EvaluationError("No pixel of the result shows the side of interest; there is nothing to compare.")
+        raise EvaluationError(
+            "No pixel of the result shows the side of interest; there is nothing to compare."
+        )
     true_uv = looked_up[known].astype(np.float64)
     fitted = trimmed_fit(view.uv_from_rc(np.argwhere(view.valid))[known], true_uv)
     error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
@@ -119,14 +121,26 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     placed = _cells(true_uv, origin, reachable.shape)
     far = 1e3 * FAR_M
     evaluation = Evaluation(
-        absolute_median_mm=float(np.median(error_mm)), absolute_p95_mm=float(np.percentile(error_mm, 95)),
-        absolute_rms_mm=float(np.sqrt(np.square(error_mm).mean())), absolute_far_share=float((error_mm > far).mean()),
-        relative_median_mm=float(np.median(relative_mm)), relative_p95_mm=float(np.percentile(relative_mm, 95)),
-        relative_far_share=float((relative_mm > far).mean()), wrong_side_share=float((~known).mean()),
-        coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)), pixels=int(view.valid.sum()),
+        absolute_median_mm=float(np.median(error_mm)),
+        absolute_p95_mm=float(np.percentile(error_mm, 95)),
+        absolute_rms_mm=float(np.sqrt(np.square(error_mm).mean())),
+        absolute_far_share=float((error_mm > far).mean()),
+        relative_median_mm=float(np.median(relative_mm)),
+        relative_p95_mm=float(np.percentile(relative_mm, 95)),
+        relative_far_share=float((relative_mm > far).mean()),
+        wrong_side_share=float((~known).mean()),
+        coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
+        pixels=int(view.valid.sum()),
     )
-    return Comparison(evaluation=evaluation, flat_uv_m=fitted, true_uv_m=true_uv, rgb=view.rgb[view.valid][known],
-                      reachable_cells=reachable, placed_cells=placed, cell_origin_uv_m=origin)
+    return Comparison(
+        evaluation=evaluation,
+        flat_uv_m=fitted,
+        true_uv_m=true_uv,
+        rgb=view.rgb[view.valid][known],
+        reachable_cells=reachable,
+        placed_cells=placed,
+        cell_origin_uv_m=origin,
+    )
 
 
 def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
@@ -198,12 +212,20 @@ def picture(comparison: Comparison, pixels_per_m: float = 500.0) -> Uint8:
     level = np.clip(error / FAR_M * 255, 0, 255).astype(np.uint8)
     heat = cv2.applyColorMap(level[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
     background = np.full((*shape, 3), 24, dtype=np.uint8)
-    reachable = cv2.resize(comparison.reachable_cells.astype(np.uint8) * 40, None, fx=CELL_M * pixels_per_m,
-                           fy=CELL_M * pixels_per_m, interpolation=cv2.INTER_NEAREST)
+    reachable = cv2.resize(
+        comparison.reachable_cells.astype(np.uint8) * 40,
+        None,
+        fx=CELL_M * pixels_per_m,
+        fy=CELL_M * pixels_per_m,
+        interpolation=cv2.INTER_NEAREST,
+    )
     at = np.rint((comparison.cell_origin_uv_m - low) * pixels_per_m).astype(int)
     panels = []
-    for points, colors in ((comparison.flat_uv_m, comparison.rgb), (comparison.true_uv_m, comparison.rgb),
-                           (comparison.true_uv_m, heat)):
+    for points, colors in (
+        (comparison.flat_uv_m, comparison.rgb),
+        (comparison.true_uv_m, comparison.rgb),
+        (comparison.true_uv_m, heat),
+    ):
         panel = background.copy()
         r0, c0 = max(at[1], 0), max(at[0], 0)
         part = panel[r0 : r0 + reachable.shape[0], c0 : c0 + reachable.shape[1]]
@@ -215,7 +237,7 @@ def picture(comparison: Comparison, pixels_per_m: float = 500.0) -> Uint8:
 
 
 def _look_up(view: FlattenedView, truth: Truth) -> Float32:
-    """True plane coordinates (K, 2) of the valid pixels, bilinear; NaN on the wrong side."""
+    """Return the true plane coordinates (K, 2) of the valid pixels, bilinear; NaN on the wrong side."""
     rc, index = view.source_rc[view.valid], view.view_index[view.valid]
     result = np.full((len(rc), 2), np.nan, dtype=np.float32)
     for n in np.unique(index):
@@ -232,9 +254,10 @@ def _of_interest(true: TrueView, panel: int) -> Bool:
 
 
 def _bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float32:
-    """Interpolate (H, W, 2) at (N, 2), leaving out neighbours of another layer; NaN if the nearest is NaN."""
+    """Interpolate (H, W, 2) at (N, 2), without neighbours of another layer; NaN where the nearest is."""
     rows, cols = flat.shape[:2]
-    nearest = flat[np.clip(np.rint(rc[:, 0]).astype(int), 0, rows - 1), np.clip(np.rint(rc[:, 1]).astype(int), 0, cols - 1)]
+    row, col = np.rint(rc).astype(int).T
+    nearest = flat[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
     r0, c0 = np.floor(rc[:, 0]).astype(int), np.floor(rc[:, 1]).astype(int)
     total, weights = np.zeros((len(rc), 2)), np.zeros(len(rc))
     for i in (0, 1):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -64,11 +64,13 @@ def export_shape(view: FlattenedView, picks: Iterable[NamedPoint], folder: Path)
     FlatclothError
         If the folder cannot be written; the message names it.
     """
-    files = {
+    files: dict[str, Callable[[Path], object]] = {
         "flattened.npz": lambda path: _write_npz(view, path),
         "flattened.png": lambda path: path.write_bytes(png_bytes(view)),
         "cloud.ply": lambda path: path.write_bytes(ply_bytes(view)),
-        "grasps.json": lambda path: path.write_text(json.dumps(grasps_document(view, picks), indent=1) + "\n"),
+        "grasps.json": lambda path: path.write_text(
+            json.dumps(grasps_document(view, picks), indent=1) + "\n"
+        ),
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +79,9 @@ def export_shape(view: FlattenedView, picks: Iterable[NamedPoint], folder: Path)
             write(partial)
             os.replace(partial, folder / name)
     except OSError as error:
-        raise FlatclothError(f"{folder}: the export cannot be written ({error}); choose another folder.") from error
+        raise FlatclothError(
+            f"{folder}: the export cannot be written ({error}); choose another folder."
+        ) from error
     return [folder / name for name in files]
 
 
@@ -95,9 +99,15 @@ def read_shape(path: Path) -> FlattenedView:
                 raise FlatclothError(f"{path}: format {data['format']} is not {FORMAT}; export it again.")
             origin = data["origin_uv_m"]
             return FlattenedView(
-                rgb=data["rgb"], xyz_m=data["xyz_m"], normal=data["normal"], z_angle_deg=data["z_angle_deg"],
-                valid=data["valid"], view_index=data["view_index"], source_rc=data["source_rc"],
-                pixel_size_m=float(data["pixel_size_m"]), origin_uv_m=(float(origin[0]), float(origin[1])),
+                rgb=data["rgb"],
+                xyz_m=data["xyz_m"],
+                normal=data["normal"],
+                z_angle_deg=data["z_angle_deg"],
+                valid=data["valid"],
+                view_index=data["view_index"],
+                source_rc=data["source_rc"],
+                pixel_size_m=float(data["pixel_size_m"]),
+                origin_uv_m=(float(origin[0]), float(origin[1])),
             )
     except (OSError, KeyError, ValueError) as error:
         raise FlatclothError(f"{path}: not a flattened view ({error}); export it again.") from error
@@ -106,9 +116,16 @@ def read_shape(path: Path) -> FlattenedView:
 def _write_npz(view: FlattenedView, path: Path) -> None:
     with path.open("wb") as file:
         np.savez_compressed(
-            file, rgb=view.rgb, xyz_m=view.xyz_m, normal=view.normal, z_angle_deg=view.z_angle_deg,
-            valid=view.valid, view_index=view.view_index, source_rc=view.source_rc,
-            pixel_size_m=np.float64(view.pixel_size_m), origin_uv_m=np.array(view.origin_uv_m),
+            file,
+            rgb=view.rgb,
+            xyz_m=view.xyz_m,
+            normal=view.normal,
+            z_angle_deg=view.z_angle_deg,
+            valid=view.valid,
+            view_index=view.view_index,
+            source_rc=view.source_rc,
+            pixel_size_m=np.float64(view.pixel_size_m),
+            origin_uv_m=np.array(view.origin_uv_m),
             format=np.str_(FORMAT),
         )
 
@@ -132,29 +149,42 @@ def ply_bytes(view: FlattenedView) -> bytes:
     for (name, _), column in zip(kinds, columns, strict=True):
         points[name] = column
     words = {"<f4": "float", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", "comment held frame, metres; u, v on the flattened plane",
-              f"element vertex {points.size}"]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment held frame, metres; u, v on the flattened plane",
+        f"element vertex {points.size}",
+    ]
     header += [f"property {words[kind]} {name}" for name, kind in kinds]
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
 def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint]) -> dict[str, Any]:
     """Return the picks for ``grasps.json``: place in space (held frame) and on the flattened plane."""
-    return {"format": GRASPS_FORMAT, "frame": "held", "units": "m",
-            "grasps": [_grasp(view, pick) for pick in picks]}
+    return {
+        "format": GRASPS_FORMAT,
+        "frame": "held",
+        "units": "m",
+        "grasps": [_grasp(view, pick) for pick in picks],
+    }
 
 
 def _grasp(view: FlattenedView, pick: NamedPoint) -> dict[str, Any]:
     position: Float64 = np.asarray(pick.position_held_m, dtype=np.float64)
     grasp: dict[str, Any] = {
-        "id": pick.id, "name": pick.name, "position_m": [round(float(x), 6) for x in position],
-        "normal": [round(float(x), 6) for x in pick.normal_held], "view_index": pick.view_index,
+        "id": pick.id,
+        "name": pick.name,
+        "position_m": [round(float(x), 6) for x in position],
+        "normal": [round(float(x), 6) for x in pick.normal_held],
+        "view_index": pick.view_index,
         "source_rc": [round(float(x), 3) for x in pick.source_rc],
     }
     if view.valid.any():
         (row, col), distance_m = pixel_of_point(view, position)
         grasp["flattened"] = {
-            "row": row, "col": col, "uv_m": [round(float(x), 6) for x in view.uv_from_rc(np.array([row, col]))],
+            "row": row,
+            "col": col,
+            "uv_m": [round(float(x), 6) for x in view.uv_from_rc(np.array([row, col]))],
             "distance_m": round(distance_m, 6),
         }
     return grasp

@@ -101,7 +101,12 @@ class Flattening:
 
 
 def flatten(
-    surface: Surface, axis: RotationAxis, config: FlatteningConfig, *, min_area_m2: float = 0.0, record: bool = False
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    *,
+    min_area_m2: float = 0.0,
+    record: bool = False,
 ) -> Flattening:
     """Flatten the surface of one view.
 
@@ -164,15 +169,21 @@ def _solve_level(
         own = component[samples.edges[:, 0]] == c
         local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
         result = minimise(
-            initial[members], local, samples.edge_length_m[own],
-            max_iterations=config.max_iterations, energy_tolerance=config.energy_tolerance,
+            initial[members],
+            local,
+            samples.edge_length_m[own],
+            max_iterations=config.max_iterations,
+            energy_tolerance=config.energy_tolerance,
             record=record and c == 0,
         )
         uv[members] = result.uv_m
         if c == 0:
             largest = result
     return Level(
-        samples=samples, component=component, initial_uv_m=initial, uv_m=uv,
+        samples=samples,
+        component=component,
+        initial_uv_m=initial,
+        uv_m=uv,
         energy=largest.energy if largest else (0.0,),
         state_members=np.flatnonzero(component == 0).astype(np.int32),
         states=largest.states if largest else (),
@@ -181,18 +192,18 @@ def _solve_level(
 
 
 def _components(n: int, edges: Int32) -> Int32:
-    """Number the connected parts (N,), the one with most points first."""
+    """Return the number of each point's connected part (N,), the largest part being 0."""
     graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
     order = np.argsort(-np.bincount(label), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)
-    return rank[label].astype(np.int32)
+    numbers: Int32 = rank[label].astype(np.int32)
+    return numbers
 
 
 def _pixel_start(samples: Samples, surface: Surface) -> Float64:
-    start: Float64 = samples.points_rc[:, ::-1] * surface.pixel_pitch_m
-    return start
+    return samples.points_rc[:, ::-1] * np.float64(surface.pixel_pitch_m)
 
 
 def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
@@ -218,7 +229,9 @@ def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
     weight = 1.0 / (1.0 + np.square(offset).sum(axis=1)) ** 2
     place = coarse.uv_m[old] + np.einsum("nij,nj->ni", linear[old], offset)
     total = np.bincount(fine, weight, len(near))
-    uv: Float64 = np.stack([np.bincount(fine, weight * place[:, i], len(near)) / total for i in (0, 1)], axis=1)
+    uv: Float64 = np.stack(
+        [np.bincount(fine, weight * place[:, i], len(near)) / total for i in (0, 1)], axis=1
+    )
     return uv
 
 

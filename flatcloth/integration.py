@@ -15,19 +15,40 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from flatcloth.alignment import Alignment, AlignmentScore, Matcher, align_by_z_angle
+from flatcloth.alignment import Alignment, align_by_z_angle
 from flatcloth.axis import resolve_axis
 from flatcloth.config import Config
 from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.geometry import back_project, held_from_camera
+from flatcloth.matching import AlignmentScore, Matcher
 from flatcloth.merging import Canonical, begin, place, renew
 from flatcloth.occlusion import occluding_edge_length_m
 from flatcloth.planning import Plan, choose, column_curves, plan_side
 from flatcloth.recordings.base import Recording
-from flatcloth.session import Accepted, Document, Event, NothingMore, Proposed, Rejected, Request, Side, Started
+from flatcloth.session import (
+    Accepted,
+    Document,
+    Event,
+    NothingMore,
+    Proposed,
+    Rejected,
+    Request,
+    Side,
+    Started,
+)
 from flatcloth.surface import foreground_mask, item_mask, observe_surface, observed_area_m2
-from flatcloth.types import Bool, FlattenedView, Float32, Float64, Progress, RgbdFrame, RotationAxis, Uint8, no_progress
+from flatcloth.types import (
+    Bool,
+    FlattenedView,
+    Float32,
+    Float64,
+    Progress,
+    RgbdFrame,
+    RotationAxis,
+    Uint8,
+    no_progress,
+)
 
 METHODS = ("paper",)
 """The ways of integrating views; the first is the default."""
@@ -192,11 +213,16 @@ class Integration:
         sides = []
         for side, (front, _) in fronts.items():
             curves = column_curves(
-                canonical.view, self.axis, self.recording.angles_deg[front], config.z_angle_limit_deg,
+                canonical.view,
+                self.axis,
+                self.recording.angles_deg[front],
+                config.z_angle_limit_deg,
                 canonical.current_from_view[front].inverse(),
             )
             edge = self._occluding_edge_m(front, parts.get(front, 0), side)
-            sides.append(plan_side(side, curves, edge, front, self.recording.angles_deg, unavailable, turned, config))
+            sides.append(
+                plan_side(side, curves, edge, front, self.recording.angles_deg, unavailable, turned, config)
+            )
         last = document.accepted[-1].side if document.accepted else None
         return choose(sides, last)
 
@@ -232,10 +258,17 @@ class Integration:
     def score(self, document: Document) -> AlignmentScore:
         """Score the placement in force, nudges included."""
         assert document.pending is not None
-        key = (document.start_view, document.accepted, document.pending.view_index, document.pending.component)
+        key = (
+            document.start_view,
+            document.accepted,
+            document.pending.view_index,
+            document.pending.component,
+        )
         new = self.part(document.pending.view_index, document.pending.component)
         matcher = self._cached(
-            self._matchers, key, 4,
+            self._matchers,
+            key,
+            4,
             lambda: Matcher(self.canonical(document).view, new, self.axis, self.config.alignment),
         )
         return matcher.score(document.pending.current_from_new)
@@ -278,7 +311,9 @@ class Integration:
             except (SurfaceError, FlatteningError):
                 continue
             return int(view)
-        raise FlatteningError("No view of this recording shows enough cloth to be flattened; check depth and masks.")
+        raise FlatteningError(
+            "No view of this recording shows enough cloth to be flattened; check depth and masks."
+        )
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:
         """Propose the planned view; a view that cannot be flattened or aligned is passed over."""
@@ -312,11 +347,21 @@ class Integration:
         key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
         with self._lock:
             _remember(self._proposals, key, proposal, 16)
-        return Proposed(token, proposal.view_index, proposal.alignment.current_from_new, proposal.side,
-                        proposal.alignment.score.total, proposal.component)
+        return Proposed(
+            token,
+            proposal.view_index,
+            proposal.alignment.current_from_new,
+            proposal.side,
+            proposal.alignment.score.total,
+            proposal.component,
+        )
 
     def _align(
-        self, document: Document, view_index: int, side: Side | None, plan: Plan | None,
+        self,
+        document: Document,
+        view_index: int,
+        side: Side | None,
+        plan: Plan | None,
         progress: Progress = no_progress,
     ) -> Proposal:
         progress(0.1, f"flattening view {view_index}")
@@ -332,11 +377,21 @@ class Integration:
             if component.view.area_m2 < self.config.alignment.least_part_share * components[0].view.area_m2:
                 continue
             try:
-                found.append((n, align_by_z_angle(
-                    canonical.view, component.view, self.axis, (angles[front], angles[front] + turn),
-                    canonical.current_from_view[front].inverse(), self.config.planning.z_angle_limit_deg,
-                    self.config.alignment, progress,
-                )))
+                found.append(
+                    (
+                        n,
+                        align_by_z_angle(
+                            canonical.view,
+                            component.view,
+                            self.axis,
+                            (angles[front], angles[front] + turn),
+                            canonical.current_from_view[front].inverse(),
+                            self.config.planning.z_angle_limit_deg,
+                            self.config.alignment,
+                            progress,
+                        ),
+                    )
+                )
             except AlignmentError as error:
                 errors.append(error)
         if not found:
@@ -348,8 +403,9 @@ class Integration:
         config = self.config
         try:
             surface = observe_surface(self.frame(view_index), self.axis, config.surface)
-            return flatten(surface, self.axis, config.flattening,
-                           min_area_m2=config.surface.min_component_area_m2)
+            return flatten(
+                surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
+            )
         except (SurfaceError, FlatteningError) as error:
             return error
 
@@ -371,8 +427,9 @@ class Integration:
         held = held_from_camera(self.axis, frame.angle_deg)
         xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
         of_interest = shown if frame.mask is None else frame.mask
-        return ViewCloud(view_index=view_index, xyz_m=xyz, rgb=frame.color[shown],
-                         of_interest=of_interest[shown])
+        return ViewCloud(
+            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
+        )
 
     def _cached(self, cache: OrderedDict[Hashable, T], key: Hashable, most: int, make: Callable[[], T]) -> T:
         """Return the remembered value, or make it (outside the lock: the page must not wait for it)."""
@@ -400,9 +457,15 @@ def _with_refused(document: Document, refused: set[Rejected]) -> Document:
 def _notes(recording: Recording, axis: RotationAxis) -> tuple[str, ...]:
     notes = []
     if not recording.has_masks:
-        notes.append("This recording has no masks: both sides of the cloth, and what holds it, may be in the shape.")
+        notes.append(
+            "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
+        )
     if axis.estimated:
-        notes.append("The turning axis is not given; it is taken as the vertical through the top of the item.")
+        notes.append(
+            "The turning axis is not given; it is taken as the vertical through the top of the item."
+        )
     if len(recording) == 1:
-        notes.append("This recording has one view: it is flattened and can be picked, but there is nothing to add.")
+        notes.append(
+            "This recording has one view: it is flattened and can be picked, but there is nothing to add."
+        )
     return tuple(notes)

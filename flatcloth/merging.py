@@ -116,7 +116,7 @@ def render(
     return FlattenedView(
         rgb=np.where(valid[..., None], np.rint(values[..., 0:3]), 0).astype(np.uint8),
         xyz_m=np.ascontiguousarray(values[..., 3:6]),
-        normal=normal / np.where(length > 0, length, np.float32(np.nan)),
+        normal=(normal / np.where(length > 0, length, np.nan)).astype(np.float32),
         z_angle_deg=np.ascontiguousarray(values[..., 9]),
         valid=valid,
         view_index=np.where(valid, label, -1).astype(np.int16),
@@ -154,14 +154,24 @@ def _union_grid(
     current: FlattenedView, new_from_current: Rigid2, new: FlattenedView
 ) -> tuple[tuple[float, float], tuple[int, int]]:
     rows, cols = np.nonzero(current.valid)
-    box = np.array([[rows.min(), cols.min()], [rows.min(), cols.max()],
-                    [rows.max(), cols.min()], [rows.max(), cols.max()]])
+    box = np.array(
+        [
+            [rows.min(), cols.min()],
+            [rows.min(), cols.max()],
+            [rows.max(), cols.min()],
+            [rows.max(), cols.max()],
+        ]
+    )
     old = new_from_current.apply(current.uv_from_rc(box))
     return _bounds([old, _corners(new)], new.pixel_size_m)
 
 
 def _grid_rc(
-    view: FlattenedView, plane_from_view: Rigid2, origin: tuple[float, float], shape: tuple[int, int], size: float
+    view: FlattenedView,
+    plane_from_view: Rigid2,
+    origin: tuple[float, float],
+    shape: tuple[int, int],
+    size: float,
 ) -> Float64:
     """Grid positions (H * W, 2) in a view's raster of all pixels of a plane's grid."""
     rows, cols = np.indices(shape)
@@ -170,7 +180,11 @@ def _grid_rc(
 
 
 def _carry_labels(
-    view: FlattenedView, view_from_plane: Rigid2, origin: tuple[float, float], shape: tuple[int, int], size: float
+    view: FlattenedView,
+    view_from_plane: Rigid2,
+    origin: tuple[float, float],
+    shape: tuple[int, int],
+    size: float,
 ) -> NDArray[np.int16]:
     rc = np.rint(_grid_rc(view, view_from_plane.inverse(), origin, shape, size)).astype(np.int64)
     inside = ((rc >= 0) & (rc < np.array(view.shape))).all(axis=1)
@@ -188,7 +202,7 @@ def _sample_at(
 
 
 def _edge_half(both: Bool, side: Side | None) -> Bool:
-    """The half of the common area that lies on the side of the occluding edge, by columns."""
+    """Return the half of the common area next to the occluding edge, by columns."""
     if side is None or not both.any():
         return np.zeros_like(both)
     per_column = both.sum(axis=0)

@@ -17,7 +17,7 @@ from numba import njit
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from flatcloth.types import Float64, Int32
+from flatcloth.types import Float64, Int32, Int64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +80,10 @@ def minimise(
     states = [aligned_to(s, initial_uv_m) for s in _thinned(trace + newton_trace)] if record else []
     steps = _thinned(list(range(len(energy)))) if record else []
     return Minimum(
-        uv_m=aligned_to(x, initial_uv_m), energy=tuple(energy),
-        states=tuple(states), state_iterations=tuple(steps),
+        uv_m=aligned_to(x, initial_uv_m),
+        energy=tuple(energy),
+        states=tuple(states),
+        state_iterations=tuple(steps),
     )
 
 
@@ -115,10 +117,13 @@ def _factor_laplacian(n: int, edges: Int32) -> SuperLU:
     free = (a != 0) & (b != 0)
     a, b = a[free], b[free]
     diagonal = np.arange(n)
-    matrix = csc_matrix((
-        np.concatenate([degree, np.full(2 * a.size, -1.0)]),
-        (np.concatenate([diagonal, a, b]), np.concatenate([diagonal, b, a])),
-    ), shape=(n, n))
+    matrix = csc_matrix(
+        (
+            np.concatenate([degree, np.full(2 * a.size, -1.0)]),
+            (np.concatenate([diagonal, a, b]), np.concatenate([diagonal, b, a])),
+        ),
+        shape=(n, n),
+    )
     return _factor(matrix)
 
 
@@ -220,9 +225,12 @@ def _newton(
         hessian = _hessian(n, unit, length, lengths, index_a, index_b)
         improved = False
         for _ in range(6):
-            damped = hessian + coo_matrix(
-                (np.full(2 * n, damping), (np.arange(2 * n), np.arange(2 * n))), shape=(2 * n, 2 * n)
-            ).tocsc()
+            damped = (
+                hessian
+                + coo_matrix(
+                    (np.full(2 * n, damping), (np.arange(2 * n), np.arange(2 * n))), shape=(2 * n, 2 * n)
+                ).tocsc()
+            )
             step = _factor(damped).solve(gradient.ravel()).reshape(n, 2)
             h_new = energy_of(x - step, edges, lengths)
             if h_new < h:
@@ -244,7 +252,7 @@ def _newton(
 
 
 def _hessian(
-    n: int, unit: Float64, length: Float64, lengths: Float64, index_a: Float64, index_b: Float64
+    n: int, unit: Float64, length: Float64, lengths: Float64, index_a: Int64, index_b: Int64
 ) -> csc_matrix:
     """Hessian of H / 2 with the bending term kept only where it is positive (always definite)."""
     bend = np.maximum(1.0 - lengths / length, 0.0)

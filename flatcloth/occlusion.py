@@ -14,10 +14,12 @@ import numpy as np
 from flatcloth.config import PlanningConfig
 from flatcloth.session import Side
 from flatcloth.surface import Surface
-from flatcloth.types import Bool, Float64, Int32
+from flatcloth.types import Bool, Float64, Floats, Int32
 
 
-def occluding_edge_length_m(surface: Surface, points_rc: Int32, reach_px: int, side: Side, config: PlanningConfig) -> float:
+def occluding_edge_length_m(
+    surface: Surface, points_rc: Int32, reach_px: int, side: Side, config: PlanningConfig
+) -> float:
     """Return the length, along the image's rows, of the edges that the turn for one side would open.
 
     Parameters
@@ -38,7 +40,8 @@ def occluding_edge_length_m(surface: Surface, points_rc: Int32, reach_px: int, s
     depth = surface.xyz_m[..., 2]
     outward = -1.0 if side is Side.LEFT else 1.0
     turned_away = _ends(part, side, config.edge_width_px) & (
-        _mean_inwards(outward * surface.z_angle_deg, part, side, config.edge_width_px) >= config.occluding_z_angle_deg
+        _mean_inwards(outward * surface.z_angle_deg, part, side, config.edge_width_px)
+        >= config.occluding_z_angle_deg
     )
     other = Side.RIGHT if side is Side.LEFT else Side.LEFT
     measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
@@ -57,7 +60,7 @@ def _near(usable: Bool, points_rc: Int32, reach_px: int) -> Bool:
     return near
 
 
-def _outwards(values: Float64 | Bool, steps: int, side: Side, fill: float) -> Float64:
+def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Float64:
     """Shift (H, W) so that each pixel holds what lies ``steps`` further out on that side (negative: in)."""
     shift = steps if side is Side.LEFT else -steps
     result = np.full(values.shape, fill, dtype=np.float64)
@@ -78,7 +81,7 @@ def _ends(part: Bool, side: Side, width: int) -> Bool:
     return ends
 
 
-def _mean_inwards(values: Float64, part: Bool, side: Side, width: int) -> Float64:
+def _mean_inwards(values: Floats, part: Bool, side: Side, width: int) -> Float64:
     total, count = np.zeros(part.shape), np.zeros(part.shape)
     shown = np.where(part, values, 0.0)
     for n in range(width):

@@ -61,7 +61,10 @@ class Plan:
 
 
 def column_curves(
-    view: FlattenedView, axis: RotationAxis, angle_deg: float, z_angle_limit_deg: float,
+    view: FlattenedView,
+    axis: RotationAxis,
+    angle_deg: float,
+    z_angle_limit_deg: float,
     frame_from_view: Rigid2 | None = None,
 ) -> ColumnCurves:
     """Return h(u) and A_z(u) (paper, 4.1, steps 1 and 2).
@@ -87,15 +90,21 @@ def column_curves(
     column = np.rint(uv[within, 0] / view.pixel_size_m).astype(np.int64)
     if column.size == 0:
         none = np.zeros(0)
-        return ColumnCurves(u_m=none, column_count=none.astype(np.int32),
-                            column_mean_z_angle_deg=none, pixel_size_m=view.pixel_size_m)
+        return ColumnCurves(
+            u_m=none,
+            column_count=none.astype(np.int32),
+            column_mean_z_angle_deg=none,
+            pixel_size_m=view.pixel_size_m,
+        )
     first = int(column.min())
     count = np.bincount(column - first)
     with np.errstate(invalid="ignore"):
         mean = np.bincount(column - first, angle[within]) / count
     return ColumnCurves(
-        u_m=(first + np.arange(count.size)) * view.pixel_size_m,
-        column_count=count.astype(np.int32), column_mean_z_angle_deg=mean, pixel_size_m=view.pixel_size_m,
+        u_m=(first + np.arange(count.size, dtype=np.float64)) * view.pixel_size_m,
+        column_count=count.astype(np.int32),
+        column_mean_z_angle_deg=mean,
+        pixel_size_m=view.pixel_size_m,
     )
 
 
@@ -158,8 +167,15 @@ def plan_side(
         view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)
         reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view is left on the {side}"
     return SidePlan(
-        side=side, from_view=from_view, curves=curves, occluding_edge_m=occluding_edge_m,
-        u_b_m=u_b, a_0_deg=a_0, rotation_deg=held, view_index=view, reason=reason,
+        side=side,
+        from_view=from_view,
+        curves=curves,
+        occluding_edge_m=occluding_edge_m,
+        u_b_m=u_b,
+        a_0_deg=a_0,
+        rotation_deg=held,
+        view_index=view,
+        reason=reason,
     )
 
 
@@ -172,14 +188,20 @@ def rotation_step_deg(angles_deg: Sequence[float]) -> float:
 
 
 def _view_at(
-    from_view: int, sign: float, rotation_deg: float, angles_deg: Sequence[float],
-    unavailable: frozenset[int], turned_deg: float, config: PlanningConfig,
+    from_view: int,
+    sign: float,
+    rotation_deg: float,
+    angles_deg: Sequence[float],
+    unavailable: frozenset[int],
+    turned_deg: float,
+    config: PlanningConfig,
 ) -> int | None:
     """Return the view with the largest turn up to A; failing that, the smallest turn allowed."""
     slack = 0.4 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
     turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
     allowed = [
-        (float(turn), n) for n, turn in enumerate(turns)
+        (float(turn), n)
+        for n, turn in enumerate(turns)
         if n not in unavailable
         and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
         and turn + turned_deg < 360.0 - slack
@@ -198,5 +220,10 @@ def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
         return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=tuple(sides))
     same = [s for s in open_sides if s.side is last_side]
     best = same[0] if same else max(open_sides, key=lambda s: s.occluding_edge_m)
-    return Plan(view_index=best.view_index, side=best.side, rotation_deg=best.rotation_deg,
-                reason=best.reason, sides=tuple(sides))
+    return Plan(
+        view_index=best.view_index,
+        side=best.side,
+        rotation_deg=best.rotation_deg,
+        reason=best.reason,
+        sides=tuple(sides),
+    )

@@ -36,8 +36,13 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceCo
     # goes on as a weaker ramp, which alone could be a fold.
     edge = _long_ones(strong, config.ramp_length_px)
     share = config.weak_ramp_share
-    weak = _find(inverse_depth, config.ramp_half_width_px, share * config.ramp_height_m,
-                 share * config.ramp_slope, focal)
+    weak = _find(
+        inverse_depth,
+        config.ramp_half_width_px,
+        share * config.ramp_height_m,
+        share * config.ramp_slope,
+        focal,
+    )
     _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
     joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
     joined[label[edge]] = True
@@ -104,7 +109,9 @@ def _find(inverse_depth: Float64, half: int, least_height: float, least_slope: f
                 continue
             for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
                 pixel = math.sqrt(dr * dr + dc * dc)
-                if _is_ramp(inverse_depth, r, c, dr, dc, half, least_height, least_slope * pixel / (focal * q)):
+                if _is_ramp(
+                    inverse_depth, r, c, dr, dc, half, least_height, least_slope * pixel / (focal * q)
+                ):
                     # The steep middle, not its foot: that still lies on its layer.
                     for k in range(-1, 2):
                         rr, cc = r + k * dr, c + k * dc
@@ -116,7 +123,14 @@ def _find(inverse_depth: Float64, half: int, least_height: float, least_slope: f
 
 @njit(cache=True, nogil=True)
 def _is_ramp(
-    inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int, least_height: float, least_step: float
+    inverse_depth: Float64,
+    r: int,
+    c: int,
+    dr: int,
+    dc: int,
+    half: int,
+    least_height: float,
+    least_step: float,
 ) -> bool:
     """Test one direction; ``least_step`` is the least slope in the middle, metres a step."""
     before, after = _depth(inverse_depth, r, c, dr, dc, -2), _depth(inverse_depth, r, c, dr, dc, 2)

@@ -56,7 +56,12 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
 
 
 def rasterise(
-    uv_m: Float64, samples: Samples, triangles: Int32, surface: Surface, axis: RotationAxis, pixel_size_m: float
+    uv_m: Float64,
+    samples: Samples,
+    triangles: Int32,
+    surface: Surface,
+    axis: RotationAxis,
+    pixel_size_m: float,
 ) -> FlattenedView:
     """Interpolate ``F(u, v)`` over the triangles.
 
@@ -79,17 +84,27 @@ def rasterise(
     size = np.ceil(used.max(axis=0) / pixel_size_m) + 2 - low
     shape = (int(size[1]), int(size[0]))
     points = uv_m / pixel_size_m - low
-    source_rc, normal = _fill(
-        points, triangles, samples.points_rc.astype(np.float64), samples.normal, shape
-    )
+    source_rc, normal = _fill(points, triangles, samples.points_rc.astype(np.float64), samples.normal, shape)
     valid = np.isfinite(source_rc[..., 0])
-    return attributes_at(source_rc, normal, valid, surface, axis, pixel_size_m,
-                         (float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)))
+    return attributes_at(
+        source_rc,
+        normal,
+        valid,
+        surface,
+        axis,
+        pixel_size_m,
+        (float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
+    )
 
 
 def attributes_at(
-    source_rc: Float32, normal: Float32, valid: Bool, surface: Surface, axis: RotationAxis,
-    pixel_size_m: float, origin_uv_m: tuple[float, float],
+    source_rc: Float32,
+    normal: Float32,
+    valid: Bool,
+    surface: Surface,
+    axis: RotationAxis,
+    pixel_size_m: float,
+    origin_uv_m: tuple[float, float],
 ) -> FlattenedView:
     """Look the nine attributes up at (H, W, 2) places of the source image."""
     frame = surface.frame
@@ -116,9 +131,17 @@ def attributes_at(
     rgb[~valid] = 0
     view_index = np.where(valid, frame.view_index, -1).astype(np.int16)
     source = np.where(valid[..., None], source_rc, np.nan).astype(np.float32)
-    return FlattenedView(rgb=rgb, xyz_m=xyz, normal=normals, z_angle_deg=angle, valid=valid,
-                         view_index=view_index, source_rc=source,
-                         pixel_size_m=pixel_size_m, origin_uv_m=origin_uv_m)
+    return FlattenedView(
+        rgb=rgb,
+        xyz_m=xyz,
+        normal=normals,
+        z_angle_deg=angle,
+        valid=valid,
+        view_index=view_index,
+        source_rc=source,
+        pixel_size_m=pixel_size_m,
+        origin_uv_m=origin_uv_m,
+    )
 
 
 def _bilinear(image: Float32, rc: Float32) -> Float32:

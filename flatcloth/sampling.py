@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.config import FlatteningConfig
-from flatcloth.surface import Surface, fit_patches, normals_from_fit
+from flatcloth.patches import fit_patches, normals_from_fit
+from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32
 
 
@@ -63,8 +64,9 @@ def sample_surface(
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
     if rim:
         rc = np.concatenate([rc, _rim_points(surface.usable, grid, d)])
-    fit = fit_patches(surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(),
-                      config.fit_radius_px, True)
+    fit = fit_patches(
+        surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(), config.fit_radius_px, True
+    )
     ok = fit[:, 0] > 0
     rc, fit = rc[ok], fit[ok]
     k = surface.frame.intrinsics
@@ -73,8 +75,14 @@ def sample_surface(
     points = np.stack([(rc[:, 1] - k.cx) / k.fx * depth, (rc[:, 0] - k.cy) / k.fy * depth, depth], axis=1)
     edges = _pairs(rc, d, surface)
     edges, lengths = _lengths(edges, points, normal, config.max_chord_slope)
-    return Samples(sampling_interval_px=d, points_rc=rc, points_m=points, normal=normal,
-                   edges=edges, edge_length_m=lengths)
+    return Samples(
+        sampling_interval_px=d,
+        points_rc=rc,
+        points_m=points,
+        normal=normal,
+        edges=edges,
+        edge_length_m=lengths,
+    )
 
 
 def _pairs(rc: Int32, d: int, surface: Surface) -> Int32:
@@ -86,9 +94,7 @@ def _pairs(rc: Int32, d: int, surface: Surface) -> Int32:
     return kept
 
 
-def _lengths(
-    edges: Int32, points: Float64, normal: Float64, max_chord_slope: float
-) -> tuple[Int32, Float64]:
+def _lengths(edges: Int32, points: Float64, normal: Float64, max_chord_slope: float) -> tuple[Int32, Float64]:
     """Lengths along the surface, from the chord and its slopes against both tangent planes.
 
     A cubic that leaves its chord at the slopes a and b is longer by the share

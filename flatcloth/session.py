@@ -17,7 +17,6 @@ from enum import StrEnum
 from flatcloth.errors import IllegalDecisionError
 from flatcloth.types import Rigid2
 
-
 UNSURE = "score too low"
 """Reason of an automatic refusal: such a view may be tried again once the shape has grown."""
 
@@ -253,7 +252,7 @@ Command = Start | Propose | Accept | Reject | Nudge | Undo | Redo | Cancel | Res
 Event = Started | Proposed | NothingMore | Failed
 
 
-def why_illegal(state: SessionState, command: Command) -> str | None:  # noqa: PLR0911 - a table
+def why_illegal(state: SessionState, command: Command) -> str | None:
     """Say why the command is not allowed now, or None if it is."""
     document, phase = state.document, state.phase
     pending = document.pending
@@ -277,7 +276,9 @@ def why_illegal(state: SessionState, command: Command) -> str | None:  # noqa: P
     if isinstance(command, Propose):
         if command.view_index is None:
             if pending is not None:
-                return f"Decide about view {pending.view_index} first: accept it, reject it or choose another view."
+                return (
+                    f"Decide about view {pending.view_index} first: accept it, reject it or choose another."
+                )
             return document.finished
         if command.view_index in document.used_views:
             return f"View {command.view_index} is already part of the shape."
@@ -336,15 +337,21 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             item = state.undo[-1]
             back = HistoryItem(item.name, document)
             return replace(
-                state, document=item.document, request=None,
-                undo=state.undo[:-1], redo=(*state.redo, back),
+                state,
+                document=item.document,
+                request=None,
+                undo=state.undo[:-1],
+                redo=(*state.redo, back),
             )
         case Redo():
             item = state.redo[-1]
             back = HistoryItem(item.name, document)
             return replace(
-                state, document=item.document, request=None,
-                undo=(*state.undo, back), redo=state.redo[:-1],
+                state,
+                document=item.document,
+                request=None,
+                undo=(*state.undo, back),
+                redo=state.redo[:-1],
             )
         case Cancel():
             return replace(state, request=None)
@@ -356,13 +363,14 @@ def _accepted(document: Document) -> Document:
     pending = document.pending
     assert pending is not None
     added = Accepted(
-        pending.view_index, pending.current_from_new, pending.side,
-        fixed=pending.nudge != Rigid2(), component=pending.component,
+        pending.view_index,
+        pending.current_from_new,
+        pending.side,
+        fixed=pending.nudge != Rigid2(),
+        component=pending.component,
     )
     rejected = tuple(r for r in document.rejected if r.view_index != pending.view_index)
-    return replace(
-        document, accepted=(*document.accepted, added), rejected=rejected, pending=None
-    )
+    return replace(document, accepted=(*document.accepted, added), rejected=rejected, pending=None)
 
 
 def _ask(state: SessionState, kind: str, view_index: int | None) -> SessionState:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from flatcloth.config import SurfaceConfig
 from flatcloth.errors import SurfaceError
 from flatcloth.geometry import back_project, z_angle_deg
+from flatcloth.patches import fit_patches, normals_from_fit
 from flatcloth.ramps import fill_dropouts, find_ramps
 from flatcloth.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 
@@ -97,15 +97,16 @@ def observe_surface(
     k = frame.intrinsics
     if item is None:
         item = item_mask(frame, axis, config)
-    inverse_depth = np.where(item, 1.0 / np.where(frame.depth_m > 0, frame.depth_m, 1.0), 0.0)
+    inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, config.max_dropout_px)
     inverse_depth[find_ramps(inverse_depth, k, config)] = 0.0
     steps = _find_steps(inverse_depth, step_limit)
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
-    fit = fit_patches(inverse_depth, steps, rows.astype(np.int32), cols.astype(np.int32),
-                      config.normal_window_px, False)
+    fit = fit_patches(
+        inverse_depth, steps, rows.astype(np.int32), cols.astype(np.int32), config.normal_window_px, False
+    )
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -123,35 +124,21 @@ def observe_surface(
     normals[rows, cols] = normal
     normals[~usable] = np.nan
     return Surface(
-        frame=frame, xyz_m=back_project(depth, k), normal=normals,
+        frame=frame,
+        xyz_m=back_project(depth, k),
+        normal=normals,
         z_angle_deg=z_angle_deg(normals, axis).astype(np.float32),
-        usable=usable, steps=steps, inverse_depth=inverse_depth,
+        usable=usable,
+        steps=steps,
+        inverse_depth=inverse_depth,
     )
-
-
-def normals_from_fit(
-    fit: Float64, rows: NDArray[np.integer], cols: NDArray[np.integer], frame: RgbdFrame
-) -> tuple[Float64, Float64]:
-    """Return unit normals (N, 3) towards the camera and the cosine of the incidence angle (N,).
-
-    A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
-    """
-    k = frame.intrinsics
-    x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
-    n = np.stack([fit[:, 1] * k.fx, fit[:, 2] * k.fy, fit[:, 0]], axis=1)
-    n[:, 2] -= n[:, 0] * x + n[:, 1] * y
-    length = np.linalg.norm(n, axis=1)
-    length[length == 0] = np.inf
-    cos_incidence = fit[:, 0] / (length * np.sqrt(x * x + y * y + 1))
-    normal: Float64 = -n / length[:, None]
-    return normal, cos_incidence
 
 
 def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
     """Return the measured pixels (H, W) of the foreground object, from depth alone; see :func:`item_mask`."""
     k = frame.intrinsics
     measured = frame.depth_m > 0
-    inverse_depth = np.where(measured, 1.0 / np.where(measured, frame.depth_m, 1.0), 0.0)
+    inverse_depth = _inverse(frame.depth_m, measured)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     labels = _label_regions(_find_steps(inverse_depth, step_limit), measured)
     count = int(labels.max()) + 1
@@ -170,7 +157,13 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     nearest = mean_distance[large].min()
     # Layers of one item that overlap are separate regions; they lie within its depth extent.
     chosen = large & (mean_distance <= nearest + config.item_depth_extent_m)
-    return measured & np.append(chosen, False)[labels]
+    kept: Bool = measured & np.append(chosen, False)[labels]
+    return kept
+
+
+def _inverse(depth_m: Float32, item: Bool) -> Float64:
+    """Inverse depth (H, W), 0 off the measured pixels of the item."""
+    return np.where(item, 1.0 / np.where(item, depth_m.astype(np.float64), 1.0), 0.0)
 
 
 def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
@@ -193,9 +186,9 @@ def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
     index = np.full(measured.shape, -1, dtype=np.int32)
     index[measured] = np.arange(int(measured.sum()), dtype=np.int32)
     a = np.concatenate([index[(steps & bit) > 0] for bit in (STEP_RIGHT, STEP_DOWN)])
-    b = np.concatenate([
-        index[:, 1:][(steps[:, :-1] & STEP_RIGHT) > 0], index[1:][(steps[:-1] & STEP_DOWN) > 0]
-    ])
+    b = np.concatenate(
+        [index[:, 1:][(steps[:, :-1] & STEP_RIGHT) > 0], index[1:][(steps[:-1] & STEP_DOWN) > 0]]
+    )
     n = int(measured.sum())
     graph = coo_matrix((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
     labels = np.full(measured.shape, -1, dtype=np.int32)
@@ -226,126 +219,3 @@ def _find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
                 if p > 0 and abs(p - q) <= step_limit * min(p, q):
                     steps[r, c] |= 2
     return steps
-
-
-@njit(cache=True, nogil=True)
-def fit_patches(
-    inverse_depth: Float64, steps: NDArray[np.uint8], rows: Int32, cols: Int32, radius: int, quadratic: bool
-) -> Float64:
-    """Fit the inverse depth around each given pixel over what is reachable without a jump.
-
-    Returns (N, 6): value, d/dcol, d/drow, and for ``quadratic`` half the second derivatives
-    d2/dcol2, d2/dcoldrow (whole), d2/drow2. Weights fall with the distance as ``(1 - t^2)^2``.
-    Where the points do not determine a quadratic, a plane is fitted; where not even that, the
-    measured value stands with slope 0 and a value of 0 marks the failure.
-    """
-    n_rows, n_cols = inverse_depth.shape
-    size = 2 * radius + 1
-    result = np.zeros((rows.size, 6))
-    reach = np.zeros((size, size), dtype=np.bool_)
-    terms = np.zeros(6)
-    for n in range(rows.size):
-        r0, c0 = rows[n], cols[n]
-        _reach(steps, r0, c0, radius, reach)
-        a = np.zeros((6, 6))
-        b = np.zeros(6)
-        count = 0
-        q0 = inverse_depth[r0, c0]
-        for i in range(size):
-            r = r0 + i - radius
-            if r < 0 or r >= n_rows:
-                continue
-            for j in range(size):
-                if not reach[i, j]:
-                    continue
-                x, y = float(j - radius) / radius, float(i - radius) / radius
-                t = (x * x + y * y) / 1.5
-                if t >= 1.0:
-                    continue
-                w = (1.0 - t) * (1.0 - t)
-                q = inverse_depth[r, c0 + j - radius] - q0
-                terms[0], terms[1], terms[2] = 1.0, x, y
-                terms[3], terms[4], terms[5] = x * x, x * y, y * y
-                m = 6 if quadratic else 3
-                for k in range(m):
-                    wk = w * terms[k]
-                    b[k] += wk * q
-                    for l in range(k + 1):
-                        a[k, l] += wk * terms[l]
-                count += 1
-        solved = 0
-        if quadratic and count >= 12:
-            solved = _cholesky_solve(a, b, 6)
-        if solved == 0 and count >= 6:
-            solved = _cholesky_solve(a, b, 3)
-        if solved == 0:
-            continue
-        result[n, 0] = b[0] + q0
-        result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
-        if solved == 6:
-            for k in range(3, 6):
-                result[n, k] = b[k] / (radius * radius)
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool) -> None:
-    """Mark the window cells reached from the centre by monotone paths of good steps."""
-    n_rows, n_cols = steps.shape
-    size = 2 * radius + 1
-    for i in range(size):
-        for j in range(size):
-            reach[i, j] = False
-    reach[radius, radius] = True
-    for ring_r in range(radius + 1):
-        for sign_r in (1, -1):
-            if ring_r == 0 and sign_r == -1:
-                continue
-            r = r0 + sign_r * ring_r
-            if r < 0 or r >= n_rows:
-                continue
-            i = radius + sign_r * ring_r
-            for ring_c in range(radius + 1):
-                for sign_c in (1, -1):
-                    if ring_c == 0 and (sign_c == -1 or ring_r == 0):
-                        continue
-                    c = c0 + sign_c * ring_c
-                    if c < 0 or c >= n_cols:
-                        continue
-                    j = radius + sign_c * ring_c
-                    good = False
-                    if ring_r > 0 and reach[i - sign_r, j]:
-                        upper = r - 1 if sign_r > 0 else r
-                        good = (steps[upper, c] & 2) > 0
-                    if not good and ring_c > 0 and reach[i, j - sign_c]:
-                        left = c - 1 if sign_c > 0 else c
-                        good = (steps[r, left] & 1) > 0
-                    reach[i, j] = good
-
-
-@njit(cache=True, nogil=True)
-def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
-    """Solve the leading m x m symmetric system (lower triangle given) in place; 0 if singular."""
-    low = np.zeros((m, m))
-    for k in range(m):
-        for l in range(k + 1):
-            s = a[k, l]
-            for p in range(l):
-                s -= low[k, p] * low[l, p]
-            if k == l:
-                if s <= 1e-6 * a[k, k] or s <= 0.0:
-                    return 0
-                low[k, k] = math.sqrt(s)
-            else:
-                low[k, l] = s / low[l, l]
-    for k in range(m):
-        s = b[k]
-        for p in range(k):
-            s -= low[k, p] * b[p]
-        b[k] = s / low[k, k]
-    for k in range(m - 1, -1, -1):
-        s = b[k]
-        for p in range(k + 1, m):
-            s -= low[p, k] * b[p]
-        b[k] = s / low[k, k]
-    return m

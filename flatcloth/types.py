@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
+Floats = NDArray[np.floating[Any]] | NDArray[np.integer[Any]]
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -160,9 +160,11 @@ class FlattenedView:
     def uv_from_rc(self, rc: Floats) -> Float64:
         """Plane coordinates (..., 2) of grid positions (..., 2) given as (row, col)."""
         p = np.asarray(rc, dtype=np.float64)
-        return p[..., ::-1] * self.pixel_size_m + np.asarray(self.origin_uv_m)
+        uv: Float64 = p[..., ::-1] * self.pixel_size_m + np.asarray(self.origin_uv_m)
+        return uv
 
     def rc_from_uv(self, uv_m: Floats) -> Float64:
         """Grid positions (row, col) (..., 2) of plane coordinates (..., 2)."""
         p = (np.asarray(uv_m, dtype=np.float64) - np.asarray(self.origin_uv_m)) / self.pixel_size_m
-        return p[..., ::-1]
+        rc: Float64 = p[..., ::-1]
+        return rc

@@ -11,6 +11,8 @@ export const vector = (values, decimals = 1, scale = 1) =>
 
 export const degrees = (value, decimals = 1) => (value === null || value === undefined ? "–" : `${number(value, decimals)}°`);
 
+export const count = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
+
 export const keyName = (key) =>
   ({ Escape: "Esc", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
   key.split("+").map((part) => (part.length === 1 ? part.toUpperCase() : part)).join("+") ;

@@ -3,7 +3,7 @@
 import { FlatCanvas } from "/static/canvas.js";
 import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
-import { number } from "/static/format.js";
+import { count, number } from "/static/format.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
 import { pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
 import { loadScene, startScene } from "/static/scene.js";
@@ -79,7 +79,7 @@ function send(message) {
 
 function show(next) {
   state = next;
-  byId("recording").textContent = `${state.recording.name} · ${state.recording.n_views} views · method ${state.method}`;
+  byId("recording").textContent = `${state.recording.name} · ${count(state.recording.n_views, "view")} · method ${state.method}`;
   byId("recording").dataset.tip = state.recording.description || state.recording.name;
   document.title = `${state.recording.name} · flatcloth`;
   setText(byId("hint"), hint());
@@ -96,7 +96,7 @@ function show(next) {
 
 function hint() {
   const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
-  const area = state.layers ? ` Shape: ${state.step} ${state.step === 1 ? "view" : "views"}, ${number(state.layers.area_cm2, 0)} cm².` : "";
+  const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
   if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
   switch (state.phase) {
     case "computing":

@@ -55,8 +55,8 @@ class Panels:
 
         with gui.add_folder("Next rotation", expand_by_default=False):
             self._hint = gui.add_markdown("The curves of the flattened view appear with a proposal.")
-            self._count = self._plot(gui, "h(u): pixels per column", "px", _BLUE)
-            self._angle = self._plot(gui, "A_z(u): mean Z-angle (deg)", "deg", _ORANGE)
+            self._count = self._plot(gui, "h(u): pixels per column, u in mm", "px", _BLUE)
+            self._angle = self._plot(gui, "A_z(u): mean Z-angle (deg), u in mm", "deg", _ORANGE)
         with gui.add_folder("Flattening", expand_by_default=False):
             self._energy = self._plot(gui, "Energy per iteration (log10)", "log10 E", _BLUE)
         gui.main_panel.minimize()
@@ -76,7 +76,7 @@ class Panels:
         nothing = np.array([0.0, 1.0])
         return gui.add_uplot(
             (nothing, np.zeros(2)),
-            ({"label": "u (mm)" if color else ""}, {"label": label, "stroke": color, "width": 1.5}),
+            ({"label": "x"}, {"label": label, "stroke": color, "width": 1.5}),
             title=title,
             scales={"x": {"time": False}},
             axes=(_AXIS, _AXIS),  # type: ignore[arg-type]

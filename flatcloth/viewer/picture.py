@@ -14,7 +14,7 @@ from flatcloth.types import Bool, FlattenedView, RotationAxis
 from flatcloth.viewer.layers import legends
 
 if TYPE_CHECKING:
-    from flatcloth.alignment import AlignmentScore
+    from flatcloth.matching import AlignmentScore
     from flatcloth.integration import Integration, Proposal, ViewCloud
     from flatcloth.merging import Canonical
 

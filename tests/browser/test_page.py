@@ -140,7 +140,8 @@ def test_dragging_the_proposal_is_one_decision(open_tab):
     tab.step()
     at = tab.page.evaluate(
         """() => { const l = flatcloth.state.layers.overlay, d = l.pixel_size_m;
-             return flatcloth.toScreen(l.origin_uv_m[0] + d * l.cols / 2, l.origin_uv_m[1] + d * l.rows / 2); }"""
+             const [u, v] = l.origin_uv_m;
+             return flatcloth.toScreen(u + d * l.cols / 2, v + d * l.rows / 2); }"""
     )
     # The middle of the proposal's grid may be a hole: look for cloth to take hold of.
     canvas = tab.page.locator("#canvas")

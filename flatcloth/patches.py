@@ -1,0 +1,154 @@
+"""Local fits of the inverse depth, over what can be reached from the centre on one layer.
+
+The inverse depth of a plane is exactly affine in the image, so the fit has no bias by perspective.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flatcloth.types import Bool, Float64, Int32, RgbdFrame
+
+
+def normals_from_fit(
+    fit: Float64, rows: NDArray[np.integer], cols: NDArray[np.integer], frame: RgbdFrame
+) -> tuple[Float64, Float64]:
+    """Return unit normals (N, 3) towards the camera and the cosine of the incidence angle (N,).
+
+    A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
+    """
+    k = frame.intrinsics
+    x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
+    n = np.stack([fit[:, 1] * k.fx, fit[:, 2] * k.fy, fit[:, 0]], axis=1)
+    n[:, 2] -= n[:, 0] * x + n[:, 1] * y
+    length = np.linalg.norm(n, axis=1)
+    length[length == 0] = np.inf
+    cos_incidence = fit[:, 0] / (length * np.sqrt(x * x + y * y + 1))
+    normal: Float64 = -n / length[:, None]
+    return normal, cos_incidence
+
+
+@njit(cache=True, nogil=True)
+def fit_patches(
+    inverse_depth: Float64, steps: NDArray[np.uint8], rows: Int32, cols: Int32, radius: int, quadratic: bool
+) -> Float64:
+    """Fit the inverse depth around each given pixel over what is reachable without a jump.
+
+    Returns (N, 6): value, d/dcol, d/drow, and for ``quadratic`` half the second derivatives
+    d2/dcol2, d2/dcoldrow (whole), d2/drow2. Weights fall with the distance. Where the points do
+    not determine a quadratic, a plane is fitted; where not even that, all six are 0.
+    """
+    n_rows = inverse_depth.shape[0]
+    size = 2 * radius + 1
+    result = np.zeros((rows.size, 6))
+    reach = np.zeros((size, size), dtype=np.bool_)
+    terms = np.zeros(6)
+    for n in range(rows.size):
+        r0, c0 = rows[n], cols[n]
+        _reach(steps, r0, c0, radius, reach)
+        a = np.zeros((6, 6))
+        b = np.zeros(6)
+        count = 0
+        q0 = inverse_depth[r0, c0]
+        for i in range(size):
+            r = r0 + i - radius
+            if r < 0 or r >= n_rows:
+                continue
+            for j in range(size):
+                if not reach[i, j]:
+                    continue
+                x, y = float(j - radius) / radius, float(i - radius) / radius
+                t = (x * x + y * y) / 1.5
+                if t >= 1.0:
+                    continue
+                w = (1.0 - t) * (1.0 - t)
+                q = inverse_depth[r, c0 + j - radius] - q0
+                terms[0], terms[1], terms[2] = 1.0, x, y
+                terms[3], terms[4], terms[5] = x * x, x * y, y * y
+                m = 6 if quadratic else 3
+                for k in range(m):
+                    wk = w * terms[k]
+                    b[k] += wk * q
+                    for j2 in range(k + 1):
+                        a[k, j2] += wk * terms[j2]
+                count += 1
+        solved = 0
+        if quadratic and count >= 12:
+            solved = _cholesky_solve(a, b, 6)
+        if solved == 0 and count >= 6:
+            solved = _cholesky_solve(a, b, 3)
+        if solved == 0:
+            continue
+        result[n, 0] = b[0] + q0
+        result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
+        if solved == 6:
+            for k in range(3, 6):
+                result[n, k] = b[k] / (radius * radius)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool) -> None:
+    """Mark the window cells reached from the centre by monotone paths of good steps."""
+    n_rows, n_cols = steps.shape
+    size = 2 * radius + 1
+    for i in range(size):
+        for j in range(size):
+            reach[i, j] = False
+    reach[radius, radius] = True
+    for ring_r in range(radius + 1):
+        for sign_r in (1, -1):
+            if ring_r == 0 and sign_r == -1:
+                continue
+            r = r0 + sign_r * ring_r
+            if r < 0 or r >= n_rows:
+                continue
+            i = radius + sign_r * ring_r
+            for ring_c in range(radius + 1):
+                for sign_c in (1, -1):
+                    if ring_c == 0 and (sign_c == -1 or ring_r == 0):
+                        continue
+                    c = c0 + sign_c * ring_c
+                    if c < 0 or c >= n_cols:
+                        continue
+                    j = radius + sign_c * ring_c
+                    good = False
+                    if ring_r > 0 and reach[i - sign_r, j]:
+                        upper = r - 1 if sign_r > 0 else r
+                        good = (steps[upper, c] & 2) > 0
+                    if not good and ring_c > 0 and reach[i, j - sign_c]:
+                        left = c - 1 if sign_c > 0 else c
+                        good = (steps[r, left] & 1) > 0
+                    reach[i, j] = good
+
+
+@njit(cache=True, nogil=True)
+def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
+    """Solve the leading m x m symmetric system (lower triangle given) in place; 0 if singular."""
+    low = np.zeros((m, m))
+    for k in range(m):
+        for j in range(k + 1):
+            s = a[k, j]
+            for p in range(j):
+                s -= low[k, p] * low[j, p]
+            if k == j:
+                if s <= 1e-6 * a[k, k] or s <= 0.0:
+                    return 0
+                low[k, k] = math.sqrt(s)
+            else:
+                low[k, j] = s / low[j, j]
+    for k in range(m):
+        s = b[k]
+        for p in range(k):
+            s -= low[k, p] * b[p]
+        b[k] = s / low[k, k]
+    for k in range(m - 1, -1, -1):
+        s = b[k]
+        for p in range(k + 1, m):
+            s -= low[p, k] * b[p]
+        b[k] = s / low[k, k]
+    return m
