@@ -141,7 +141,9 @@ def _view(options: argparse.Namespace) -> None:
     from flatcloth.viewer import serve
 
     integration = _integration(options.source, options.method)
-    path = options.session or default_session_folder(integration.recording, options.method)
+    path = options.session or default_session_folder(
+        integration.recording, options.method, integration.config
+    )
     folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
         serve(integration, folder, host=options.host, port=options.port)

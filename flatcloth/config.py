@@ -58,9 +58,9 @@ class FlatteningConfig:
     """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
     pixel_size_m: float = 0.002
     """Size of a pixel of ``F(u, v)``."""
-    max_iterations: int = 200
-    """Iterations allowed for the minimisation at each interval."""
-    energy_tolerance: float = 1e-5
+    max_iterations: int = 30
+    """Majorisation steps allowed at each interval, before the damped Newton steps."""
+    energy_tolerance: float = 1e-4
     """The minimisation ends when the energy falls by a smaller share than this."""
 
 

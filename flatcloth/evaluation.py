@@ -144,7 +144,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
 
 
 def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
-    """Return points (N, 2) moved onto the target by the rigid motion (no mirror, no scale) that fits 90 % best.
+    """Return points (N, 2) moved onto the target rigidly (no mirror, no scale) so that 90 % fit best.
 
     Each round fits the pixels that the last one left nearest; it ends when they stay the same.
     """
@@ -179,7 +179,7 @@ def relative_errors_m(points: Float64, target: Float64, random: np.random.Genera
 
 
 def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
-    """Return the largest connected piece of all cells seen in any mask, after a 2x2 opening, and its origin (2,)."""
+    """Return the largest connected piece of the cells seen in any mask, 2x2 opened, and its origin (2,)."""
     seen: list[Float64] = []
     for n in range(len(recording)):
         true, mask = truth[n], recording[n].mask

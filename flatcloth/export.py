@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import zipfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
@@ -94,7 +95,7 @@ def read_shape(path: Path) -> FlattenedView:
         If it is missing, damaged or of another format; the message names the file.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             if str(data["format"]) != FORMAT:
                 raise FlatclothError(f"{path}: format {data['format']} is not {FORMAT}; export it again.")
             origin = data["origin_uv_m"]
@@ -109,7 +110,7 @@ def read_shape(path: Path) -> FlattenedView:
                 pixel_size_m=float(data["pixel_size_m"]),
                 origin_uv_m=(float(origin[0]), float(origin[1])),
             )
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FlatclothError(f"{path}: not a flattened view ({error}); export it again.") from error
 
 

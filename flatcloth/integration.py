@@ -336,11 +336,11 @@ class Integration:
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
         angles = self.recording.angles_deg
         fronts = self.fronts(document)
-
-        def gap(side: Side) -> float:
-            return abs((angles[view_index] - angles[fronts[side][0]] + 180.0) % 360.0 - 180.0)
-
-        side = min(fronts, key=gap)
+        beyond = {
+            Side.LEFT: (angles[view_index] - angles[fronts[Side.LEFT][0]]) % 360.0,
+            Side.RIGHT: (angles[fronts[Side.RIGHT][0]] - angles[view_index]) % 360.0,
+        }
+        side = min(beyond, key=lambda s: beyond[s])
         return self._proposed(document, token, self._align(document, view_index, side, None, progress))
 
     def _proposed(self, document: Document, token: int, proposal: Proposal) -> Event:

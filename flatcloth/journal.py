@@ -53,12 +53,14 @@ def default_session_folder(recording: Recording, method: str, config: Config | N
     """Return where a session is kept if the user names no place.
 
     Below ``$XDG_STATE_HOME`` (``~/.local/state``). The name tells the recording; a short hash of
-    its location, the method and the settings keeps sessions apart that cannot continue each other.
+    its location and header, the method and the settings keeps sessions apart that cannot continue
+    each other.
     """
     state_home = os.environ.get("XDG_STATE_HOME", "")
     # The XDG specification tells to ignore relative paths.
     root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
-    about = json.dumps([recording.location, method, (config or Config()).to_dict()], sort_keys=True)
+    settings = (config or Config()).to_dict()
+    about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
     return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
 

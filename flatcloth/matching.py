@@ -135,7 +135,7 @@ class Matcher:
         """Descend by halving steps over the 26 neighbours; return cost and offset (theta, u, v)."""
         c = self.config
         neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
-        step = np.array([math.radians(c.search_step_deg), c.search_step_m, c.search_step_m]) / 2
+        step: Float64 = np.array([math.radians(c.search_step_deg), c.search_step_m, c.search_step_m]) / 2
         best, lowest = start, math.inf
         while step[1] > c.search_finest_m:
             fine = step[1] <= c.fine_smoothing_m
@@ -150,14 +150,13 @@ class Matcher:
                 if cost[n] >= lowest:
                     break
                 lowest, best = float(cost[n]), offsets[n]
-            step = step / 2
+            step *= 0.5
         return lowest, best
 
 
 def _symmetric(extent: float, step: float) -> Float64:
     count = math.floor(extent / step)
-    offsets: Float64 = np.arange(-count, count + 1) * step
-    return offsets
+    return np.arange(-count, count + 1, dtype=np.float64) * step
 
 
 def _disturbed(initial: Rigid2, offset: Float64, center: Float64) -> Rigid2:

@@ -204,7 +204,7 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> f
 
 
 def _newton(
-    x: Float64, edges: Int32, lengths: Float64, tolerance: float, max_steps: int = 12
+    x: Float64, edges: Int32, lengths: Float64, tolerance: float, max_steps: int = 60
 ) -> tuple[Float64, list[float], list[Float64]]:
     """Levenberg-Marquardt steps until H falls by less than ``tolerance``."""
     n = x.shape[0]

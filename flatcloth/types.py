@@ -122,6 +122,8 @@ class Rigid2:
 
 def wrap_rad(angle_rad: float) -> float:
     """Return the angle in (-pi, pi]."""
+    if -math.pi < angle_rad <= math.pi:
+        return angle_rad  # untouched, so that composing with the identity is exact
     return -((math.pi - angle_rad) % (2 * math.pi) - math.pi)
 
 

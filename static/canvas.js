@@ -63,8 +63,13 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  overlayReady() {
+  resetPreview() {
     this.preview = { theta: 0, u: 0, v: 0 };
+    this.redraw();
+  }
+
+  overlayReady() {
+    this.resetPreview();
     if (this.fitted) this.fit();
     this.redraw();
   }
@@ -77,7 +82,7 @@ export class FlatCanvas {
     this.canvas.width = Math.max(1, Math.round(this.width * ratio));
     this.canvas.height = Math.max(1, Math.round(this.height * ratio));
     if (this.fitted) this.fit();
-    this.redraw();
+    this.draw(); // at once: a new size has cleared the canvas
   }
 
   fit() {

@@ -29,6 +29,9 @@ const page = {
     page.opacity = canvas.opacity = value;
     canvas.redraw();
   },
+  setThreshold(value) {
+    if (Number.isFinite(value)) send({ type: "auto", threshold: Math.min(1, Math.max(0, value)) });
+  },
   setIncrement(index) {
     page.increment = index;
   },
@@ -61,7 +64,10 @@ const connection = new Connection({
 const HANDLERS = {
   state: (message) => show(message),
   progress: (message) => showProgress(message),
-  note: (message) => notify(message.level, message.text, message.time_s),
+  note: (message) => {
+    notify(message.level, message.text, message.time_s);
+    if (!nudge) canvas.resetPreview(); // what was just refused may have been a move
+  },
   hover: (message) => {
     hoverBusy = false;
     if (message.id === hoverId) showReadout(message);
@@ -190,7 +196,9 @@ const PAGE_ACTIONS = {
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
-  follow: () => send({ type: "follow", follow: !state.follow }),
+  follow: () => {
+    if (send({ type: "follow", follow: !state.follow })) notify("info", state.follow ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
+  },
   copy: copyPick,
   log: showLog,
   theme: toggleTheme,

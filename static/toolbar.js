@@ -29,6 +29,8 @@ export class Toolbar {
     const auto = document.querySelector('[data-action="auto"]');
     auto.setAttribute("aria-pressed", String(state.auto.running));
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
+    const threshold = byId("threshold");
+    if (document.activeElement !== threshold) threshold.value = state.auto.threshold;
     this.setPressed("overlay", this.page.overlay);
     this.setPressed("blink", this.page.blink);
     for (const [name, layer] of Object.entries(LAYERS)) {
@@ -89,6 +91,12 @@ export class Toolbar {
         make("select", { data: { id: "increment" }, on: { change: (event) => page.setIncrement(Number(event.target.value)) } },
           ...page.increments.map(([mm, deg], i) =>
             make("option", { value: i, selected: i === page.increment }, `${mm} mm · ${deg}°`)))),
+      make("label", { class: "field", data: { tip: "Auto accepts a proposal with this score or more; below it stops and leaves the decision to you." } },
+        make("span", {}, "Auto accepts from"),
+        make("input", {
+          type: "number", id: "threshold", min: 0, max: 1, step: 0.05, data: { id: "threshold" },
+          on: { change: (event) => page.setThreshold(event.target.valueAsNumber) },
+        })),
     ]);
   }
 }

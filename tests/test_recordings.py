@@ -259,3 +259,11 @@ def test_a_jpeg_header_is_found_behind_fill_bytes_and_comments(tmp_path: Path) -
     (tmp_path / "a.jpg").write_bytes(out.getvalue())
     found = images.read_header(tmp_path / "a.jpg")
     assert (found.width, found.height) == (9, 8)
+
+
+def test_a_black_mask_means_that_the_view_shows_nothing_of_the_side(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "black")
+    write_image(folder / "mask/1.png", np.zeros((HEIGHT, WIDTH), dtype=np.uint8))
+    mask = open_recording(folder)[1].mask
+    assert mask is not None
+    assert not mask.any()

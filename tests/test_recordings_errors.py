@@ -236,8 +236,7 @@ DEPTH = np.full((HEIGHT, WIDTH), 850, dtype=np.uint16)
         ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics say 16x12"),
         ("mask/1.png", DEPTH, "16-bit PNG with 1 channel. Masks must be"),
         ("mask/1.png", COLOR, "8-bit PNG with 3 channels. Masks must be"),
-        ("mask/1.png", np.zeros_like(GRAY), "the mask is empty"),
-        ("mask/1.png", np.ones_like(GRAY), "the mask is empty. Mark the side of interest with 255"),
+        ("mask/1.png", np.ones_like(GRAY), "the largest is 1. Mark the side of interest with 255"),
     ],
 )
 def test_an_image_of_the_wrong_size_or_kind_is_named(

@@ -94,6 +94,12 @@ def test_oklab_white_and_black_are_white_and_black():
     np.testing.assert_array_equal(rgb_from_oklab(np.array([[1.0, 0, 0], [0.0, 0, 0]])), [[255] * 3, [0] * 3])
 
 
+def test_views_used_together_have_colours_of_their_own():
+    used = view_colors(36).astype(int)[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
+    apart = np.abs(used[:, None] - used[None]).sum(axis=-1)
+    assert apart[~np.eye(len(used), dtype=bool)].min() > 45
+
+
 def test_neighbouring_views_have_clearly_different_colours():
     colors = view_colors(36).astype(int)
     assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 60

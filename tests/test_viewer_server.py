@@ -380,7 +380,7 @@ def test_auto_stops_when_unsure(server, integration):
         state = tab.state_where(lambda s: s["log"])
     assert not state["auto"]["running"]
     assert state["pending"]["view_index"] == 1
-    assert "0.30, below 0.50" in state["log"][-1]["text"]
+    assert "0.30, below 0.75" in state["log"][-1]["text"]
 
 
 def test_a_decision_by_hand_stops_auto(server, integration):

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.alignment import Alignment, AlignmentScore
+from flatcloth.alignment import AlignmentScore
 from flatcloth.config import Config
 from flatcloth.errors import JournalError
-from flatcloth.integration import Proposal, ViewCloud
+from flatcloth.integration import ViewCloud
 from flatcloth.journal import Pick
 from flatcloth.merging import Canonical
-from flatcloth.planning import ColumnCurves, Plan, SidePlan
 from flatcloth.session import (
     Document,
     Event,
@@ -171,32 +170,16 @@ class CylinderIntegration:
             total=max(0.0, self.scores - 0.01 * off_mm), parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0}
         )
 
-    def proposal(self, document: Document) -> Proposal:
+    def proposal(self, document: Document) -> Any:
         pending = document.pending
-        curves = ColumnCurves(
-            u_m=np.arange(5) * 0.01, column_count=np.arange(5, dtype=np.int32),
-            column_mean_z_angle_deg=np.linspace(-40, 40, 5), pixel_size_m=PIXEL_M,
-        )  # fmt: skip
-        side = SidePlan(
-            side=Side.LEFT, from_view=0, curves=curves, occluding_edge_m=0.1, u_b_m=0.0, a_0_deg=20.0,
-            rotation_deg=30.0, view_index=pending.view_index, reason="left: A = 30 deg",
-        )  # fmt: skip
-        plan = Plan(
-            view_index=pending.view_index,
-            side=Side.LEFT,
-            rotation_deg=30.0,
-            reason=side.reason,
-            sides=(side,),
+        curves = SimpleNamespace(
+            u_m=np.arange(5) * 0.01,
+            column_count=np.arange(5, dtype=np.int32),
+            column_mean_z_angle_deg=np.array([-40.0, -20.0, 0.0, np.nan, 40.0]),
         )
-        score = self.score(document)
-        alignment = Alignment(
-            current_from_new=pending.proposed,
-            initial=pending.proposed,
-            score=score,
-            initial_score=score,
-            correspondence=None,
-        )
-        return Proposal(view_index=pending.view_index, side=Side.LEFT, plan=plan, alignment=alignment)
+        side = SimpleNamespace(side=Side.LEFT, curves=curves)
+        plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
+        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
         self.answers += 1

@@ -122,11 +122,12 @@ class FolderRecording:
         self._check(view.mask, images.check_mask)
         values = self._manifest.lens.undistort(images.decode_raw(view.mask, np.uint8), blend=False)
         mask: Bool = values > 127
-        if not mask.any():
+        if values.any() and not mask.any():
             raise RecordingError(
-                f"{view.mask}: the mask is empty. Mark the side of interest with 255, or remove the view."
+                f"{view.mask}: no pixel is over 127, the largest is {values.max()}. "
+                "Mark the side of interest with 255."
             )
-        return mask
+        return mask  # all black where a view shows nothing of the side of interest
 
     def _check(self, path: Path, check: Callable[[Path, images.ImageHeader], None]) -> None:
         header = images.read_header(path)

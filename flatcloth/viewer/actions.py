@@ -55,17 +55,33 @@ ACTIONS: tuple[Action, ...] = (
     Action("auto", "Auto", ("g",), "Accept by the score and step on, until finished or unsure.", "session"),
     Action("cancel", "Cancel", ("Escape",), "Give up the running computation.", "session"),
     Action(
-        "restart", "Restart", ("n",), "Begin anew from the largest view; undo brings all back.", "session",
+        "restart",
+        "Restart",
+        ("n",),
+        "Begin anew from the largest view; undo brings all back.",
+        "session",
     ),
     Action(
-        "left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal",
+        "left",
+        "Move left",
+        ("ArrowLeft",),
+        "Move the proposal; Shift for ten times as far.",
+        "proposal",
     ),
     Action(
-        "right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal",
+        "right",
+        "Move right",
+        ("ArrowRight",),
+        "Move the proposal; Shift for ten times as far.",
+        "proposal",
     ),
     Action("up", "Move up", ("ArrowUp",), "Move the proposal; Shift for ten times as far.", "proposal"),
     Action(
-        "down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal",
+        "down",
+        "Move down",
+        ("ArrowDown",),
+        "Move the proposal; Shift for ten times as far.",
+        "proposal",
     ),
     Action(
         "turn_left",
@@ -75,10 +91,18 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action(
-        "turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal",
+        "turn_right",
+        "Turn right",
+        ("]", "}"),
+        "Turn the proposal clockwise; Shift: tenfold.",
+        "proposal",
     ),
     Action(
-        "overlay", "Show proposal", ("o",), "Show or hide the proposal on the flattened view.", "proposal",
+        "overlay",
+        "Show proposal",
+        ("o",),
+        "Show or hide the proposal on the flattened view.",
+        "proposal",
     ),
     Action("blink", "Blink", ("b",), "Blink the proposal against the shape.", "proposal"),
     Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
@@ -89,15 +113,17 @@ ACTIONS: tuple[Action, ...] = (
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
     Action(
-        "follow", "Follow", ("v",), "Let the 3D camera follow the view: where the real camera stood.", "view",
+        "follow",
+        "Follow",
+        ("v",),
+        "Let the 3D camera follow the view: where the real camera stood.",
+        "view",
     ),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
     Action("log", "Messages", ("l",), "Show all messages.", "page"),
     Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
     Action("help", "Keys", ("?",), "Show this sheet.", "page"),
 )
-
-
 
 
 def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:

@@ -86,8 +86,6 @@ class Application:
         Holds the state to start from, and keeps every decision and pick.
     stage, audience
         Where things are shown.
-    auto_threshold : float
-        Score (0..1) below which Auto stops and leaves the decision to the operator.
     """
 
     def __init__(
@@ -96,14 +94,13 @@ class Application:
         folder: SessionFolder,
         stage: Stage,
         audience: Audience,
-        auto_threshold: float = 0.5,
     ) -> None:
         self._integration = integration
         self._folder = folder
         self._stage = stage
         self._audience = audience
         self._state = folder.state
-        self._desk = Desk(auto_threshold=auto_threshold)
+        self._desk = Desk(auto_threshold=integration.config.alignment.accept_score)
         self._picks = PickDesk(folder, integration.axis, stage.show_pick)
         self._picture: Picture | None = None
         self._made: Picture | None = None

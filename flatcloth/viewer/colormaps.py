@@ -32,11 +32,20 @@ _SIZE = 256
 
 def rgb_from_oklab(lab: Floats) -> Uint8:
     """Return sRGB (..., 3) uint8 of Oklab colours (..., 3); out-of-gamut values are clipped."""
-    to_lms = np.array([[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728],
-                       [1.0, -0.0894841775, -1.2914855480]])
-    to_linear = np.array([[4.0767416621, -3.3077115913, 0.2309699292],
-                          [-1.2684380046, 2.6097574011, -0.3413193965],
-                          [-0.0041960863, -0.7034186147, 1.7076147010]])
+    to_lms = np.array(
+        [
+            [1.0, 0.3963377774, 0.2158037573],
+            [1.0, -0.1055613458, -0.0638541728],
+            [1.0, -0.0894841775, -1.2914855480],
+        ]
+    )
+    to_linear = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
     linear = np.clip((np.asarray(lab, dtype=np.float64) @ to_lms.T) ** 3 @ to_linear.T, 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     rgb: Uint8 = np.round(encoded * 255).astype(np.uint8)
@@ -66,13 +75,13 @@ def diverging_table() -> Uint8:
 def view_colors(n_views: int) -> Uint8:
     """Return (n_views, 3) colours in which neighbouring views differ clearly.
 
-    Hues lie a golden angle apart, and lightness alternates over three levels, so that two views
-    can be told apart without seeing hue.
+    The hue goes round once with the item, so that views far apart in rotation look far apart;
+    lightness alternates over five levels, so that neighbours differ without seeing hue.
     """
     index: Float64 = np.arange(n_views, dtype=np.float64)
-    hue = 2 * np.pi * (0.62 + 0.61803398875 * index)
-    lightness = np.array([0.62, 0.78, 0.48])[np.arange(n_views) % 3]
-    lab = np.stack([lightness, 0.11 * np.cos(hue), 0.11 * np.sin(hue)], axis=-1)
+    hue = 2 * np.pi * (0.7 + index / max(n_views, 1))
+    lightness = np.array([0.5, 0.8, 0.6, 0.4, 0.7])[np.arange(n_views) % 5]
+    lab = np.stack([lightness, 0.12 * np.cos(hue), 0.12 * np.sin(hue)], axis=-1)
     return rgb_from_oklab(lab)
 
 

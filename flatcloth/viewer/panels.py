@@ -62,9 +62,7 @@ class Panels:
         gui.main_panel.minimize()
 
     @staticmethod
-    def _add_switch(
-        gui: viser.GuiApi, node: str, label: str, on_switch: Callable[[str, bool], None]
-    ) -> None:
+    def _add_switch(gui: viser.GuiApi, node: str, label: str, on_switch: Callable[[str, bool], None]) -> None:
         box = gui.add_checkbox(label, initial_value=True)
 
         @box.on_update

@@ -64,9 +64,7 @@ class PickDesk:
         self.picks: tuple[Pick, ...] = folder.picks
         self.current: CurrentPick | None = None
 
-    def add(
-        self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None
-    ) -> None:
+    def add(self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None) -> None:
         """Pick the cloth nearest to a place of the plane, keep the pick and show it."""
         picture = _shown(picture)
         grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)

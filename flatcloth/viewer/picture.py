@@ -14,8 +14,8 @@ from flatcloth.types import Bool, FlattenedView, RotationAxis
 from flatcloth.viewer.layers import legends
 
 if TYPE_CHECKING:
-    from flatcloth.matching import AlignmentScore
     from flatcloth.integration import Integration, Proposal, ViewCloud
+    from flatcloth.matching import AlignmentScore
     from flatcloth.merging import Canonical
 
 
@@ -99,9 +99,7 @@ def _overlay(integration: Integration, document: Document, before: Overlay | Non
     )
 
 
-def attributes_at(
-    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis
-) -> dict[str, Any] | None:
+def attributes_at(view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis) -> dict[str, Any] | None:
     """Return all attributes of the pixel at a place of the plane, None off the cloth."""
     row, col = (int(x) for x in np.floor(view.rc_from_uv(np.array([u_m, v_m])) + 0.5))
     rows, cols = view.shape

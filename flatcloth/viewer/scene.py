@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.geometry import held_from_camera
-from flatcloth.types import Bool, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.types import Bool, Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
 from flatcloth.viewer.panels import Panels
 from flatcloth.viewer.picture import Picture
 
@@ -47,7 +47,7 @@ class Scene:
         self._axis = axis
         self._lock = threading.RLock()
         self._clouds: dict[str, viser.PointCloudHandle] = {}
-        self._points: dict[str, Floats] = {}
+        self._points: dict[str, Float32] = {}
         self._wanted: dict[str, bool] = {}
         self._filled: dict[str, bool] = {}
         self._shown: tuple[Any, int] | None = None
@@ -101,11 +101,11 @@ class Scene:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
-    def visible_points(self) -> Floats:
+    def visible_points(self) -> Float32:
         """Return the points (N, 3) of all clouds that are switched on."""
         with self._lock:
             seen = [p for name, p in self._points.items() if self._is_visible(name)]
-        return np.concatenate(seen) if seen else np.zeros((0, 3))
+        return np.concatenate(seen) if seen else np.zeros((0, 3), dtype=np.float32)
 
     def show(self, picture: Picture | None) -> None:
         """Show what a document looks like, or an empty scene."""

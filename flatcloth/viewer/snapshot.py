@@ -45,7 +45,7 @@ class Desk:
     """What belongs to the page and not to the session: Auto, follow, progress, messages."""
 
     auto: bool = False
-    auto_threshold: float = 0.5
+    auto_threshold: float = 0.75
     follow: bool = True
     progress: tuple[float, str] | None = None
     log: tuple[Note, ...] = field(default=())

@@ -1,0 +1,1 @@
+"""Benchmarks: ``python -m benchmarks [name ...]``. Nothing here is timed by a test."""

@@ -1,0 +1,38 @@
+"""``python -m benchmarks [flattening] [--recordings FOLDER ...]``: measure, and write ``benchmarks/results``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+BENCHMARKS = ("flattening",)
+
+
+def pin_to_one_core() -> None:
+    """Keep this process on one core; to be called before anything starts threads."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("name", nargs="*", choices=[*BENCHMARKS, []], help="which; all by default")
+    parser.add_argument(
+        "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="few problems, one repetition: to see that it works"
+    )
+    arguments = parser.parse_args()
+    pin_to_one_core()
+    # Imported late: the libraries read their number of threads when they are loaded.
+    if "flattening" in (arguments.name or BENCHMARKS):
+        from benchmarks.flattening import run
+
+        run(arguments.recordings, quick=arguments.quick)
+
+
+if __name__ == "__main__":
+    main()

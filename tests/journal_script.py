@@ -1,0 +1,69 @@
+"""A short session with every kind of decision, for the tests of the journal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from tiny_recordings import MemoryRecording
+
+from flatcloth.config import Config
+from flatcloth.journal import SessionFolder
+from flatcloth.session import (
+    Accept,
+    Command,
+    Event,
+    Nudge,
+    Propose,
+    Proposed,
+    Redo,
+    Reject,
+    SessionState,
+    Side,
+    Start,
+    Started,
+    Undo,
+    apply,
+)
+from flatcloth.types import Rigid2
+
+RECORDING = MemoryRecording()
+SCRIPT: tuple[Command | Event, ...] = (
+    Start(),
+    Started(1, 0),
+    Propose(),
+    Proposed(2, 1, Rigid2(0.1, 1 / 3, -2e-17), Side.RIGHT, 0.75),
+    Nudge(1, Rigid2(-0.01, 0.0, 0.002)),
+    Accept(1),
+    Propose(4),
+    Proposed(3, 4, Rigid2(), None, math.nan),
+    Reject(4, "wrong place"),
+    Undo(),
+    Undo(),
+    Redo(),
+)
+
+
+def opened(place: Path) -> SessionFolder:
+    return SessionFolder.open(place, RECORDING, Config(), "paper")
+
+
+def states() -> list[SessionState]:
+    """The state after each line of the script, the empty one first."""
+    found = [SessionState(len(RECORDING))]
+    for step in SCRIPT:
+        found.append(apply(found[-1], step))
+    return found
+
+
+def idle(state: SessionState) -> SessionState:
+    return replace(state, request=None)
+
+
+def played_in(place: Path) -> SessionFolder:
+    """Return an open session in which the whole script was played."""
+    folder = opened(place)
+    for step in SCRIPT:
+        folder.record(step)
+    return folder
