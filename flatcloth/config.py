@@ -56,6 +56,8 @@ class FlatteningConfig:
     """Radius of the local quadratic fit of depth at each sample."""
     max_chord_slope: float = 0.35
     """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
+    interpolation: str = "smooth"
+    """Between the samples: ``smooth``, every image pixel placed; ``delaunay``, linear as in the paper."""
     pixel_size_m: float = 0.002
     """Size of a pixel of ``F(u, v)``."""
     max_iterations: int = 30
@@ -181,6 +183,8 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if hint is float and number and math.isfinite(value):
         return float(value)
+    if hint is str and isinstance(value, str):
+        return value
     if hint is int and number and float(value).is_integer():
         return int(value)
     if typing.get_origin(hint) is tuple and isinstance(value, list | tuple) and value:

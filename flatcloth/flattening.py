@@ -7,7 +7,9 @@ the surface that no pair connects are flattened each on its own.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -15,12 +17,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.config import FlatteningConfig
-from flatcloth.errors import FlatteningError
+from flatcloth.errors import ConfigError, FlatteningError
 from flatcloth.minimisation import minimise
-from flatcloth.raster import rasterise, triangulate
+from flatcloth.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.sampling import Samples, path_on_surface, sample_surface
 from flatcloth.surface import Surface
 from flatcloth.types import FlattenedView, Float64, Int32, RotationAxis
+from flatcloth.upsampling import place_pixels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,19 +74,20 @@ class Level:
 class Component:
     """A connected part of a flattened view: its own raster, in a plane of its own.
 
-    ``flips`` counts triangles that came out mirrored (and were left out): more than a few mean
+    ``members`` (K,) are its samples. ``flips`` counts places that came out mirrored (and were left
+    out), ``overlaps`` pixels on which two places of the cloth lie: more than a few of either mean
     that the part is folded and not to be trusted.
     """
 
     view: FlattenedView
     members: Int32
-    triangles: Int32
     flips: int
+    overlaps: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flattening:
-    """A flattened view with every intermediate result."""
+    """A flattened view with every intermediate result; the parts are the largest first."""
 
     levels: tuple[Level, ...]
     components: tuple[Component, ...]
@@ -94,10 +98,11 @@ class Flattening:
         """The flattened view of the largest part."""
         return self.components[0].view
 
-    @property
+    @cached_property
     def triangles(self) -> Int32:
-        """(T, 3) triangles of the largest part, indices into the last level's samples."""
-        return self.components[0].triangles
+        """(T, 3) Delaunay triangles of the largest part, indices into the last level's samples."""
+        level = self.levels[-1]
+        return triangulate(level.uv_m, level.samples, self.components[0].members, self.surface)[0]
 
 
 def flatten(
@@ -133,9 +138,8 @@ def flatten(
         If no part has a triangle; the message names the view.
     """
     levels: list[Level] = []
-    for n, interval in enumerate(config.sampling_intervals_px):
-        last = n == len(config.sampling_intervals_px) - 1
-        samples = sample_surface(surface, interval, config, rim=last)
+    for interval in config.sampling_intervals_px:
+        samples = sample_surface(surface, interval, config)
         if not len(samples.points_rc):
             continue
         levels.append(_solve_level(samples, levels[-1] if levels else None, surface, config, record))
@@ -255,14 +259,36 @@ def _local_maps(level: Level) -> Float64:
 def _raster_components(
     level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, min_area_m2: float
 ) -> list[Component]:
-    found = []
+    make = {"smooth": _smooth_components, "delaunay": _delaunay_components}.get(config.interpolation)
+    if make is None:
+        raise ConfigError(f"flattening.interpolation: {config.interpolation!r} is not smooth or delaunay.")
+    found = [part for part in make(level, surface, axis, config) if part.view.valid.any()]
+    found.sort(key=lambda part: -part.view.area_m2)
+    return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
+
+
+def _smooth_components(
+    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig
+) -> Iterator[Component]:
+    placed = place_pixels(level.uv_m, level.samples, surface)
+    component = np.where(placed.nearest >= 0, level.component[placed.nearest], -1)
+    for c in range(int(level.component.max()) + 1):
+        part = component == c
+        members = np.flatnonzero(level.component == c).astype(np.int32)
+        # A part of fewer than three samples has no shape.
+        if members.size >= 3 and part.any():
+            view, flips, overlaps = rasterise_pixels(placed.uv_m, part, surface, axis, config.pixel_size_m)
+            yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
+
+
+def _delaunay_components(
+    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig
+) -> Iterator[Component]:
     for c in range(int(level.component.max()) + 1):
         members = np.flatnonzero(level.component == c).astype(np.int32)
         triangles, flips = triangulate(level.uv_m, level.samples, members, surface)
-        if not len(triangles):
-            continue
-        view = rasterise(level.uv_m, level.samples, triangles, surface, axis, config.pixel_size_m)
-        if view.valid.any():
-            found.append(Component(view=view, members=members, triangles=triangles, flips=flips))
-    found.sort(key=lambda part: -part.view.area_m2)
-    return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
+        if len(triangles):
+            view = rasterise_triangles(
+                level.uv_m, level.samples, triangles, surface, axis, config.pixel_size_m
+            )
+            yield Component(view=view, members=members, flips=flips, overlaps=0)

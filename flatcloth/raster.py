@@ -1,24 +1,25 @@
-"""From flattened sample points to the pixels of ``F(u, v)`` (paper, section 3, last step).
+"""The pixels of ``F(u, v)`` and their attributes (paper, section 3, last step).
 
-The plane is triangulated (Delaunay) over the flattened points; a triangle counts as cloth if all
-its sides run over the surface in the image, so outlines, necklines and holes stay open. Each pixel
-inherits its attributes from the place in the source image that its triangle gives.
+Where a pixel of the plane lies in the source image comes from one of two interpolations: the
+smooth placement of every image pixel (the default), or the paper's linear one over the Delaunay
+triangles of the samples. Either way its attributes are read at that place of the image.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
 from flatcloth.geometry import held_from_camera, z_angle_deg
 from flatcloth.sampling import Samples, path_on_surface
 from flatcloth.surface import Surface
-from flatcloth.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis
+from flatcloth.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
 
 
 def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surface) -> tuple[Int32, int]:
-    """Triangulate one flattened component.
+    """Triangulate one flattened component (Delaunay on the plane, as the paper).
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     members : (K,) int32
         The points of this component.
     surface : Surface
-        Where the sides of a triangle must run.
+        Where the sides of a triangle must run, so that outlines and holes stay open.
 
     Returns
     -------
@@ -38,12 +39,13 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     flips : int
         How many of them are turned over (mirrored against the image): the sheet is folded there.
     """
+    none = np.zeros((0, 3), dtype=np.int32)
     if members.size < 3:
-        return np.zeros((0, 3), dtype=np.int32), 0
+        return none, 0
     try:
         found = members[Delaunay(uv_m[members]).simplices].astype(np.int32)
     except QhullError:  # all points on one line
-        return np.zeros((0, 3), dtype=np.int32), 0
+        return none, 0
     rc = samples.points_rc
     reach = (2.0 * samples.sampling_interval_px) ** 2
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -55,7 +57,7 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     return found[~turned], int(turned.sum())
 
 
-def rasterise(
+def rasterise_triangles(
     uv_m: Float64,
     samples: Samples,
     triangles: Int32,
@@ -63,104 +65,78 @@ def rasterise(
     axis: RotationAxis,
     pixel_size_m: float,
 ) -> FlattenedView:
-    """Interpolate ``F(u, v)`` over the triangles.
+    """Interpolate ``F(u, v)`` linearly over the triangles of the samples; at least one triangle."""
+    low, shape = _grid(uv_m[np.unique(triangles)], pixel_size_m)
+    points = uv_m / pixel_size_m - low
+    source_rc = _fill_triangles(points, triangles, samples.points_rc.astype(np.float64), shape)
+    return read_attributes(source_rc, surface, axis, pixel_size_m, low)
+
+
+def rasterise_pixels(
+    uv_m: Float64, part: Bool, surface: Surface, axis: RotationAxis, pixel_size_m: float
+) -> tuple[FlattenedView, int, int]:
+    """Interpolate ``F(u, v)`` between the placed pixels of the image.
 
     Parameters
     ----------
-    uv_m : (N, 2) float64
-        Flattened points.
-    triangles : (T, 3) int32
-        From :func:`triangulate`; at least one.
+    uv_m : (H, W, 2) float64
+        Where each image pixel lies on the plane.
+    part : (H, W) bool
+        The pixels to draw; at least one.
+    surface : Surface
+        Between which pixels there is cloth, and the attributes.
+    axis : RotationAxis
+        Axis of the recording, to turn the attributes to the held frame.
     pixel_size_m : float
-        Size of a pixel; the grid is aligned to its multiples.
+        Size of a pixel of the plane; the grid is aligned to its multiples.
 
     Returns
     -------
-    FlattenedView
-        Attributes in the held frame; color bilinear, depth smoothed, normals interpolated.
+    view : FlattenedView
+    flips : int
+        Image pixels whose surroundings come out mirrored; they are left out.
+    overlaps : int
+        Pixels of the plane on which two different places of the cloth came to lie.
     """
-    used = uv_m[np.unique(triangles)]
-    low = np.floor(used.min(axis=0) / pixel_size_m) - 1
-    size = np.ceil(used.max(axis=0) / pixel_size_m) + 2 - low
-    shape = (int(size[1]), int(size[0]))
+    low, shape = _grid(uv_m[part], pixel_size_m)
     points = uv_m / pixel_size_m - low
-    source_rc, normal = _fill(points, triangles, samples.points_rc.astype(np.float64), samples.normal, shape)
-    valid = np.isfinite(source_rc[..., 0])
-    return attributes_at(
-        source_rc,
-        normal,
-        valid,
-        surface,
-        axis,
-        pixel_size_m,
-        (float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
-    )
+    source_rc, flips, overlaps = _fill_pixels(points, part, surface.steps, shape)
+    return read_attributes(source_rc, surface, axis, pixel_size_m, low), flips, overlaps
 
 
-def attributes_at(
-    source_rc: Float32,
-    normal: Float32,
-    valid: Bool,
-    surface: Surface,
-    axis: RotationAxis,
-    pixel_size_m: float,
-    origin_uv_m: tuple[float, float],
+def read_attributes(
+    source_rc: Float32, surface: Surface, axis: RotationAxis, pixel_size_m: float, low: Float64
 ) -> FlattenedView:
-    """Look the nine attributes up at (H, W, 2) places of the source image."""
-    frame = surface.frame
+    """Read the nine attributes at the places (H, W, 2) of the source image, held frame.
+
+    ``low`` (2,) is the plane position of pixel (0, 0), in pixels.
+    """
+    frame, k = surface.frame, surface.frame.intrinsics
     held = held_from_camera(axis, frame.angle_deg)
-    rc = source_rc[valid]
-    rgb = np.zeros((*valid.shape, 3), dtype=np.uint8)
-    xyz = np.full((*valid.shape, 3), np.nan, dtype=np.float32)
-    normals = np.full((*valid.shape, 3), np.nan, dtype=np.float32)
-    angle = np.full(valid.shape, np.nan, dtype=np.float32)
-    rgb[valid] = np.rint(_bilinear(frame.color.astype(np.float32), rc))
-    depth = _bilinear(surface.xyz_m[..., 2:3], rc)[:, 0]
-    measured = np.isfinite(depth)
-    valid = valid.copy()
-    valid[valid] = measured
-    rc, depth = rc[measured], depth[measured]
-    k = frame.intrinsics
-    camera = np.stack([(rc[:, 1] - k.cx) / k.fx * depth, (rc[:, 0] - k.cy) / k.fy * depth, depth], axis=1)
-    n = normal[valid].astype(np.float64)
-    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-9)[:, None]
-    xyz[valid] = held.apply(camera)
-    held_normal = held.turn(n)
-    normals[valid] = held_normal
-    angle[valid] = z_angle_deg(held_normal, axis, frame.angle_deg)
-    rgb[~valid] = 0
-    view_index = np.where(valid, frame.view_index, -1).astype(np.int16)
-    source = np.where(valid[..., None], source_rc, np.nan).astype(np.float32)
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    rgb, xyz, normal, valid = _read(
+        source_rc, frame.color, surface.xyz_m, surface.normal, camera, held.rotation, held.translation_m
+    )
+    source_rc[~valid] = np.nan
+    angle = z_angle_deg(normal, axis, frame.angle_deg).astype(np.float32)
     return FlattenedView(
         rgb=rgb,
         xyz_m=xyz,
-        normal=normals,
+        normal=normal,
         z_angle_deg=angle,
         valid=valid,
-        view_index=view_index,
-        source_rc=source,
+        view_index=np.where(valid, frame.view_index, -1).astype(np.int16),
+        source_rc=source_rc,
         pixel_size_m=pixel_size_m,
-        origin_uv_m=origin_uv_m,
+        origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
 
 
-def _bilinear(image: Float32, rc: Float32) -> Float32:
-    """Sample (H, W, C) at (N, 2) places; NaN neighbours are left out, all NaN gives NaN."""
-    rows, cols, _ = image.shape
-    r0 = np.clip(np.floor(rc[:, 0]).astype(np.int64), 0, rows - 2)
-    c0 = np.clip(np.floor(rc[:, 1]).astype(np.int64), 0, cols - 2)
-    fr, fc = rc[:, 0] - r0, rc[:, 1] - c0
-    total = np.zeros((rc.shape[0], image.shape[2]), dtype=np.float64)
-    weights = np.zeros((rc.shape[0], 1))
-    for dr, wr in ((0, 1 - fr), (1, fr)):
-        for dc, wc in ((0, 1 - fc), (1, fc)):
-            value = image[r0 + dr, c0 + dc]
-            w = (wr * wc)[:, None] + 1e-9
-            good = np.isfinite(value[:, :1])
-            total += np.where(good, value * w, 0.0)
-            weights += np.where(good, w, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (total / weights).astype(np.float32)
+def _grid(points_m: Float64, pixel_size_m: float) -> tuple[Float64, tuple[int, int]]:
+    """Lowest corner (in pixels) and shape of the grid around the points."""
+    low = np.floor(points_m.min(axis=0) / pixel_size_m) - 1
+    size = np.ceil(points_m.max(axis=0) / pixel_size_m) + 2 - low
+    return low, (int(size[1]), int(size[0]))
 
 
 def _orientation(points: Float64, triangles: Int32) -> Float64:
@@ -170,33 +146,141 @@ def _orientation(points: Float64, triangles: Int32) -> Float64:
 
 
 @njit(cache=True, nogil=True)
-def _fill(
-    points: Float64, triangles: Int32, rc: Float64, normal: Float64, shape: tuple[int, int]
-) -> tuple[Float32, Float32]:
-    """Fill pixels inside the triangles with barycentric (row, col) and normal; NaN outside."""
+def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple[int, int]) -> Float32:
+    """Fill the pixels inside the triangles with the interpolated (row, col); NaN outside."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
-    normals = np.full((shape[0], shape[1], 3), np.nan, dtype=np.float32)
+    corners = np.empty((3, 4))
     for t in range(triangles.shape[0]):
-        i, j, k = triangles[t]
-        u0, v0 = points[i]
-        u1, v1 = points[j]
-        u2, v2 = points[k]
-        area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
-        if area == 0.0:
-            continue
-        row_low = max(int(np.ceil(min(v0, v1, v2))), 0)
-        row_high = min(int(np.floor(max(v0, v1, v2))), shape[0] - 1)
-        col_low = max(int(np.ceil(min(u0, u1, u2))), 0)
-        col_high = min(int(np.floor(max(u0, u1, u2))), shape[1] - 1)
-        for row in range(row_low, row_high + 1):
-            for col in range(col_low, col_high + 1):
-                w1 = ((col - u0) * (v2 - v0) - (row - v0) * (u2 - u0)) / area
-                w2 = ((u1 - u0) * (row - v0) - (v1 - v0) * (col - u0)) / area
-                w0 = 1.0 - w1 - w2
-                if w0 < -1e-9 or w1 < -1e-9 or w2 < -1e-9:
+        for n in range(3):
+            m = triangles[t, n]
+            corners[n, :2] = points[m]
+            corners[n, 2:] = rc[m]
+        _fill(source, corners)
+    return source
+
+
+@njit(cache=True, nogil=True)
+def _fill_pixels(
+    points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int]
+) -> tuple[Float32, int, int]:
+    """Fill two triangles for every block of 2 x 2 neighbours; of three neighbours, one."""
+    source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
+    corners = np.empty((3, 4))
+    flips, overlaps = 0, 0
+    for r in range(part.shape[0] - 1):
+        for c in range(part.shape[1] - 1):
+            right, down = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
+            below, beside = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
+            all_four = part[r, c] and part[r, c + 1] and part[r + 1, c] and part[r + 1, c + 1]
+            # A triangle is cloth if its two sides along the image's rows and columns are.
+            for k in range(4):
+                if k == 0:
+                    good, i, j, m = right and down, (r, c), (r, c + 1), (r + 1, c)
+                elif k == 1:
+                    good, i, j, m = below and beside, (r + 1, c + 1), (r + 1, c), (r, c + 1)
+                elif k == 2:
+                    good, i, j, m = right and beside and not all_four, (r, c + 1), (r + 1, c + 1), (r, c)
+                else:
+                    good, i, j, m = down and below and not all_four, (r + 1, c), (r, c), (r + 1, c + 1)
+                if not (good and part[i] and part[j] and part[m]):
                     continue
-                for m in range(2):
-                    source[row, col, m] = w0 * rc[i, m] + w1 * rc[j, m] + w2 * rc[k, m]
-                for m in range(3):
-                    normals[row, col, m] = w0 * normal[i, m] + w1 * normal[j, m] + w2 * normal[k, m]
-    return source, normals
+                for n, p in enumerate((i, j, m)):
+                    corners[n, 0], corners[n, 1] = points[p[0], p[1], 0], points[p[0], p[1], 1]
+                    corners[n, 2], corners[n, 3] = p[0], p[1]
+                turned = (corners[1, 0] - corners[0, 0]) * (corners[2, 1] - corners[0, 1]) - (
+                    corners[1, 1] - corners[0, 1]
+                ) * (corners[2, 0] - corners[0, 0])
+                if not turned > 0.0:  # all four kinds run clockwise in the image
+                    flips += 1
+                    continue
+                overlaps += _fill(source, corners)
+    return source, flips, overlaps
+
+
+@njit(cache=True, nogil=True)
+def _fill(source: Float32, corners: Float64) -> int:
+    """Fill one triangle; return how many of its pixels held a place more than 3 image pixels away."""
+    u0, v0, u1, v1, u2, v2 = (
+        corners[0, 0],
+        corners[0, 1],
+        corners[1, 0],
+        corners[1, 1],
+        corners[2, 0],
+        corners[2, 1],
+    )
+    area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
+    if area == 0.0 or not np.isfinite(area):
+        return 0
+    overlaps = 0
+    row_low = max(int(np.ceil(min(v0, v1, v2))), 0)
+    row_high = min(int(np.floor(max(v0, v1, v2))), source.shape[0] - 1)
+    col_low = max(int(np.ceil(min(u0, u1, u2))), 0)
+    col_high = min(int(np.floor(max(u0, u1, u2))), source.shape[1] - 1)
+    for row in range(row_low, row_high + 1):
+        for col in range(col_low, col_high + 1):
+            w1 = ((col - u0) * (v2 - v0) - (row - v0) * (u2 - u0)) / area
+            w2 = ((u1 - u0) * (row - v0) - (v1 - v0) * (col - u0)) / area
+            w0 = 1.0 - w1 - w2
+            if w0 < -1e-9 or w1 < -1e-9 or w2 < -1e-9:
+                continue
+            r = w0 * corners[0, 2] + w1 * corners[1, 2] + w2 * corners[2, 2]
+            c = w0 * corners[0, 3] + w1 * corners[1, 3] + w2 * corners[2, 3]
+            if abs(source[row, col, 0] - r) > 3.0 or abs(source[row, col, 1] - c) > 3.0:
+                overlaps += 1
+            source[row, col, 0] = r
+            source[row, col, 1] = c
+    return overlaps
+
+
+@njit(cache=True, nogil=True)
+def _read(
+    source: Float32,
+    color: Uint8,
+    xyz: Float32,
+    normal: Float32,
+    camera: Float64,
+    rotation: Float64,
+    translation: Float64,
+) -> tuple[Uint8, Float32, Float32, Bool]:
+    """Read color, depth and normal bilinearly over the finite neighbours; turn to the held frame."""
+    rows, cols = source.shape[0], source.shape[1]
+    out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
+    out_xyz = np.full((rows, cols, 3), np.nan, dtype=np.float32)
+    out_normal = np.full((rows, cols, 3), np.nan, dtype=np.float32)
+    valid = np.zeros((rows, cols), dtype=np.bool_)
+    tint, n = np.empty(3), np.empty(3)
+    for row in range(rows):
+        for col in range(cols):
+            y, x = source[row, col, 0], source[row, col, 1]
+            if not np.isfinite(y):
+                continue
+            r0, c0 = min(int(y), xyz.shape[0] - 2), min(int(x), xyz.shape[1] - 2)
+            weight, depth = 0.0, 0.0
+            tint[:] = 0.0
+            n[:] = 0.0
+            for i in range(2):
+                for j in range(2):
+                    w = abs(1 - i - (y - r0)) * abs(1 - j - (x - c0)) + 1e-9
+                    for k in range(3):
+                        tint[k] += w * color[r0 + i, c0 + j, k]
+                    z = xyz[r0 + i, c0 + j, 2]
+                    if np.isfinite(z):
+                        weight += w
+                        depth += w * z
+                        for k in range(3):
+                            n[k] += w * normal[r0 + i, c0 + j, k]
+            if weight < 1e-6:
+                continue
+            depth /= weight
+            length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+            px, py = (x - camera[2]) / camera[0] * depth, (y - camera[3]) / camera[1] * depth
+            valid[row, col] = True
+            for k in range(3):
+                out_rgb[row, col, k] = np.uint8(min(max(tint[k] + 0.5, 0.0), 255.0))
+                out_xyz[row, col, k] = (
+                    rotation[k, 0] * px + rotation[k, 1] * py + rotation[k, 2] * depth + translation[k]
+                )
+                out_normal[row, col, k] = (
+                    rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
+                ) / length
+    return out_rgb, out_xyz, out_normal, valid

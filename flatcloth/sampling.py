@@ -1,9 +1,8 @@
 """Sample points of a surface and the pairs of neighbours between them (paper, section 3).
 
-Points lie on a grid of interval d in the depth image, and at the finest interval along the rim of
-the surface too (a departure from the paper: without them a strip of up to d pixels is lost along
-every outline). Two points make a pair (B = 1) if they are grid neighbours, or a rim point is one of
-them, and the straight pixel path between them never leaves the surface nor crosses a depth jump.
+Points lie on a grid of interval d in the depth image. Two of them make a pair (B = 1) if they are
+neighbours on the grid, diagonals included, and the straight pixel path between them never leaves
+the surface nor crosses a depth jump.
 """
 
 from __future__ import annotations
@@ -37,9 +36,7 @@ class Samples:
     edge_length_m: Float64
 
 
-def sample_surface(
-    surface: Surface, sampling_interval_px: int, config: FlatteningConfig, *, rim: bool
-) -> Samples:
+def sample_surface(surface: Surface, sampling_interval_px: int, config: FlatteningConfig) -> Samples:
     """Sample the surface at one interval.
 
     Parameters
@@ -50,8 +47,6 @@ def sample_surface(
         Interval d.
     config : FlatteningConfig
         Fit radius and limits of the pairs.
-    rim : bool
-        Add points along the rim of the surface.
 
     Returns
     -------
@@ -62,8 +57,6 @@ def sample_surface(
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
-    if rim:
-        rc = np.concatenate([rc, _rim_points(surface.usable, grid, d)])
     fit = fit_patches(
         surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(), config.fit_radius_px, True
     )
@@ -109,37 +102,6 @@ def _lengths(edges: Int32, points: Float64, normal: Float64, max_chord_slope: fl
     keep = (length > 0) & (np.maximum(abs(a), abs(b)) <= max_chord_slope)
     arc = length * (1 + (2 * a * a - a * b + 2 * b * b) / 30)
     return edges[keep], arc[keep]
-
-
-def _rim_points(usable: Bool, grid: Bool, d: int) -> Int32:
-    inner = usable.copy()
-    inner[1:-1, 1:-1] &= usable[:-2, 1:-1] & usable[2:, 1:-1] & usable[1:-1, :-2] & usable[1:-1, 2:]
-    rim = np.argwhere(usable & ~inner).astype(np.int32)
-    return rim[_thin(rim, usable, grid, d)]
-
-
-@njit(cache=True, nogil=True)
-def _thin(rim: Int32, usable: Bool, grid: Bool, d: int) -> Bool:
-    """Pick rim pixels greedily, at least 0.7 d from each other and 0.45 d from the grid's samples."""
-    rows, cols = usable.shape
-    taken = np.zeros(usable.shape, dtype=np.bool_)
-    keep = np.zeros(rim.shape[0], dtype=np.bool_)
-    far, near = (0.7 * d) ** 2, (0.45 * d) ** 2
-    for n in range(rim.shape[0]):
-        r, c = rim[n]
-        free = True
-        for i in range(max(r - d, 0), min(r + d + 1, rows)):
-            for j in range(max(c - d, 0), min(c + d + 1, cols)):
-                distance = (i - r) ** 2 + (j - c) ** 2
-                if (taken[i, j] and distance < far) or (grid[i, j] and usable[i, j] and distance < near):
-                    free = False
-                    break
-            if not free:
-                break
-        if free:
-            keep[n] = True
-            taken[r, c] = True
-    return keep
 
 
 @njit(cache=True, nogil=True)
