@@ -1,4 +1,4 @@
-"""``python -m benchmarks [flattening] [--recordings FOLDER ...]``: measure, and write ``benchmarks/results``."""
+"""``python -m benchmarks [flattening] [--recordings FOLDER ...]``: measure, write ``benchmarks/results``."""
 
 from __future__ import annotations
 

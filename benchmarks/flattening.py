@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.developable import AXIS, sheets, view_of
-from benchmarks.peers import BOUND, Method, best_known, methods
+from benchmarks.peers import BOUND, Method, least_known_energy, methods
 from benchmarks.problems import Problem, problem_of, signed_areas
 from benchmarks.single_views import accuracy_of_sheets, accuracy_of_views, frame_times
 from flatcloth.minimisation import energy_of
@@ -143,7 +143,7 @@ def solver_rows(recordings: Sequence[Recording], *, quick: bool) -> list[Row]:
     last: dict[tuple[str, str, float], tuple[int, float]] = {}
     for noise_mm, problem in problems(recordings, quick=quick):
         say(f"{problem.surface}, noise {noise_mm} mm, d = {problem.sampling_interval_px}, N = {problem.size}")
-        best = energy_of(best_known(problem), problem.edges, problem.edge_length_m)
+        best = least_known_energy(problem)
         found: list[tuple[Method, float | None, Float64 | None, str]] = []
         for method in methods():
             key = (method.name, problem.surface, noise_mm)

@@ -62,7 +62,7 @@ def _peers(rows: list[Row]) -> list[str]:
     lines = [
         "## Against the peers",
         "",
-        "Medians over the problems that both solved: their time over flatcloth's, their error over flatcloth's.",
+        "Medians over the problems that both solved: their time and their error over flatcloth's.",
         "",
         "| method | d = 12 | d = 6 | d = 2 | error, exact | error, with noise | error, garments | problems |",
         "|---|---|---|---|---|---|---|---|",
@@ -87,7 +87,8 @@ def _solver(rows: list[Row]) -> list[str]:
     lines = [
         "## flatcloth's solver, problem by problem",
         "",
-        "| surface | noise mm | d | points | ms | over the lower bound | RMS mm | best peer's RMS mm | H over the best | flips |",
+        "| surface | noise mm | d | points | ms | over the bound | RMS mm | best peer's RMS mm | H over best "
+        "| flips |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     by_key: dict[tuple[Any, ...], dict[str, Row]] = {}
@@ -112,7 +113,7 @@ def _growth(rows: list[Row]) -> list[str]:
     lines = [
         "## Growth with the number of points",
         "",
-        "Time as N to a power, fitted over all problems of 100 points or more; and the median at each interval.",
+        "Time as N to a power, fitted over the problems of 100 points or more; the median at each interval.",
         "",
         "| method | power | d = 12 ms | d = 6 ms | d = 2 ms | d = 1 ms |",
         "|---|---|---|---|---|---|",
@@ -138,8 +139,10 @@ def _frames(result: dict[str, Any]) -> list[str]:
     for frame in result["frames"]:
         stages = sorted(frame["stages_ms"].items(), key=lambda item: -item[1])
         lines += [
-            f"`{frame['recording']}`: **{frame['frame_ms']:.1f} ms** (median of {frame['views']} views; slowest "
-            f"{frame['slowest_ms']:.1f} ms): " + ", ".join(f"{name} {ms:.1f}" for name, ms in stages) + ".",
+            f"`{frame['recording']}`: **{frame['frame_ms']:.1f} ms** (median of {frame['views']} views; "
+            f"slowest {frame['slowest_ms']:.1f} ms): "
+            + ", ".join(f"{name} {ms:.1f}" for name, ms in stages)
+            + ".",
             "",
         ]
     return lines
@@ -153,14 +156,14 @@ def _sheets(sheets: list[Row]) -> list[str]:
         "stereo sensor's; beside the error, what the noise left in the smoothed depth moves pixels along the "
         "surface, which no flattening can undo.",
         "",
-        "| sheet | noise mm | RMS mm | 95th percentile mm | moved by noise mm | covered | components | flips |",
+        "| sheet | noise mm | RMS mm | 95th % mm | moved by noise mm | covered | components | flips |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for r in sheets:
-        lines.append(
-            f"| {r['surface']} | {r['noise_mm']:g} | {r['rms_mm']:.3f} | {r['p95_mm']:.2f} "
-            f"| {r['noise_share_mm']:.2f} | {r['covered_share']:.0%} | {r['components']:g} | {r['flips']:g} |"
-        )
+    lines += [
+        f"| {r['surface']} | {r['noise_mm']:g} | {r['rms_mm']:.3f} | {r['p95_mm']:.2f} "
+        f"| {r['noise_share_mm']:.2f} | {r['covered_share']:.0%} | {r['components']:g} | {r['flips']:g} |"
+        for r in sheets
+    ]
     return [*lines, ""]
 
 
@@ -168,7 +171,7 @@ def _views(views: list[Row]) -> list[str]:
     lines = [
         "## Single views of recordings against the truth",
         "",
-        "95th percentile of the error over a view's pixels, every component fitted on its own (10 % trimmed).",
+        "95th percentile of the error over a view's pixels, each component fitted on its own (10 % trimmed).",
         "",
         "| recording | views | median mm | worst mm | covered, median | covered, least | flips |",
         "|---|---|---|---|---|---|---|",

@@ -26,7 +26,15 @@ from flatcloth.types import Bool, Float64, RgbdFrame, RotationAxis
 CONFIG = Config()
 STAGES: dict[ModuleType, tuple[str, ...]] = {
     surface: ("fill_dropouts", "find_ramps", "fit_patches", "back_project", "z_angle_deg"),
-    flattening: ("sample_surface", "_from_coarse", "minimise", "triangulate", "rasterise"),
+    flattening: (
+        "sample_surface",
+        "_from_coarse",
+        "minimise",
+        "place_pixels",
+        "rasterise_pixels",
+        "triangulate",
+        "rasterise_triangles",
+    ),
 }
 """Functions timed on their own, where their callers look them up."""
 
@@ -178,7 +186,7 @@ def accuracy_of_views(recording: Recording, *, quick: bool = False) -> dict[str,
 
 
 def errors_mm(result: Flattening, flat_uv_m: Float64, mask: Bool) -> tuple[Float64, float]:
-    """Return the errors (K,) of all pixels, each component fitted by itself, and the share of the mask covered."""
+    """Return the errors (K,), each component fitted by itself, and the share of the mask that is covered."""
     covered = np.zeros(mask.shape, dtype=np.uint8)
     errors = []
     for part in result.components:

@@ -62,8 +62,8 @@ class FlatteningConfig:
     """Size of a pixel of ``F(u, v)``."""
     max_iterations: int = 30
     """Majorisation steps allowed at each interval, before the damped Newton steps."""
-    energy_tolerance: float = 1e-4
-    """The minimisation ends when the energy falls by a smaller share than this."""
+    energy_tolerance: float = 2e-3
+    """The minimisation ends when a Newton step lowers the energy by a smaller share than this."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,20 +4,30 @@
 quadratic that touches it from above; its minimum is one solve with the graph Laplacian, which is
 factored once. It never increases H and does not fold the sheet from the pixel start, where
 gradient methods do (the paper's "instability"). Anderson mixing speeds it up; damped Newton steps
-finish it where thin parts make majorisation crawl.
+finish it where thin parts make majorisation crawl. Samples come in image order and garments hang
+long and narrow, so both matrices are narrow bands, factored in place by LAPACK.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from flatcloth.types import Float64, Int32, Int64
+from flatcloth.types import Float64, Int32
+
+T = TypeVar("T")
+_ANDERSON_DEPTH = 6
+_MAJORISE_UNTIL = 0.02
+"""Majorisation hands over to Newton when it lowers H by a smaller share than this, twice running."""
+_MAX_NEWTON_STEPS = 60
+_LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-7, 1e-2, 1e4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,17 +35,14 @@ class Minimum:
     """Result: ``uv_m`` (N, 2), ``energy`` H before the first and after each iteration, recorded states.
 
     ``states`` holds (N, 2) arrays at some iterations (``state_iterations``), for the teaching view;
-    empty unless asked for.
+    empty unless asked for. The first ``majorisations`` iterations are majorisation steps.
     """
 
     uv_m: Float64
     energy: tuple[float, ...]
+    majorisations: int = 0
     states: tuple[Float64, ...] = ()
     state_iterations: tuple[int, ...] = ()
-
-
-T = TypeVar("T")
-_ANDERSON_DEPTH = 8
 
 
 def minimise(
@@ -60,7 +67,7 @@ def minimise(
     max_iterations : int
         Bound on the majorisation steps.
     energy_tolerance : float
-        Ends when H falls by a smaller share than this in one step (twice running).
+        Ends when a Newton step lowers H by a smaller share than this.
     record : bool
         Keep about twenty states on the way.
 
@@ -68,22 +75,29 @@ def minimise(
     -------
     Minimum
         The centroid and the mean direction of the start are kept: H does not fix them.
+
+    Notes
+    -----
+    Cost: N times the square of the bandwidth (points in one image row) for each Newton step, and a
+    quarter of that once for majorisation.
     """
-    n = initial_uv_m.shape[0]
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
-    factor = _factor_laplacian(n, edges)
-    x = initial_uv_m - initial_uv_m.mean(axis=0)
-    x, energy, trace = _majorise(x, edges, edge_length_m, factor, max_iterations, energy_tolerance)
-    x, newton_energy, newton_trace = _newton(x, edges, edge_length_m, energy_tolerance)
-    energy += newton_energy
-    states = [aligned_to(s, initial_uv_m) for s in _thinned(trace + newton_trace)] if record else []
-    steps = _thinned(list(range(len(energy)))) if record else []
+    order = _narrow_order(len(initial_uv_m), edges)
+    place = np.argsort(order)
+    pairs = np.sort(place[edges], axis=1).astype(np.int32)
+    x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
+    trace: list[Float64] | None = [x] if record else None
+    x, energy = _majorise(x, pairs, edge_length_m, max_iterations, trace)
+    majorisations = len(energy) - 1
+    x, energy = _newton(x, pairs, edge_length_m, energy, energy_tolerance, trace)
+    states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
-        uv_m=aligned_to(x, initial_uv_m),
+        uv_m=aligned_to(x.T[place], initial_uv_m),
         energy=tuple(energy),
+        majorisations=majorisations,
         states=tuple(states),
-        state_iterations=tuple(steps),
+        state_iterations=tuple(_thinned(list(range(len(energy))))) if record else (),
     )
 
 
@@ -109,80 +123,131 @@ def _thinned(items: list[T], most: int = 20) -> list[T]:
     return [items[round(i)] for i in np.linspace(0, len(items) - 1, most)]
 
 
-def _factor_laplacian(n: int, edges: Int32) -> SuperLU:
-    """Factor the Laplacian with point 0 held (its row and column replaced by the identity)."""
-    a, b = edges[:, 0], edges[:, 1]
-    degree = np.bincount(edges.ravel(), minlength=n).astype(np.float64)
-    degree[0] = 1.0
-    free = (a != 0) & (b != 0)
-    a, b = a[free], b[free]
-    diagonal = np.arange(n)
-    matrix = csc_matrix(
-        (
-            np.concatenate([degree, np.full(2 * a.size, -1.0)]),
-            (np.concatenate([diagonal, a, b]), np.concatenate([diagonal, b, a])),
-        ),
-        shape=(n, n),
-    )
-    return _factor(matrix)
+def _bandwidth(edges: Int32) -> int:
+    return int(np.abs(edges[:, 0] - edges[:, 1]).max())
 
 
-def _factor(matrix: csc_matrix) -> SuperLU:
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def _narrow_order(n: int, edges: Int32) -> Int32:
+    """Order of the points in which pairs are near each other: as given (image rows) if that is."""
+    if _bandwidth(edges) <= 3.0 * math.sqrt(n) + 8:
+        return np.arange(n, dtype=np.int32)
+    ones = np.ones(len(edges), dtype=np.int8)
+    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
+    order: Int32 = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)
+    return order
 
 
 def _majorise(
-    x: Float64, edges: Int32, lengths: Float64, factor: SuperLU, max_iterations: int, tolerance: float
-) -> tuple[Float64, list[float], list[Float64]]:
-    """SMACOF with Anderson mixing; a mixed step that raises H is replaced by the plain one."""
-    n = x.shape[0]
+    x: Float64, edges: Int32, lengths: Float64, max_iterations: int, trace: list[Float64] | None
+) -> tuple[Float64, list[float]]:
+    """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by the plain one."""
+    n = x.shape[1]
+    factor, _ = dpbtrf(_laplacian_band(n, _bandwidth(edges), edges), lower=1, overwrite_ab=1)
     rhs = np.empty_like(x)
     h = _majorise_rhs(x, edges, lengths, rhs)
-    energy, trace = [h], [x]
-    past_x: list[Float64] = []
-    past_f: list[Float64] = []
-    small = 0
-    for _ in range(max_iterations):
-        rhs[0] = 0.0
-        g = factor.solve(rhs)
-        g -= g.mean(axis=0)
-        f = (g - x).ravel()
-        mixed = _anderson(past_x, past_f, g.ravel(), f)
-        past_x.append(g.ravel())
-        past_f.append(f)
-        if len(past_x) > _ANDERSON_DEPTH:
-            past_x.pop(0)
-            past_f.pop(0)
-        candidate = mixed.reshape(n, 2)
+    energy = [h]
+    past_x, past_f = np.empty((_ANDERSON_DEPTH, 2 * n)), np.empty((_ANDERSON_DEPTH, 2 * n))
+    kept = small = 0
+    for iteration in range(max_iterations):
+        solved, _ = dpbtrs(factor, rhs.T, lower=1)
+        plain = np.ascontiguousarray(solved.T)
+        plain -= plain.mean(axis=1, keepdims=True)
+        g, f = plain.ravel(), (plain - x).ravel()
+        candidate = _anderson(past_x, past_f, kept, g, f).reshape(2, n) if kept else plain
+        slot = iteration % _ANDERSON_DEPTH
+        past_x[slot], past_f[slot] = g, f
+        kept = min(kept + 1, _ANDERSON_DEPTH)
         h_new = _majorise_rhs(candidate, edges, lengths, rhs)
         if h_new > h:
-            candidate = g
+            candidate, kept = plain, 0
             h_new = _majorise_rhs(candidate, edges, lengths, rhs)
-            past_x, past_f = [], []
-        x = candidate
-        small = small + 1 if h - h_new <= tolerance * h else 0
-        h = h_new
+        small = small + 1 if h - h_new <= _MAJORISE_UNTIL * h else 0
+        x, h = candidate, h_new
         energy.append(h)
-        trace.append(x)
+        if trace is not None:
+            trace.append(x)
         if small >= 2:
             break
-    return x, energy, trace
+    return x, energy
 
 
-def _anderson(past_x: list[Float64], past_f: list[Float64], g: Float64, f: Float64) -> Float64:
-    """Return the combination of past images whose combined residual is least."""
-    if not past_x:
-        return g
-    df = np.stack([f - p for p in past_f], axis=1)
-    dx = np.stack([g - p for p in past_x], axis=1)
-    gram = df.T @ df
-    gram[np.diag_indices_from(gram)] *= 1 + 1e-10
-    try:
-        gamma = np.linalg.solve(gram, df.T @ f)
-    except np.linalg.LinAlgError:
-        return g
-    mixed: Float64 = g - dx @ gamma
+def _newton(
+    x: Float64,
+    edges: Int32,
+    lengths: Float64,
+    energy: list[float],
+    tolerance: float,
+    trace: list[Float64] | None,
+) -> tuple[Float64, list[float]]:
+    """Damped Newton steps on (2, N) until H falls by less than ``tolerance``."""
+    n = x.shape[1]
+    band = np.empty((2 * _bandwidth(edges) + 2, 2 * n))
+    gradient = np.empty(2 * n)
+    scratch = np.empty_like(x)
+    damping, h = _FIRST_DAMPING, energy[-1]
+    for _ in range(_MAX_NEWTON_STEPS):
+        _newton_system(x, edges, lengths, damping, band, gradient)
+        factor, failed = dpbtrf(band, lower=1)
+        candidate, h_new = x, math.inf
+        if failed == 0:
+            step, _ = dpbtrs(factor, gradient, lower=1)
+            candidate = x - step.reshape(n, 2).T
+            h_new = _majorise_rhs(candidate, edges, lengths, scratch)
+        if not h_new < h:
+            damping *= 10
+            if damping > _MOST_DAMPING:
+                break
+            continue
+        converged = h - h_new <= tolerance * h
+        x, h = np.ascontiguousarray(candidate), h_new
+        energy.append(h)
+        if trace is not None:
+            trace.append(x)
+        damping = max(0.1 * damping, _LEAST_DAMPING)
+        if converged:
+            break
+    return x, energy
+
+
+@njit(cache=True, nogil=True)
+def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
+    """Combine the past images so that the combined residual is least."""
+    size = f.size
+    gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
+    for i in range(kept):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(size):
+                s += (f[k] - past_f[i, k]) * (f[k] - past_f[j, k])
+            gram[i, j] = gram[j, i] = s
+        s = 0.0
+        for k in range(size):
+            s += (f[k] - past_f[i, k]) * f[k]
+        rhs[i] = s
+    largest = 0.0
+    for i in range(kept):
+        largest = max(largest, gram[i, i])
+    for i in range(kept):
+        gram[i, i] += 1e-12 * largest + 1e-300
+    gamma = np.linalg.solve(gram, rhs)
+    mixed = g.copy()
+    for i in range(kept):
+        for k in range(size):
+            mixed[k] -= gamma[i] * (g[k] - past_x[i, k])
     return mixed
+
+
+@njit(cache=True, nogil=True)
+def _laplacian_band(n: int, bandwidth: int, edges: Int32) -> Float64:
+    """Lower band of the graph Laplacian; point 0 is held, which makes it definite."""
+    band = np.zeros((bandwidth + 1, n))
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        band[0, a] += 1.0
+        band[0, b] += 1.0
+        band[b - a, a] -= 1.0
+    band[0, 0] += 1.0
+    return band
 
 
 @njit(cache=True, nogil=True)
@@ -192,78 +257,48 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> f
     h = 0.0
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
-        du, dv = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1]
-        d = np.sqrt(du * du + dv * dv)
+        du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
+        d = math.sqrt(du * du + dv * dv)
         h += (d - lengths[e]) ** 2
         s = lengths[e] / max(d, 1e-12)
-        rhs[a, 0] += s * du
-        rhs[a, 1] += s * dv
-        rhs[b, 0] -= s * du
-        rhs[b, 1] -= s * dv
+        rhs[0, a] += s * du
+        rhs[1, a] += s * dv
+        rhs[0, b] -= s * du
+        rhs[1, b] -= s * dv
     return h
 
 
-def _newton(
-    x: Float64, edges: Int32, lengths: Float64, tolerance: float, max_steps: int = 60
-) -> tuple[Float64, list[float], list[Float64]]:
-    """Levenberg-Marquardt steps until H falls by less than ``tolerance``."""
-    n = x.shape[0]
-    h = energy_of(x, edges, lengths)
-    damping = 1e-3
-    energy: list[float] = []
-    trace: list[Float64] = []
-    a, b = edges[:, 0].astype(np.int64), edges[:, 1].astype(np.int64)
-    index_a, index_b = np.stack([2 * a, 2 * a + 1], 1), np.stack([2 * b, 2 * b + 1], 1)
-    for _ in range(max_steps):
-        d = x[a] - x[b]
-        length = np.maximum(np.linalg.norm(d, axis=1), 1e-12)
-        unit = d / length[:, None]
-        residual = length - lengths
-        gradient = np.zeros((n, 2))
-        np.add.at(gradient, a, unit * residual[:, None])
-        np.add.at(gradient, b, -unit * residual[:, None])
-        hessian = _hessian(n, unit, length, lengths, index_a, index_b)
-        improved = False
-        for _ in range(6):
-            damped = (
-                hessian
-                + coo_matrix(
-                    (np.full(2 * n, damping), (np.arange(2 * n), np.arange(2 * n))), shape=(2 * n, 2 * n)
-                ).tocsc()
-            )
-            step = _factor(damped).solve(gradient.ravel()).reshape(n, 2)
-            h_new = energy_of(x - step, edges, lengths)
-            if h_new < h:
-                improved = True
-                break
-            damping *= 10
-        if not improved:
-            break
-        x = x - step
-        x -= x.mean(axis=0)
-        energy.append(h_new)
-        trace.append(x)
-        converged = h - h_new <= tolerance * h
-        h = h_new
-        damping = max(damping / 10, 1e-6)
-        if converged:
-            break
-    return x, energy, trace
+@njit(cache=True, nogil=True)
+def _newton_system(
+    x: Float64, edges: Int32, lengths: Float64, damping: float, band: Float64, gradient: Float64
+) -> None:
+    """Write the lower band of the Hessian of H / 2, u and v interleaved, and its gradient.
 
-
-def _hessian(
-    n: int, unit: Float64, length: Float64, lengths: Float64, index_a: Int64, index_b: Int64
-) -> csc_matrix:
-    """Hessian of H / 2 with the bending term kept only where it is positive (always definite)."""
-    bend = np.maximum(1.0 - lengths / length, 0.0)
-    block = unit[:, :, None] * unit[:, None, :]
-    block = block + bend[:, None, None] * (np.eye(2) - block)
-    rows, cols, data = [], [], []
-    for i, p in ((index_a, 1.0), (index_b, -1.0)):
-        for j, q in ((index_a, 1.0), (index_b, -1.0)):
-            rows.append(np.repeat(i, 2, axis=1).ravel())
-            cols.append(np.tile(j, (1, 2)).ravel())
-            data.append((p * q * block).reshape(-1))
-    return coo_matrix(
-        (np.concatenate(data), (np.concatenate(rows), np.concatenate(cols))), shape=(2 * n, 2 * n)
-    ).tocsc()
+    The bending term ``(1 - E / d) (I - n n^T)`` is kept only where it is positive, so the matrix is
+    definite wherever the points are.
+    """
+    band[:] = 0.0
+    gradient[:] = 0.0
+    band[0] = damping
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
+        d = max(math.sqrt(du * du + dv * dv), 1e-12)
+        nu, nv, residual = du / d, dv / d, d - lengths[e]
+        gradient[2 * a] += nu * residual
+        gradient[2 * a + 1] += nv * residual
+        gradient[2 * b] -= nu * residual
+        gradient[2 * b + 1] -= nv * residual
+        bend = max(residual / d, 0.0)
+        uu = nu * nu + bend * (1.0 - nu * nu)
+        vv = nv * nv + bend * (1.0 - nv * nv)
+        uv = nu * nv * (1.0 - bend)
+        for end in (a, b):
+            band[0, 2 * end] += uu
+            band[0, 2 * end + 1] += vv
+            band[1, 2 * end] += uv
+        offset = 2 * (b - a)
+        band[offset, 2 * a] -= uu
+        band[offset + 1, 2 * a] -= uv
+        band[offset - 1, 2 * a + 1] -= uv
+        band[offset, 2 * a + 1] -= vv
