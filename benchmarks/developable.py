@@ -186,17 +186,18 @@ def cylinder(
         u, v = np.full(len(directions), np.nan), np.full(len(directions), np.nan)
         outer = np.zeros(len(directions), dtype=np.bool_)
         across = np.ascontiguousarray(directions[:, [0, 2]])
+        rays = np.arange(len(directions))
         # Each ray crosses the directrix a few times at most; the outline may let the first ones pass.
         for crossing in range(12):
-            t, at, facing = _crossings(place, tangent, step, origin[[0, 2]], across, crossing)
-            if not np.isfinite(t).any():
+            t, at, facing = _crossings(place, tangent, step, origin[[0, 2]], across[rays], crossing)
+            found = np.isfinite(t)
+            if not found.any():
                 break
-            height = origin[1] + t * directions[:, 1]
-            with np.errstate(invalid="ignore"):
-                along = at - half_length_m
-                nearer = (t > 0) & (t < best) & outline(along, height)
-            best[nearer], outer[nearer] = t[nearer], facing[nearer]
-            u[nearer], v[nearer] = along[nearer], height[nearer]
+            rays, t, at, facing = rays[found], t[found], at[found] - half_length_m, facing[found]
+            height = origin[1] + t * directions[rays, 1]
+            nearer = (t > 0) & (t < best[rays]) & outline(at, height)
+            hit = rays[nearer]
+            best[hit], outer[hit], u[hit], v[hit] = t[nearer], facing[nearer], at[nearer], height[nearer]
         return np.where(np.isfinite(best), best, np.nan), u, v, outer
 
     return cast

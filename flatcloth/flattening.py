@@ -20,10 +20,10 @@ from flatcloth.config import FlatteningConfig
 from flatcloth.errors import ConfigError, FlatteningError
 from flatcloth.minimisation import minimise
 from flatcloth.raster import rasterise_pixels, rasterise_triangles, triangulate
-from flatcloth.sampling import Samples, path_on_surface, sample_surface
+from flatcloth.sampling import Samples, sample_surface
 from flatcloth.surface import Surface
 from flatcloth.types import FlattenedView, Float64, Int32, RotationAxis
-from flatcloth.upsampling import place_pixels
+from flatcloth.upsampling import Carrier
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,49 +211,14 @@ def _pixel_start(samples: Samples, surface: Surface) -> Float64:
 
 
 def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
-    """Carry each fine point along with the coarse points seen from it over the surface.
-
-    A coarse point carries its surroundings by the linear map from pixels to the plane that fits
-    its own pairs best.
-    """
-    linear = _local_maps(coarse)
-    tree = cKDTree(coarse.points_rc)
-    near = tree.query_ball_point(samples.points_rc, 1.5 * coarse.sampling_interval_px)
-    counts = np.array([len(x) for x in near])
-    fine = np.repeat(np.arange(len(near)), counts)
-    old = np.array([i for x in near for i in x], dtype=np.int64)
-    both = np.concatenate([samples.points_rc, coarse.points_rc]).astype(np.int32)
-    pairs = np.stack([fine, old + len(near)], axis=1).astype(np.int32)
-    seen = path_on_surface(surface.usable, surface.steps, both, pairs)
-    _, nearest = tree.query(samples.points_rc)
-    alone = np.setdiff1d(np.arange(len(near)), fine[seen])
-    fine = np.concatenate([fine[seen], alone])
-    old = np.concatenate([old[seen], nearest[alone]])
-    offset = (samples.points_rc[fine] - coarse.points_rc[old]).astype(np.float64)
-    weight = 1.0 / (1.0 + np.square(offset).sum(axis=1)) ** 2
-    place = coarse.uv_m[old] + np.einsum("nij,nj->ni", linear[old], offset)
-    total = np.bincount(fine, weight, len(near))
-    uv: Float64 = np.stack(
-        [np.bincount(fine, weight * place[:, i], len(near)) / total for i in (0, 1)], axis=1
-    )
+    """Carry each fine point along with the coarse ones; what none can carry follows the nearest by pixels."""
+    uv = Carrier(coarse.uv_m, coarse.samples, surface).place(samples.points_rc)
+    alone = np.isnan(uv[:, 0])
+    if alone.any():
+        start, coarse_start = _pixel_start(samples, surface), _pixel_start(coarse.samples, surface)
+        _, near = cKDTree(coarse_start).query(start[alone])
+        uv[alone] = start[alone] + coarse.uv_m[near] - coarse_start[near]
     return uv
-
-
-def _local_maps(level: Level) -> Float64:
-    """Linear maps (N, 2, 2) from (row, col) offsets to plane offsets, by least squares over the pairs."""
-    n = len(level.points_rc)
-    a, b = level.edges[:, 0], level.edges[:, 1]
-    rc = (level.points_rc[b] - level.points_rc[a]).astype(np.float64)
-    uv = level.uv_m[b] - level.uv_m[a]
-    scale = float(np.median(level.edge_length_m)) / level.sampling_interval_px if len(a) else 0.0
-    prior = 0.1 * level.sampling_interval_px**2
-    gram = np.tile(prior * np.eye(2), (n, 1, 1))
-    mixed = np.tile(prior * scale * np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
-    for end in (a, b):
-        np.add.at(gram, end, rc[:, :, None] * rc[:, None, :])
-        np.add.at(mixed, end, uv[:, :, None] * rc[:, None, :])
-    maps: Float64 = mixed @ np.linalg.inv(gram)
-    return maps
 
 
 def _raster_components(
@@ -262,27 +227,35 @@ def _raster_components(
     make = {"smooth": _smooth_components, "delaunay": _delaunay_components}.get(config.interpolation)
     if make is None:
         raise ConfigError(f"flattening.interpolation: {config.interpolation!r} is not smooth or delaunay.")
-    found = [part for part in make(level, surface, axis, config) if part.view.valid.any()]
+    found = [part for part in make(level, surface, axis, config, min_area_m2) if part.view.valid.any()]
     found.sort(key=lambda part: -part.view.area_m2)
     return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
 
 
 def _smooth_components(
-    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig
+    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, min_area_m2: float
 ) -> Iterator[Component]:
-    placed = place_pixels(level.uv_m, level.samples, surface)
-    component = np.where(placed.nearest >= 0, level.component[placed.nearest], -1)
-    for c in range(int(level.component.max()) + 1):
-        part = component == c
+    carrier = Carrier(level.uv_m, level.samples, surface)
+    rc = np.argwhere(carrier.nearest >= 0).astype(np.int32)
+    uv = np.full((*surface.usable.shape, 2), np.nan)
+    uv[rc[:, 0], rc[:, 1]] = carrier.place(rc)
+    component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
+    sizes = np.bincount(level.component)
+    pixels = np.bincount(component[rc[:, 0], rc[:, 1]], minlength=sizes.size)
+    least = _least_pixels(surface, min_area_m2)
+    for c in np.flatnonzero((sizes >= 3) & (pixels >= least)):  # fewer samples have no shape
+        view, flips, overlaps = rasterise_pixels(uv, component == c, surface, axis, config.pixel_size_m)
         members = np.flatnonzero(level.component == c).astype(np.int32)
-        # A part of fewer than three samples has no shape.
-        if members.size >= 3 and part.any():
-            view, flips, overlaps = rasterise_pixels(placed.uv_m, part, surface, axis, config.pixel_size_m)
-            yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
+        yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
+
+
+def _least_pixels(surface: Surface, area_m2: float) -> float:
+    """Fewer image pixels than this cannot be that area, however steeply they are seen (four times)."""
+    return max(1.0, 0.25 * area_m2 / surface.pixel_pitch_m**2)
 
 
 def _delaunay_components(
-    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig
+    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, _min_area_m2: float
 ) -> Iterator[Component]:
     for c in range(int(level.component.max()) + 1):
         members = np.flatnonzero(level.component == c).astype(np.int32)

@@ -37,7 +37,7 @@ from flatcloth.session import (
     Side,
     Started,
 )
-from flatcloth.surface import foreground_mask, item_mask, observe_surface, observed_area_m2
+from flatcloth.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.types import (
     Bool,
     FlattenedView,
@@ -402,7 +402,7 @@ class Integration:
     def _flatten(self, view_index: int) -> Flattening | FlatclothError:
         config = self.config
         try:
-            surface = observe_surface(self.frame(view_index), self.axis, config.surface)
+            surface = observe_item(self.frame(view_index), self.axis, config.surface)
             return flatten(
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )

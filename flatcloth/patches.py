@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.types import Bool, Float64, Int32, RgbdFrame
+
+STEP_RIGHT, STEP_DOWN = 1, 2
+"""Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer."""
+STEPS_BOTH = STEP_RIGHT | STEP_DOWN
 
 
 def normals_from_fit(
@@ -30,6 +35,45 @@ def normals_from_fit(
     cos_incidence = fit[:, 0] / (length * np.sqrt(x * x + y * y + 1))
     normal: Float64 = -n / length[:, None]
     return normal, cos_incidence
+
+
+def fit_planes(inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, radius: int) -> Float64:
+    """Fit a plane around every pixel of the item; (K, 6) as :func:`fit_patches`, in the item's order.
+
+    Where no jump touches the window the weighted fit is three separable filters; only the other
+    pixels need a fit of their own.
+    """
+    offset = np.arange(-radius, radius + 1, dtype=np.float64)
+    weight = _weight(offset / radius)
+    total, second = weight.sum(), (weight * offset**2).sum()
+    rows, cols = np.nonzero(item)
+    fit = np.zeros((rows.size, 6))
+    for n, (x, y, norm) in enumerate(
+        (
+            (weight, weight, total * total),
+            (weight * offset, weight, second * total),
+            (weight, weight * offset, second * total),
+        )
+    ):
+        filtered = cv2.sepFilter2D(inverse_depth, cv2.CV_64F, x, y, borderType=cv2.BORDER_CONSTANT)
+        fit[:, n] = filtered[rows, cols] / norm
+    whole = cv2.erode(
+        (steps == STEPS_BOTH).astype(np.uint8),
+        np.ones((2 * radius + 1,) * 2, dtype=np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    cut = whole[rows, cols] == 0
+    fit[cut] = fit_patches(
+        inverse_depth, steps, rows[cut].astype(np.int32), cols[cut].astype(np.int32), radius, False
+    )
+    return fit
+
+
+def _weight(share: Float64) -> Float64:
+    """Weight of a row or column at this share of the radius; the kernel of the fits repeats it."""
+    weight: Float64 = 1.0 - 0.8 * share**2
+    return weight
 
 
 @njit(cache=True, nogil=True)
@@ -62,10 +106,7 @@ def fit_patches(
                 if not reach[i, j]:
                     continue
                 x, y = float(j - radius) / radius, float(i - radius) / radius
-                t = (x * x + y * y) / 1.5
-                if t >= 1.0:
-                    continue
-                w = (1.0 - t) * (1.0 - t)
+                w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
                 q = inverse_depth[r, c0 + j - radius] - q0
                 terms[0], terms[1], terms[2] = 1.0, x, y
                 terms[3], terms[4], terms[5] = x * x, x * y, y * y

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from flatcloth.config import SurfaceConfig
-from flatcloth.types import Bool, Float64, Int64, Intrinsics
+from flatcloth.types import Bool, Float32, Float64, Int64, Intrinsics
 
 
 def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceConfig) -> Bool:
@@ -31,18 +31,15 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceCo
         Width, least height and least slope of a ramp.
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    strong = _find(inverse_depth, config.ramp_half_width_px, config.ramp_height_m, config.ramp_slope, focal)
+    strength = _strength(
+        inverse_depth, config.ramp_half_width_px, config.ramp_height_m, config.ramp_slope, focal
+    )
     # An edge between layers is long; a short one is noise. Where its layers approach each other it
     # goes on as a weaker ramp, which alone could be a fold.
-    edge = _long_ones(strong, config.ramp_length_px)
-    share = config.weak_ramp_share
-    weak = _find(
-        inverse_depth,
-        config.ramp_half_width_px,
-        share * config.ramp_height_m,
-        share * config.ramp_slope,
-        focal,
-    )
+    edge = _long_ones(strength >= 1.0, config.ramp_length_px)
+    if not edge.any():
+        return edge
+    weak = strength >= config.weak_ramp_share
     _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
     joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
     joined[label[edge]] = True
@@ -99,53 +96,52 @@ def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _find(inverse_depth: Float64, half: int, least_height: float, least_slope: float, focal: float) -> Bool:
+def _strength(
+    inverse_depth: Float64, half: int, least_height: float, least_slope: float, focal: float
+) -> Float32:
+    """How far each pixel (H, W) goes towards a ramp: 1 where height and slope both reach the least."""
     rows, cols = inverse_depth.shape
-    ramp = np.zeros((rows, cols), dtype=np.bool_)
-    for r in range(rows):
-        for c in range(cols):
+    strength = np.zeros((rows, cols), dtype=np.float32)
+    for r in range(2, rows - 2):
+        for c in range(2, cols - 2):
             q = inverse_depth[r, c]
             if q <= 0:
                 continue
-            for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-                pixel = math.sqrt(dr * dr + dc * dc)
-                if _is_ramp(
-                    inverse_depth, r, c, dr, dc, half, least_height, least_slope * pixel / (focal * q)
-                ):
-                    # The steep middle, not its foot: that still lies on its layer.
-                    for k in range(-1, 2):
-                        rr, cc = r + k * dr, c + k * dc
-                        if 0 <= rr < rows and 0 <= cc < cols:
-                            ramp[rr, cc] = True
-                    break
-    return ramp
+            best = np.float32(0.0)
+            best_dr, best_dc = 0, 0
+            for k in range(4):
+                dr, dc = (0, 1) if k == 0 else (1, 0) if k == 1 else (1, 1) if k == 2 else (1, -1)
+                before, after = inverse_depth[r - 2 * dr, c - 2 * dc], inverse_depth[r + 2 * dr, c + 2 * dc]
+                if before <= 0 or after <= 0:
+                    continue
+                step = 4.0 * (1.4142 if k > 1 else 1.0) * least_slope / (focal * q)
+                steepness = abs(1.0 / after - 1.0 / before) / step
+                if steepness < 0.3:
+                    continue
+                height = _excess(inverse_depth, r, c, dr, dc, half) / least_height
+                found = np.float32(min(steepness, height))
+                if found > best:
+                    best, best_dr, best_dc = found, dr, dc
+            if best > 0.3:
+                # The steep middle, not its foot: that still lies on its layer.
+                for k in range(-1, 2):
+                    rr, cc = r + k * best_dr, c + k * best_dc
+                    strength[rr, cc] = max(strength[rr, cc], best)
+    return strength
 
 
 @njit(cache=True, nogil=True)
-def _is_ramp(
-    inverse_depth: Float64,
-    r: int,
-    c: int,
-    dr: int,
-    dc: int,
-    half: int,
-    least_height: float,
-    least_step: float,
-) -> bool:
-    """Test one direction; ``least_step`` is the least slope in the middle, metres a step."""
-    before, after = _depth(inverse_depth, r, c, dr, dc, -2), _depth(inverse_depth, r, c, dr, dc, 2)
-    if before <= 0 or after <= 0 or abs(after - before) < 4 * least_step:
-        return False
+def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
+    """Height gained over the middle in one direction, less what the slopes beside it explain; metres."""
     near_a, near_b = _depth(inverse_depth, r, c, dr, dc, -half), _depth(inverse_depth, r, c, dr, dc, half)
     if near_a <= 0 or near_b <= 0:
-        return False
+        return 0.0
     height = near_b - near_a
     sign = 1.0 if height > 0 else -1.0
     # The slope of each side explains its half; where a side ends, its last two steps stand for it.
     side_a = sign * (near_a - _outer(inverse_depth, r, c, dr, dc, -half, near_a))
     side_b = sign * (_outer(inverse_depth, r, c, dr, dc, half, near_b) - near_b)
-    excess = sign * height - max(side_a, 0.0) - max(side_b, 0.0)
-    return excess >= least_height
+    return sign * height - max(side_a, 0.0) - max(side_b, 0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -7,6 +7,8 @@ triangles of the samples. Either way its attributes are read at that place of th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -118,7 +120,9 @@ def read_attributes(
         source_rc, frame.color, surface.xyz_m, surface.normal, camera, held.rotation, held.translation_m
     )
     source_rc[~valid] = np.nan
-    angle = z_angle_deg(normal, axis, frame.angle_deg).astype(np.float32)
+    source_rc += np.array(frame.offset_rc, dtype=np.float32)
+    angle = np.full(valid.shape, np.nan, dtype=np.float32)
+    angle[valid] = z_angle_deg(normal[valid], axis, frame.angle_deg)
     return FlattenedView(
         rgb=rgb,
         xyz_m=xyz,
@@ -149,13 +153,12 @@ def _orientation(points: Float64, triangles: Int32) -> Float64:
 def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple[int, int]) -> Float32:
     """Fill the pixels inside the triangles with the interpolated (row, col); NaN outside."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
-    corners = np.empty((3, 4))
     for t in range(triangles.shape[0]):
-        for n in range(3):
-            m = triangles[t, n]
-            corners[n, :2] = points[m]
-            corners[n, 2:] = rc[m]
-        _fill(source, corners)
+        i, j, k = triangles[t]
+        _fill(
+            source, points[i, 0], points[i, 1], points[j, 0], points[j, 1], points[k, 0], points[k, 1],
+            rc[i, 0], rc[i, 1], rc[j, 0], rc[j, 1], rc[k, 0], rc[k, 1],
+        )  # fmt: skip
     return source
 
 
@@ -165,66 +168,66 @@ def _fill_pixels(
 ) -> tuple[Float32, int, int]:
     """Fill two triangles for every block of 2 x 2 neighbours; of three neighbours, one."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
-    corners = np.empty((3, 4))
     flips, overlaps = 0, 0
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
-            right, down = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
-            below, beside = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
-            all_four = part[r, c] and part[r, c + 1] and part[r + 1, c] and part[r + 1, c + 1]
-            # A triangle is cloth if its two sides along the image's rows and columns are.
-            for k in range(4):
-                if k == 0:
-                    good, i, j, m = right and down, (r, c), (r, c + 1), (r + 1, c)
-                elif k == 1:
-                    good, i, j, m = below and beside, (r + 1, c + 1), (r + 1, c), (r, c + 1)
-                elif k == 2:
-                    good, i, j, m = right and beside and not all_four, (r, c + 1), (r + 1, c + 1), (r, c)
-                else:
-                    good, i, j, m = down and below and not all_four, (r + 1, c), (r, c), (r + 1, c + 1)
-                if not (good and part[i] and part[j] and part[m]):
-                    continue
-                for n, p in enumerate((i, j, m)):
-                    corners[n, 0], corners[n, 1] = points[p[0], p[1], 0], points[p[0], p[1], 1]
-                    corners[n, 2], corners[n, 3] = p[0], p[1]
-                turned = (corners[1, 0] - corners[0, 0]) * (corners[2, 1] - corners[0, 1]) - (
-                    corners[1, 1] - corners[0, 1]
-                ) * (corners[2, 0] - corners[0, 0])
-                if not turned > 0.0:  # all four kinds run clockwise in the image
-                    flips += 1
-                    continue
-                overlaps += _fill(source, corners)
+            # Corners a b / c d; a triangle is cloth if its two sides along the image's axes are.
+            a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
+            if int(a) + int(b) + int(e) + int(d) < 3:
+                continue
+            above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
+            below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
+            whole = a and b and e and d
+            if a and b and e and above and left:
+                f, o = _fill_corner(source, points, r, c, r, c + 1, r + 1, c)
+                flips, overlaps = flips + f, overlaps + o
+            if d and e and b and below and right:
+                f, o = _fill_corner(source, points, r + 1, c + 1, r + 1, c, r, c + 1)
+                flips, overlaps = flips + f, overlaps + o
+            if not whole and b and d and a and above and right:
+                f, o = _fill_corner(source, points, r, c + 1, r + 1, c + 1, r, c)
+                flips, overlaps = flips + f, overlaps + o
+            if not whole and e and a and d and left and below:
+                f, o = _fill_corner(source, points, r + 1, c, r, c, r + 1, c + 1)
+                flips, overlaps = flips + f, overlaps + o
     return source, flips, overlaps
 
 
 @njit(cache=True, nogil=True)
-def _fill(source: Float32, corners: Float64) -> int:
+def _fill_corner(
+    source: Float32, points: Float64, r0: int, c0: int, r1: int, c1: int, r2: int, c2: int
+) -> tuple[int, int]:
+    """Fill one triangle of image pixels, given clockwise; (1, 0) if it came out mirrored."""
+    u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
+    u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
+    u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
+    if not (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0) > 0.0:
+        return 1, 0
+    return 0, _fill(source, u0, v0, u1, v1, u2, v2, r0, c0, r1, c1, r2, c2)
+
+
+@njit(cache=True, nogil=True)
+def _fill(
+    source: Float32,
+    u0: float, v0: float, u1: float, v1: float, u2: float, v2: float,
+    r0: float, c0: float, r1: float, c1: float, r2: float, c2: float,
+) -> int:  # fmt: skip
     """Fill one triangle; return how many of its pixels held a place more than 3 image pixels away."""
-    u0, v0, u1, v1, u2, v2 = (
-        corners[0, 0],
-        corners[0, 1],
-        corners[1, 0],
-        corners[1, 1],
-        corners[2, 0],
-        corners[2, 1],
-    )
     area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
-    if area == 0.0 or not np.isfinite(area):
+    if area == 0.0 or not math.isfinite(area):
         return 0
     overlaps = 0
-    row_low = max(int(np.ceil(min(v0, v1, v2))), 0)
-    row_high = min(int(np.floor(max(v0, v1, v2))), source.shape[0] - 1)
-    col_low = max(int(np.ceil(min(u0, u1, u2))), 0)
-    col_high = min(int(np.floor(max(u0, u1, u2))), source.shape[1] - 1)
-    for row in range(row_low, row_high + 1):
-        for col in range(col_low, col_high + 1):
+    row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))
+    col_low, col_high = math.ceil(min(u0, u1, u2)), math.floor(max(u0, u1, u2))
+    for row in range(max(row_low, 0), min(row_high, source.shape[0] - 1) + 1):
+        for col in range(max(col_low, 0), min(col_high, source.shape[1] - 1) + 1):
             w1 = ((col - u0) * (v2 - v0) - (row - v0) * (u2 - u0)) / area
             w2 = ((u1 - u0) * (row - v0) - (v1 - v0) * (col - u0)) / area
             w0 = 1.0 - w1 - w2
             if w0 < -1e-9 or w1 < -1e-9 or w2 < -1e-9:
                 continue
-            r = w0 * corners[0, 2] + w1 * corners[1, 2] + w2 * corners[2, 2]
-            c = w0 * corners[0, 3] + w1 * corners[1, 3] + w2 * corners[2, 3]
+            r = w0 * r0 + w1 * r1 + w2 * r2
+            c = w0 * c0 + w1 * c1 + w2 * c2
             if abs(source[row, col, 0] - r) > 3.0 or abs(source[row, col, 1] - c) > 3.0:
                 overlaps += 1
             source[row, col, 0] = r

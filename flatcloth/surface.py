@@ -18,12 +18,9 @@ from numpy.typing import NDArray
 from flatcloth.config import SurfaceConfig
 from flatcloth.errors import SurfaceError
 from flatcloth.geometry import back_project, z_angle_deg
-from flatcloth.patches import fit_patches, normals_from_fit
+from flatcloth.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
 from flatcloth.ramps import fill_dropouts, find_ramps
 from flatcloth.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
-
-STEP_RIGHT, STEP_DOWN = 1, 2
-"""Bits of ``Surface.steps``: the step to the right (below) neighbour stays on one layer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +66,31 @@ def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig
     return foreground_mask(frame, axis, config)
 
 
+def observe_item(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> Surface:
+    """Find the surface as :func:`observe_surface` does, in the part of the frame around the item only."""
+    cropped, item = crop_to_item(frame, item_mask(frame, axis, config))
+    return observe_surface(cropped, axis, config, item)
+
+
+def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[RgbdFrame, Bool]:
+    """Return the part of a frame around the item, and the item in it: what follows costs its size.
+
+    Raises
+    ------
+    SurfaceError
+        If there is no pixel of the item.
+    """
+    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
+    if rows.size == 0:
+        raise SurfaceError(
+            f"View {frame.view_index}: it shows nothing of the side of interest; use another view."
+        )
+    around = tuple(
+        slice(max(int(found[0]) - margin_px, 0), int(found[-1]) + margin_px + 1) for found in (rows, cols)
+    )
+    return frame.cropped(*around), item[around]
+
+
 def observe_surface(
     frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig, item: Bool | None = None
 ) -> Surface:
@@ -104,9 +126,7 @@ def observe_surface(
     steps = _find_steps(inverse_depth, step_limit)
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
-    fit = fit_patches(
-        inverse_depth, steps, rows.astype(np.int32), cols.astype(np.int32), config.normal_window_px, False
-    )
+    fit = fit_planes(inverse_depth, steps, item, config.normal_window_px)
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -123,11 +143,13 @@ def observe_surface(
     normals = np.full((*item.shape, 3), np.nan, dtype=np.float32)
     normals[rows, cols] = normal
     normals[~usable] = np.nan
+    angle = np.full(item.shape, np.nan, dtype=np.float32)
+    angle[usable] = z_angle_deg(normals[usable], axis)
     return Surface(
         frame=frame,
         xyz_m=back_project(depth, k),
         normal=normals,
-        z_angle_deg=z_angle_deg(normals, axis).astype(np.float32),
+        z_angle_deg=angle,
         usable=usable,
         steps=steps,
         inverse_depth=inverse_depth,

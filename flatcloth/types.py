@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,8 @@ class RgbdFrame:
 
     ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured;
     ``mask`` (H, W) bool, True on the side of interest, or None if the recording has no masks;
-    ``angle_deg`` about the axis since view 0.
+    ``angle_deg`` about the axis since view 0; ``offset_rc`` where its pixel (0, 0) lies in the
+    recorded image, if it was cropped.
     """
 
     view_index: int
@@ -71,6 +72,21 @@ class RgbdFrame:
     depth_m: Float32
     mask: Bool | None
     intrinsics: Intrinsics
+    offset_rc: tuple[int, int] = (0, 0)
+
+    def cropped(self, rows: slice, cols: slice) -> RgbdFrame:
+        """Return a part of the image as a frame of its own; it shares the pixels."""
+        k = self.intrinsics
+        top, left = rows.indices(k.height)[0], cols.indices(k.width)[0]
+        depth = self.depth_m[rows, cols]
+        return replace(
+            self,
+            color=self.color[rows, cols],
+            depth_m=depth,
+            mask=None if self.mask is None else self.mask[rows, cols],
+            intrinsics=replace(k, width=depth.shape[1], height=depth.shape[0], cx=k.cx - left, cy=k.cy - top),
+            offset_rc=(self.offset_rc[0] + top, self.offset_rc[1] + left),
+        )
 
 
 @dataclass(frozen=True)

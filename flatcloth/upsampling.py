@@ -9,8 +9,6 @@ and every curve straight.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -20,20 +18,8 @@ from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float32, Float64, Int32
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlacedPixels:
-    """Where the pixels of the surface lie on the plane.
-
-    ``uv_m`` (H, W, 2) float64, NaN where a pixel belongs to no sample; ``nearest`` (H, W) int32,
-    the sample it belongs to, -1 none.
-    """
-
-    uv_m: Float64
-    nearest: Int32
-
-
-def place_pixels(uv_m: Float64, samples: Samples, surface: Surface) -> PlacedPixels:
-    """Place every pixel of the surface that a sample can carry.
+class Carrier:
+    """Carries pixels of the surface along with flattened samples.
 
     Parameters
     ----------
@@ -43,26 +29,28 @@ def place_pixels(uv_m: Float64, samples: Samples, surface: Surface) -> PlacedPix
         The samples with their pairs.
     surface : Surface
         The surface they were taken from.
+
+    Attributes
+    ----------
+    nearest : (H, W) int32
+        The sample that each pixel belongs to, -1 none.
     """
-    nearest = nearest_samples(
-        surface.usable, surface.steps, samples.points_rc, 2 * samples.sampling_interval_px
-    )
-    first, neighbours = _adjacency(len(uv_m), samples.edges)
-    frames = _plane_from_space(uv_m, samples)
-    placed = _blend(
-        nearest,
-        surface.xyz_m,
-        surface.normal,
-        samples.points_rc,
-        samples.points_m,
-        samples.normal,
-        uv_m,
-        frames,
-        first,
-        neighbours,
-        2.0 * samples.sampling_interval_px,
-    )
-    return PlacedPixels(uv_m=placed, nearest=nearest)
+
+    def __init__(self, uv_m: Float64, samples: Samples, surface: Surface) -> None:
+        self._uv_m, self._samples, self._surface = uv_m, samples, surface
+        self._frames = _plane_from_space(uv_m, samples)
+        self._first, self._neighbours = _adjacency(len(uv_m), samples.edges)
+        self.nearest = nearest_samples(
+            surface.usable, surface.steps, samples.points_rc, 2 * samples.sampling_interval_px
+        )
+
+    def place(self, rc: Int32) -> Float64:
+        """Return where pixels (K, 2) lie on the plane (K, 2); NaN for those that belong to no sample."""
+        s = self._samples
+        return _blend(
+            rc, self.nearest, self._surface.xyz_m, self._surface.normal, s.points_rc, s.points_m, s.normal,
+            self._uv_m, self._frames, self._first, self._neighbours, 2.0 * s.sampling_interval_px,
+        )  # fmt: skip
 
 
 def _adjacency(n: int, edges: Int32) -> tuple[Int32, Int32]:
@@ -141,53 +129,43 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: in
 
 @njit(cache=True, nogil=True)
 def _blend(
-    nearest: Int32,
-    xyz: Float32,
-    normal: Float32,
-    rc: Int32,
-    points: Float64,
-    normals: Float64,
-    uv: Float64,
-    frames: Float64,
-    first: Int32,
-    neighbours: Int32,
-    reach: float,
-) -> Float64:
-    rows, cols = nearest.shape
-    placed = np.full((rows, cols, 2), np.nan)
-    for r in range(rows):
-        for c in range(cols):
-            n = nearest[r, c]
-            if n < 0:
+    pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, rc: Int32, points: Float64,
+    normals: Float64, uv: Float64, frames: Float64, first: Int32, neighbours: Int32, reach: float,
+) -> Float64:  # fmt: skip
+    placed = np.full((pixels.shape[0], 2), np.nan)
+    for p in range(pixels.shape[0]):
+        r, c = pixels[p]
+        n = nearest[r, c]
+        if n < 0:
+            continue
+        total, u, v = 0.0, 0.0, 0.0
+        for k in range(first[n] - 1, first[n + 1]):
+            m = n if k < first[n] else neighbours[k]
+            dr, dc = r - rc[m, 0], c - rc[m, 1]
+            t = (dr * dr + dc * dc) / (reach * reach)
+            if t >= 1.0:
                 continue
-            total, u, v = 0.0, 0.0, 0.0
-            for k in range(first[n] - 1, first[n + 1]):
-                m = n if k < first[n] else neighbours[k]
-                dr, dc = r - rc[m, 0], c - rc[m, 1]
-                t = (dr * dr + dc * dc) / (reach * reach)
-                if t >= 1.0:
-                    continue
-                w = (1.0 - t) * (1.0 - t)
-                w *= w
-                dx = xyz[r, c, 0] - points[m, 0]
-                dy = xyz[r, c, 1] - points[m, 1]
-                dz = xyz[r, c, 2] - points[m, 2]
-                pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
-                pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
-                flat = np.sqrt(pu * pu + pv * pv)
-                if flat > 0.0:
-                    chord = np.sqrt(dx * dx + dy * dy + dz * dz)
-                    a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
-                    b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
-                    # Along the cubic arc if both slopes belong to one; else straight along the tangent.
-                    scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
-                    scale = min(scale, 1.15)
-                    pu *= scale
-                    pv *= scale
-                u += w * (uv[m, 0] + pu)
-                v += w * (uv[m, 1] + pv)
-                total += w
-            if total > 0.0:
-                placed[r, c, 0] = u / total
-                placed[r, c, 1] = v / total
+            w = (1.0 - t) * (1.0 - t)
+            w *= w
+            dx = xyz[r, c, 0] - points[m, 0]
+            dy = xyz[r, c, 1] - points[m, 1]
+            dz = xyz[r, c, 2] - points[m, 2]
+            pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
+            pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
+            flat = np.sqrt(pu * pu + pv * pv)
+            if flat > 0.0:
+                chord = np.sqrt(dx * dx + dy * dy + dz * dz)
+                a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
+                b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
+                # Along the cubic arc if both slopes belong to one; else straight along the tangent.
+                scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
+                scale = min(scale, 1.15)
+                pu *= scale
+                pv *= scale
+            u += w * (uv[m, 0] + pu)
+            v += w * (uv[m, 1] + pv)
+            total += w
+        if total > 0.0:
+            placed[p, 0] = u / total
+            placed[p, 1] = v / total
     return placed

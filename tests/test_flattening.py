@@ -73,7 +73,8 @@ def test_a_plane_keeps_its_distances(slope: tuple[float, float]) -> None:
     pair = np.random.default_rng(0).integers(0, len(uv), (2, 5000))
     flat = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
     space = np.linalg.norm(xyz[pair[0]] - xyz[pair[1]], axis=1)
-    assert np.abs(flat - space).max() < 2e-4
+    assert np.percentile(np.abs(flat - space), 99) < 2e-5
+    assert np.abs(flat - space).max() < 1e-3
 
 
 def test_a_cylinder_unrolls_to_its_arc_length() -> None:
