@@ -22,7 +22,7 @@ T = TypeVar("T")
 class SurfaceConfig:
     """From a depth image to the cloth surface (paper, section 3)."""
 
-    normal_window_px: int = 4
+    normal_window_px: int = 3
     """Half width of the window in which a plane is fitted for each normal."""
     grazing_limit_deg: float = 75.0
     """Surface seen at a larger angle between normal and line of sight is not used."""

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from flatcloth.errors import EvaluationError
+from flatcloth.geometry import fit_rigid2
 from flatcloth.recordings.base import Recording
 from flatcloth.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
 
@@ -151,7 +152,7 @@ def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
     kept = np.ones(len(points), dtype=bool)
     moved = points
     for _ in range(rounds):
-        moved = _rigid(points, target, kept)
+        moved = fit_rigid2(points[kept], target[kept]).apply(points)
         distance = np.linalg.norm(moved - target, axis=1)
         nearest = distance <= np.quantile(distance, 1.0 - TRIM_SHARE)
         if (nearest == kept).all():
@@ -270,15 +271,6 @@ def _bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float
     with np.errstate(invalid="ignore", divide="ignore"):
         result: Float32 = np.where(np.isfinite(nearest), total / weights[:, None], np.nan).astype(np.float32)
     return result
-
-
-def _rigid(points: Float64, target: Float64, kept: Bool) -> Float64:
-    center, to = points[kept].mean(axis=0), target[kept].mean(axis=0)
-    p, q = points[kept] - center, target[kept] - to
-    angle = np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p * q).sum())
-    cos, sin = np.cos(angle), np.sin(angle)
-    moved: Float64 = (points - center) @ np.array([[cos, sin], [-sin, cos]]) + to
-    return moved
 
 
 def _cells(uv: Float64, origin: Float64, shape: Sequence[int]) -> Bool:

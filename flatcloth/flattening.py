@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.config import FlatteningConfig
 from flatcloth.errors import ConfigError, FlatteningError
+from flatcloth.geometry import camera_from_held, fit_rigid2, held_from_camera
 from flatcloth.minimisation import minimise
 from flatcloth.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.sampling import Samples, sample_surface
@@ -92,6 +94,7 @@ class Flattening:
     levels: tuple[Level, ...]
     components: tuple[Component, ...]
     surface: Surface = field(repr=False)
+    carrier: Carrier = field(repr=False)
 
     @property
     def view(self) -> FlattenedView:
@@ -112,6 +115,7 @@ def flatten(
     *,
     min_area_m2: float = 0.0,
     record: bool = False,
+    previous: Flattening | None = None,
 ) -> Flattening:
     """Flatten the surface of one view.
 
@@ -127,6 +131,9 @@ def flatten(
         Parts smaller than this are dropped (the largest never).
     record : bool
         Keep states of the minimisation for the teaching view.
+    previous : Flattening, optional
+        A flattened view of the same item, turned a little: where it shows the same cloth, the
+        first level starts from its result, and the plane stays where it was.
 
     Returns
     -------
@@ -142,13 +149,24 @@ def flatten(
         samples = sample_surface(surface, interval, config)
         if not len(samples.points_rc):
             continue
-        levels.append(_solve_level(samples, levels[-1] if levels else None, surface, config, record))
+        if levels:
+            start = _from_coarse(samples, levels[-1], surface)
+        elif previous is not None:
+            start = _from_previous(samples, previous, surface, axis)
+        else:
+            start = _pixel_start(samples, surface)
+        levels.append(_solve_level(samples, start, config, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
-    components = _raster_components(levels[-1], surface, axis, config, min_area_m2)
+    carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
+    components = _raster_components(levels[-1], carrier, surface, axis, config, min_area_m2)
     if not components:
         raise FlatteningError(_too_small(surface))
-    return Flattening(levels=tuple(levels), components=tuple(components), surface=surface)
+    return Flattening(levels=tuple(levels), components=tuple(components), surface=surface, carrier=carrier)
+
+
+_SAME_CLOTH_M = 0.008
+"""A point of another view is the same cloth if it is seen within this of it, turned back."""
 
 
 def _too_small(surface: Surface) -> str:
@@ -158,12 +176,9 @@ def _too_small(surface: Surface) -> str:
     )
 
 
-def _solve_level(
-    samples: Samples, coarse: Level | None, surface: Surface, config: FlatteningConfig, record: bool
-) -> Level:
+def _solve_level(samples: Samples, initial: Float64, config: FlatteningConfig, record: bool) -> Level:
     n = len(samples.points_rc)
     component = _components(n, samples.edges)
-    initial = _pixel_start(samples, surface) if coarse is None else _from_coarse(samples, coarse, surface)
     uv = initial.copy()
     largest = None
     for c in range(int(component.max()) + 1):
@@ -221,30 +236,68 @@ def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
     return uv
 
 
+def _from_previous(samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis) -> Float64:
+    """Start where another view put the same cloth; the rest follows by pixels, moved along rigidly."""
+    start = _pixel_start(samples, surface)
+    frame, seen = surface.frame, previous.surface
+    turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
+    points, k = turn.apply(samples.points_m), seen.frame.intrinsics
+    rc = np.rint(
+        np.stack(
+            [points[:, 1] / points[:, 2] * k.fy + k.cy, points[:, 0] / points[:, 2] * k.fx + k.cx], axis=1
+        )
+    ).astype(np.int32)
+    inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))
+    depth = seen.xyz_m[rc[inside, 0], rc[inside, 1], 2]
+    with np.errstate(invalid="ignore"):
+        same = inside[np.abs(depth - points[inside, 2]) < _SAME_CLOTH_M]
+    placed = previous.carrier.place(rc[same])
+    found = np.isfinite(placed[:, 0])
+    known, placed = same[found], placed[found]
+    if known.size < 3:
+        return start
+    uv = fit_rigid2(start[known], placed).apply(start)
+    uv[known] = placed
+    return uv
+
+
 def _raster_components(
-    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, min_area_m2: float
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    min_area_m2: float,
 ) -> list[Component]:
     make = {"smooth": _smooth_components, "delaunay": _delaunay_components}.get(config.interpolation)
     if make is None:
         raise ConfigError(f"flattening.interpolation: {config.interpolation!r} is not smooth or delaunay.")
-    found = [part for part in make(level, surface, axis, config, min_area_m2) if part.view.valid.any()]
+    parts = make(level, carrier, surface, axis, config, min_area_m2)
+    found = [part for part in parts if part.view.valid.any()]
     found.sort(key=lambda part: -part.view.area_m2)
     return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
 
 
 def _smooth_components(
-    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, min_area_m2: float
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    min_area_m2: float,
 ) -> Iterator[Component]:
-    carrier = Carrier(level.uv_m, level.samples, surface)
-    rc = np.argwhere(carrier.nearest >= 0).astype(np.int32)
-    uv = np.full((*surface.usable.shape, 2), np.nan)
-    uv[rc[:, 0], rc[:, 1]] = carrier.place(rc)
+    uv, stretch = carrier.place_all()
     component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
     sizes = np.bincount(level.component)
-    pixels = np.bincount(component[rc[:, 0], rc[:, 1]], minlength=sizes.size)
+    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
     least = _least_pixels(surface, min_area_m2)
+    boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
     for c in np.flatnonzero((sizes >= 3) & (pixels >= least)):  # fewer samples have no shape
-        view, flips, overlaps = rasterise_pixels(uv, component == c, surface, axis, config.pixel_size_m)
+        box = boxes[c]
+        corner = (box[0].start, box[1].start)
+        view, flips, overlaps = rasterise_pixels(
+            uv, component[box] == c, corner, stretch, surface, axis, config.pixel_size_m
+        )
         members = np.flatnonzero(level.component == c).astype(np.int32)
         yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
 
@@ -255,13 +308,19 @@ def _least_pixels(surface: Surface, area_m2: float) -> float:
 
 
 def _delaunay_components(
-    level: Level, surface: Surface, axis: RotationAxis, config: FlatteningConfig, _min_area_m2: float
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    _min_area_m2: float,
 ) -> Iterator[Component]:
+    _, stretch = carrier.place_all()
     for c in range(int(level.component.max()) + 1):
         members = np.flatnonzero(level.component == c).astype(np.int32)
         triangles, flips = triangulate(level.uv_m, level.samples, members, surface)
         if len(triangles):
             view = rasterise_triangles(
-                level.uv_m, level.samples, triangles, surface, axis, config.pixel_size_m
+                level.uv_m, level.samples, triangles, stretch, surface, axis, config.pixel_size_m
             )
             yield Component(view=view, members=members, flips=flips, overlaps=0)

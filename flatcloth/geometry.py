@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.types import Float32, Float64, Floats, Intrinsics, RotationAxis
+from flatcloth.types import Float32, Float64, Floats, Intrinsics, Rigid2, RotationAxis
 
 
 @dataclass(frozen=True)
@@ -97,3 +97,13 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     angle = np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg
     wrapped: Float64 = 180.0 - (180.0 - angle) % 360.0
     return wrapped
+
+
+def fit_rigid2(points_m: Floats, target_m: Floats) -> Rigid2:
+    """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target."""
+    p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
+    center, to = p.mean(axis=0), q.mean(axis=0)
+    p, q = p - center, q - to
+    theta = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
+    shift = to - Rigid2(theta).apply(center)
+    return Rigid2(theta, float(shift[0]), float(shift[1]))

@@ -105,7 +105,7 @@ def render(
     pixel_size_m: float,
 ) -> FlattenedView:
     """Return the view whose pixels (H, W) come from the views named by ``label`` (-1 none)."""
-    values = np.full((*label.shape, 12), np.nan, dtype=np.float32)
+    values = np.full((*label.shape, 15), np.nan, dtype=np.float32)
     for k in np.unique(label[label >= 0]):
         at = label == k
         values[at] = _sample_at(views[int(k)], plane_from_view[int(k)], at, origin_uv_m, pixel_size_m)
@@ -121,15 +121,24 @@ def render(
         valid=valid,
         view_index=np.where(valid, label, -1).astype(np.int16),
         source_rc=np.ascontiguousarray(values[..., 10:12]),
+        quality=np.ascontiguousarray(values[..., 12:15]),
         pixel_size_m=pixel_size_m,
         origin_uv_m=origin_uv_m,
     )
 
 
 def channels(view: FlattenedView) -> Float32:
-    """Return (H, W, 12) float32: rgb, xyz, normal, Z-angle, source row and column; NaN off the cloth."""
+    """Return (H, W, 15) float32: rgb, xyz, normal, Z-angle, source (row, col), quality; NaN off the cloth."""
+    quality = np.full((*view.shape, 3), np.nan, np.float32) if view.quality is None else view.quality
     stack = np.concatenate(
-        [view.rgb.astype(np.float32), view.xyz_m, view.normal, view.z_angle_deg[..., None], view.source_rc],
+        [
+            view.rgb.astype(np.float32),
+            view.xyz_m,
+            view.normal,
+            view.z_angle_deg[..., None],
+            view.source_rc,
+            quality,
+        ],
         axis=-1,
     )
     stack[~view.valid] = np.nan

@@ -20,6 +20,7 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from flatcloth.geometry import fit_rigid2
 from flatcloth.types import Float64, Int32
 
 T = TypeVar("T")
@@ -109,12 +110,7 @@ def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
 
 def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
     """Return the points moved rigidly (no mirror) as near to the reference (N, 2) as possible."""
-    center, to = uv_m.mean(axis=0), reference_uv_m.mean(axis=0)
-    p, q = uv_m - center, reference_uv_m - to
-    angle = np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p * q).sum())
-    cos, sin = np.cos(angle), np.sin(angle)
-    moved: Float64 = p @ np.array([[cos, sin], [-sin, cos]]) + to
-    return moved
+    return fit_rigid2(uv_m, reference_uv_m).apply(uv_m)
 
 
 def _thinned(items: list[T], most: int = 20) -> list[T]:

@@ -63,6 +63,7 @@ def rasterise_triangles(
     uv_m: Float64,
     samples: Samples,
     triangles: Int32,
+    stretch: Float32,
     surface: Surface,
     axis: RotationAxis,
     pixel_size_m: float,
@@ -71,11 +72,17 @@ def rasterise_triangles(
     low, shape = _grid(uv_m[np.unique(triangles)], pixel_size_m)
     points = uv_m / pixel_size_m - low
     source_rc = _fill_triangles(points, triangles, samples.points_rc.astype(np.float64), shape)
-    return read_attributes(source_rc, surface, axis, pixel_size_m, low)
+    return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low)
 
 
 def rasterise_pixels(
-    uv_m: Float64, part: Bool, surface: Surface, axis: RotationAxis, pixel_size_m: float
+    uv_m: Float64,
+    part: Bool,
+    corner_rc: tuple[int, int],
+    stretch: Float32,
+    surface: Surface,
+    axis: RotationAxis,
+    pixel_size_m: float,
 ) -> tuple[FlattenedView, int, int]:
     """Interpolate ``F(u, v)`` between the placed pixels of the image.
 
@@ -83,8 +90,12 @@ def rasterise_pixels(
     ----------
     uv_m : (H, W, 2) float64
         Where each image pixel lies on the plane.
-    part : (H, W) bool
-        The pixels to draw; at least one.
+    part : (h, w) bool
+        The pixels to draw, at least one, in a box of the image.
+    corner_rc : (int, int)
+        Where the box begins.
+    stretch : (H, W) float32
+        Relative change of length around each image pixel.
     surface : Surface
         Between which pixels there is cloth, and the attributes.
     axis : RotationAxis
@@ -100,14 +111,22 @@ def rasterise_pixels(
     overlaps : int
         Pixels of the plane on which two different places of the cloth came to lie.
     """
-    low, shape = _grid(uv_m[part], pixel_size_m)
-    points = uv_m / pixel_size_m - low
-    source_rc, flips, overlaps = _fill_pixels(points, part, surface.steps, shape)
-    return read_attributes(source_rc, surface, axis, pixel_size_m, low), flips, overlaps
+    box = tuple(slice(start, start + size) for start, size in zip(corner_rc, part.shape, strict=True))
+    points = uv_m[box]
+    low, shape = _grid(points[part], pixel_size_m)
+    source_rc, flips, overlaps = _fill_pixels(
+        points / pixel_size_m - low, part, surface.steps[box], shape, np.array(corner_rc, dtype=np.float32)
+    )
+    return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 
 
 def read_attributes(
-    source_rc: Float32, surface: Surface, axis: RotationAxis, pixel_size_m: float, low: Float64
+    source_rc: Float32,
+    stretch: Float32,
+    surface: Surface,
+    axis: RotationAxis,
+    pixel_size_m: float,
+    low: Float64,
 ) -> FlattenedView:
     """Read the nine attributes at the places (H, W, 2) of the source image, held frame.
 
@@ -116,9 +135,10 @@ def read_attributes(
     frame, k = surface.frame, surface.frame.intrinsics
     held = held_from_camera(axis, frame.angle_deg)
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    rgb, xyz, normal, valid = _read(
-        source_rc, frame.color, surface.xyz_m, surface.normal, camera, held.rotation, held.translation_m
-    )
+    rgb, xyz, normal, quality, valid = _read(
+        source_rc, frame.color, surface.xyz_m, surface.normal, stretch, camera, held.rotation,
+        held.translation_m,
+    )  # fmt: skip
     source_rc[~valid] = np.nan
     source_rc += np.array(frame.offset_rc, dtype=np.float32)
     angle = np.full(valid.shape, np.nan, dtype=np.float32)
@@ -131,6 +151,7 @@ def read_attributes(
         valid=valid,
         view_index=np.where(valid, frame.view_index, -1).astype(np.int16),
         source_rc=source_rc,
+        quality=quality,
         pixel_size_m=pixel_size_m,
         origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
@@ -164,7 +185,7 @@ def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple
 
 @njit(cache=True, nogil=True)
 def _fill_pixels(
-    points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int]
+    points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int], corner: Float32
 ) -> tuple[Float32, int, int]:
     """Fill two triangles for every block of 2 x 2 neighbours; of three neighbours, one."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
@@ -190,7 +211,7 @@ def _fill_pixels(
             if not whole and e and a and d and left and below:
                 f, o = _fill_corner(source, points, r + 1, c, r, c, r + 1, c + 1)
                 flips, overlaps = flips + f, overlaps + o
-    return source, flips, overlaps
+    return source + corner, flips, overlaps
 
 
 @njit(cache=True, nogil=True)
@@ -241,15 +262,17 @@ def _read(
     color: Uint8,
     xyz: Float32,
     normal: Float32,
+    stretch: Float32,
     camera: Float64,
     rotation: Float64,
     translation: Float64,
-) -> tuple[Uint8, Float32, Float32, Bool]:
+) -> tuple[Uint8, Float32, Float32, Float32, Bool]:
     """Read color, depth and normal bilinearly over the finite neighbours; turn to the held frame."""
     rows, cols = source.shape[0], source.shape[1]
     out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
     out_xyz = np.full((rows, cols, 3), np.nan, dtype=np.float32)
     out_normal = np.full((rows, cols, 3), np.nan, dtype=np.float32)
+    quality = np.full((rows, cols, 3), np.nan, dtype=np.float32)
     valid = np.zeros((rows, cols), dtype=np.bool_)
     tint, n = np.empty(3), np.empty(3)
     for row in range(rows):
@@ -258,7 +281,7 @@ def _read(
             if not np.isfinite(y):
                 continue
             r0, c0 = min(int(y), xyz.shape[0] - 2), min(int(x), xyz.shape[1] - 2)
-            weight, depth = 0.0, 0.0
+            weight, depth, change, known = 0.0, 0.0, 0.0, 0.0
             tint[:] = 0.0
             n[:] = 0.0
             for i in range(2):
@@ -270,6 +293,9 @@ def _read(
                     if np.isfinite(z):
                         weight += w
                         depth += w * z
+                        if np.isfinite(stretch[r0 + i, c0 + j]):
+                            known += w
+                            change += w * stretch[r0 + i, c0 + j]
                         for k in range(3):
                             n[k] += w * normal[r0 + i, c0 + j, k]
             if weight < 1e-6:
@@ -278,6 +304,13 @@ def _read(
             length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
             px, py = (x - camera[2]) / camera[0] * depth, (y - camera[3]) / camera[1] * depth
             valid[row, col] = True
+            range_m = np.sqrt(px * px + py * py + depth * depth)
+            cos = -(n[0] * px + n[1] * py + n[2] * depth) / (length * range_m)
+            # A pixel of the image sees its solid angle, spread by the incidence.
+            quality[row, col, 0] = 1e-4 * camera[0] * camera[1] * cos * range_m / depth**3
+            quality[row, col, 1] = math.degrees(math.acos(min(max(cos, -1.0), 1.0)))
+            if known > 0.0:
+                quality[row, col, 2] = change / known
             for k in range(3):
                 out_rgb[row, col, k] = np.uint8(min(max(tint[k] + 0.5, 0.0), 255.0))
                 out_xyz[row, col, k] = (
@@ -286,4 +319,4 @@ def _read(
                 out_normal[row, col, k] = (
                     rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
                 ) / length
-    return out_rgb, out_xyz, out_normal, valid
+    return out_rgb, out_xyz, out_normal, quality, valid

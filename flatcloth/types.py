@@ -152,6 +152,9 @@ class FlattenedView:
     the held frame (NaN where not valid); ``z_angle_deg`` float32, the Z-angle at which the source
     view saw the pixel (NaN where not valid); ``valid`` bool; ``view_index`` int16, the view of the
     recording the pixel came from (-1 none); ``source_rc`` float32 (row, col) in that view's image.
+    ``quality`` float32 (H, W, 3), NaN where not valid: density of the measurement (image pixels per
+    cm2 of cloth), incidence angle (deg, between line of sight and normal), and stretch (the largest
+    relative change of length that flattening caused nearby); None where it is not known.
     """
 
     rgb: Uint8
@@ -163,6 +166,7 @@ class FlattenedView:
     source_rc: Float32
     pixel_size_m: float
     origin_uv_m: tuple[float, float]
+    quality: Float32 | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -39,6 +39,7 @@ class Carrier:
     def __init__(self, uv_m: Float64, samples: Samples, surface: Surface) -> None:
         self._uv_m, self._samples, self._surface = uv_m, samples, surface
         self._frames = _plane_from_space(uv_m, samples)
+        self._stretch = _stretch(uv_m, samples)
         self._first, self._neighbours = _adjacency(len(uv_m), samples.edges)
         self.nearest = nearest_samples(
             surface.usable, surface.steps, samples.points_rc, 2 * samples.sampling_interval_px
@@ -46,11 +47,43 @@ class Carrier:
 
     def place(self, rc: Int32) -> Float64:
         """Return where pixels (K, 2) lie on the plane (K, 2); NaN for those that belong to no sample."""
+        return self._blended(rc)[:, :2]
+
+    def place_all(self) -> tuple[Float64, Float32]:
+        """Place all pixels of the surface.
+
+        Returns
+        -------
+        uv_m : (H, W, 2) float64
+            Their places; NaN for pixels that belong to no sample.
+        stretch : (H, W) float32
+            The largest relative change of length around each.
+        """
+        rc = np.argwhere(self.nearest >= 0).astype(np.int32)
+        blended = self._blended(rc)
+        uv = np.full((*self.nearest.shape, 2), np.nan)
+        stretch = np.full(self.nearest.shape, np.nan, dtype=np.float32)
+        uv[rc[:, 0], rc[:, 1]] = blended[:, :2]
+        stretch[rc[:, 0], rc[:, 1]] = blended[:, 2]
+        return uv, stretch
+
+    def _blended(self, rc: Int32) -> Float64:
         s = self._samples
         return _blend(
             rc, self.nearest, self._surface.xyz_m, self._surface.normal, s.points_rc, s.points_m, s.normal,
-            self._uv_m, self._frames, self._first, self._neighbours, 2.0 * s.sampling_interval_px,
+            self._uv_m, self._frames, self._stretch, self._first, self._neighbours,
+            2.0 * s.sampling_interval_px,
         )  # fmt: skip
+
+
+def _stretch(uv_m: Float64, samples: Samples) -> Float64:
+    """Largest relative change of length among each sample's pairs (N,)."""
+    a, b = samples.edges[:, 0], samples.edges[:, 1]
+    change = np.abs(np.linalg.norm(uv_m[a] - uv_m[b], axis=1) / samples.edge_length_m - 1.0)
+    largest = np.zeros(len(uv_m))
+    np.maximum.at(largest, a, change)
+    np.maximum.at(largest, b, change)
+    return largest
 
 
 def _adjacency(n: int, edges: Int32) -> tuple[Int32, Int32]:
@@ -130,15 +163,16 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: in
 @njit(cache=True, nogil=True)
 def _blend(
     pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, rc: Int32, points: Float64,
-    normals: Float64, uv: Float64, frames: Float64, first: Int32, neighbours: Int32, reach: float,
+    normals: Float64, uv: Float64, frames: Float64, stretch: Float64, first: Int32, neighbours: Int32,
+    reach: float,
 ) -> Float64:  # fmt: skip
-    placed = np.full((pixels.shape[0], 2), np.nan)
+    placed = np.full((pixels.shape[0], 3), np.nan)
     for p in range(pixels.shape[0]):
         r, c = pixels[p]
         n = nearest[r, c]
         if n < 0:
             continue
-        total, u, v = 0.0, 0.0, 0.0
+        total, u, v, s = 0.0, 0.0, 0.0, 0.0
         for k in range(first[n] - 1, first[n + 1]):
             m = n if k < first[n] else neighbours[k]
             dr, dc = r - rc[m, 0], c - rc[m, 1]
@@ -164,8 +198,10 @@ def _blend(
                 pv *= scale
             u += w * (uv[m, 0] + pu)
             v += w * (uv[m, 1] + pv)
+            s += w * stretch[m]
             total += w
         if total > 0.0:
             placed[p, 0] = u / total
             placed[p, 1] = v / total
+            placed[p, 2] = s / total
     return placed

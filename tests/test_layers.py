@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("grasping", "occlusion", "matching", "planning", "alignment", "merging", "refinement"),
     ("integration",),
     ("journal_lines", "journal", "export", "evaluation"),
-    ("pipeline",),
+    ("pipeline", "live"),
     ("viewer", "warmup"),
     ("cli",),
     ("app",),

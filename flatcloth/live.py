@@ -1,0 +1,72 @@
+"""A recording played as if it were live: each frame flattened from where the last one was."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+from flatcloth.config import FlatteningConfig
+from flatcloth.errors import FlatclothError
+from flatcloth.flattening import Flattening, flatten
+from flatcloth.integration import Integration, ViewCloud
+from flatcloth.surface import observe_item
+from flatcloth.types import FlattenedView
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveFrame:
+    """One frame: its flattened view (own plane, attributes in the held frame) and its cloud.
+
+    ``flatten_ms`` is what surface and flattening took, reading not included.
+    """
+
+    view_index: int
+    angle_deg: float
+    view: FlattenedView
+    cloud: ViewCloud
+    flatten_ms: float
+
+
+class LivePlayer:
+    """Flattens one view after the other, warm-started; not thread-safe.
+
+    Parameters
+    ----------
+    integration : Integration
+        Recording and configuration. Only the finest sampling interval is used: the last frame
+        takes the place of the coarse level.
+    """
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        config = integration.config.flattening
+        self._config: FlatteningConfig = replace(
+            config, sampling_intervals_px=config.sampling_intervals_px[-1:]
+        )
+        self._last: Flattening | None = None
+
+    def show(self, view_index: int) -> LiveFrame:
+        """Flatten a view, starting from the last one shown.
+
+        Raises
+        ------
+        FlatclothError
+            If the view shows too little cloth; the next view starts anew.
+        """
+        made = self._integration
+        frame = made.frame(view_index)
+        started = time.perf_counter()
+        try:
+            surface = observe_item(frame, made.axis, made.config.surface)
+            self._last = flatten(
+                surface, made.axis, self._config, previous=self._last,
+                min_area_m2=made.config.surface.min_component_area_m2,
+            )  # fmt: skip
+        except FlatclothError:
+            self._last = None
+            raise
+        took_ms = 1e3 * (time.perf_counter() - started)
+        return LiveFrame(
+            view_index=view_index, angle_deg=frame.angle_deg, view=self._last.view,
+            cloud=made.cloud(view_index), flatten_ms=took_ms,
+        )  # fmt: skip
