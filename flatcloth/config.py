@@ -130,7 +130,9 @@ class AlignmentConfig:
     """The score falls in proportion when the overlap is smaller than this."""
     least_part_share: float = 0.2
     """Of a view's separate parts, those with at least this share of the largest are tried."""
-    accept_score: float = 0.75
+    telling_texture: float = 0.25
+    """Texture that disagrees less than this at random counts in proportion."""
+    accept_score: float = 0.25
     """Unattended, a proposal with a lower score is refused."""
 
 

@@ -26,12 +26,14 @@ class AlignmentScore:
     parts: dict[str, float]
 
 
+_CHANCE_PAIRS = 5000
+
+
 class Matcher:
     """Compares two flattened views, laid on each other, by intensity and height.
 
     Each overlapping pixel of the new view disagrees by a robust mean of the two differences,
-    0 (equal) to 1; the score is the mean agreement, lowered where the overlap is small. The coarse
-    part of the search compares smoothed texture, which tolerates its larger steps.
+    0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Matcher:
             self._fields[smoothing_m] = attribute_fields(current, axis, texture / spread)
             fields = attribute_fields(new, axis, new_texture / spread)
             self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
+        self._chance = self._chance_disagreement()
 
     def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
         """Compare under each motion.
@@ -101,21 +104,42 @@ class Matcher:
         return _disturbed(initial, best, center)
 
     def score(self, current_from_new: Rigid2) -> AlignmentScore:
-        """Return the score of a placement with its parts."""
+        """Score a placement: 0 is chance or worse, 1 perfect agreement.
+
+        Each agreement is taken relative to that of pixels paired at random, so that "half the
+        checks match anyway" counts nothing. Texture counts as far as there is any.
+        """
+        c = self.config
         result = self.disagreement([current_from_new], 1)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
-        enough = min(1.0, area / self.config.enough_overlap_m2)
-        total = float((1.0 - result[0]) * enough) if result[1] > 0 else 0.0
+        by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
+        by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
+        told = min(1.0, self._chance[0] / c.telling_texture)
+        enough = min(1.0, area / c.enough_overlap_m2)
+        total = by_height * (1.0 - told * (1.0 - by_intensity)) * enough if result[1] > 0 else 0.0
         return AlignmentScore(
             total,
             {
-                "intensity_agreement": 1.0 - float(result[2]),
-                "height_agreement": 1.0 - float(result[3]),
+                "intensity_agreement": by_intensity,
+                "height_agreement": by_height,
                 "height_rms_mm": float(result[4]) * 1e3,
+                "texture_share": told,
                 "overlap_cm2": area * 1e4,
                 "overlap_share": float(result[1]),
             },
         )
+
+    def _chance_disagreement(self) -> tuple[float, float]:
+        """Mean disagreement, by intensity and by height, of pixels paired at random."""
+        fine = self.config.fine_smoothing_m
+        current = self._fields[fine]
+        current = current[np.isfinite(current[..., 1])]
+        random = np.random.default_rng(0)
+        a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
+        b = self._values[fine][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
+        intensity = np.square(a[:, 0] - b[:, 0])
+        height = np.square((a[:, 1] - b[:, 1]) / self.config.height_scale_m)
+        return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
 
     def _cost(
         self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
