@@ -204,7 +204,7 @@ def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
     return largest, low * CELL_M
 
 
-def picture(comparison: Comparison, pixels_per_m: float = 500.0) -> Uint8:
+def picture(comparison: Comparison, pixels_per_m: float = 400.0) -> Uint8:
     """Return (H, W, 3) RGB: the result, the truth with its colors, and the error, side by side."""
     both = np.concatenate([comparison.flat_uv_m, comparison.true_uv_m])
     low = both.min(axis=0) - 0.02

@@ -124,7 +124,8 @@ def _strength(
                     best, best_dr, best_dc = found, dr, dc
             if best > 0.3:
                 # The steep middle, not its foot: that still lies on its layer.
-                for k in range(-1, 2):
+                spread = 1 if best >= 1.0 else 0
+                for k in range(-spread, spread + 1):
                     rr, cc = r + k * best_dr, c + k * best_dc
                     strength[rr, cc] = max(strength[rr, cc], best)
     return strength
@@ -138,6 +139,10 @@ def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int)
         return 0.0
     height = near_b - near_a
     sign = 1.0 if height > 0 else -1.0
+    for k in range(-half, half):
+        a, b = _depth(inverse_depth, r, c, dr, dc, k), _depth(inverse_depth, r, c, dr, dc, k + 1)
+        if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
+            return 0.0  # a clean jump within one step: the layers are apart as measured
     # The slope of each side explains its half; where a side ends, its last two steps stand for it.
     side_a = sign * (near_a - _outer(inverse_depth, r, c, dr, dc, -half, near_a))
     side_b = sign * (_outer(inverse_depth, r, c, dr, dc, half, near_b) - near_b)
