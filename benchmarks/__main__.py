@@ -22,9 +22,7 @@ def main() -> None:
     parser.add_argument(
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="few problems, one repetition: to see that it works"
-    )
+    parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     arguments = parser.parse_args()
     pin_to_one_core()
     # Imported late: the libraries read their number of threads when they are loaded.

@@ -21,8 +21,9 @@ CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.
 DISTANCE_M = 0.85
 AXIS = RotationAxis(point_m=np.array([0.0, -0.3, DISTANCE_M]), direction=np.array([0.0, -1.0, 0.0]))
 NOISE_M = 0.0015
-NOISE_SMOOTHING_PX = 5.6
-"""Gives a correlation of 0.97 over 2 px and 0.6 over 8 px, as a stereo sensor's depth has."""
+SMOOTH_NOISE_PX, ROUGH_NOISE_PX = 5.6, 1.3
+"""Smoothing of white noise: correlated 0.97 over 2 px and 0.6 over 8 px; or 0.86 over 1 px and
+0.55 over 2 px, which is nearer to what the bundled ``-d435`` recordings have."""
 
 Outline = Callable[[Float64, Float64], Bool]
 Hits = tuple[Float64, Float64, Float64, Bool]
@@ -100,7 +101,13 @@ def sheets() -> dict[str, Sheet]:
     return {sheet.name: sheet for sheet in every}
 
 
-def view_of(sheet: Sheet, *, noise_seed: int | None = None, camera: Intrinsics = CAMERA) -> SheetView:
+def view_of(
+    sheet: Sheet,
+    *,
+    noise_seed: int | None = None,
+    noise_smoothing_px: float = SMOOTH_NOISE_PX,
+    camera: Intrinsics = CAMERA,
+) -> SheetView:
     """See a sheet with the camera in front of it.
 
     Parameters
@@ -109,6 +116,8 @@ def view_of(sheet: Sheet, *, noise_seed: int | None = None, camera: Intrinsics =
         One of :func:`sheets`.
     noise_seed : int, optional
         Adds correlated depth noise of 1.5 mm; without it depth is exact.
+    noise_smoothing_px : float
+        See :func:`depth_noise_m`.
     camera : Intrinsics
         The camera, ``DISTANCE_M`` in front of the sheet's origin.
 
@@ -135,7 +144,7 @@ def view_of(sheet: Sheet, *, noise_seed: int | None = None, camera: Intrinsics =
     flat = np.where(mask[..., None], np.stack([u, v], axis=1).reshape(*shape, 2), np.nan)
     exact_depth_m = depth_m = np.where(seen, depth.reshape(shape), 0.0)
     if noise_seed is not None:
-        depth_m = np.where(seen, exact_depth_m + depth_noise_m(shape, noise_seed), 0.0)
+        depth_m = np.where(seen, exact_depth_m + depth_noise_m(shape, noise_seed, noise_smoothing_px), 0.0)
     squares = np.floor(u.reshape(shape) / 0.025) + np.floor(v.reshape(shape) / 0.025)
     gray = np.where(seen, np.where(squares % 2 == 0, 210, 60), 0).astype(np.uint8)
     frame = RgbdFrame(
@@ -149,11 +158,9 @@ def view_of(sheet: Sheet, *, noise_seed: int | None = None, camera: Intrinsics =
     return SheetView(sheet=sheet, frame=frame, exact_depth_m=exact_depth_m, flat_uv_m=flat)
 
 
-def depth_noise_m(shape: tuple[int, int], seed: int) -> Float32:
-    """Return smooth noise (H, W), standard deviation ``NOISE_M``."""
-    noise = gaussian_filter(
-        np.random.default_rng(seed).standard_normal(shape), NOISE_SMOOTHING_PX, mode="wrap"
-    )
+def depth_noise_m(shape: tuple[int, int], seed: int, smoothing_px: float = SMOOTH_NOISE_PX) -> Float32:
+    """Return white noise (H, W) smoothed by a Gaussian, of the standard deviation ``NOISE_M``."""
+    noise = gaussian_filter(np.random.default_rng(seed).standard_normal(shape), smoothing_px, mode="wrap")
     scaled: Float32 = (NOISE_M * noise / noise.std()).astype(np.float32)
     return scaled
 

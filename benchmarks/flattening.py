@@ -47,7 +47,7 @@ class Row:
     method: str
     surface: str
     garment: bool
-    noise_mm: float
+    noise_mm: float | None
     sampling_interval_px: int
     n_points: int
     n_pairs: int
@@ -85,12 +85,12 @@ def run(recordings: Sequence[str], *, quick: bool = False) -> None:
         "views": on_views,
         "notes": {m.name: m.note for m in methods() if m.note},
     }
-    RESULTS.mkdir(exist_ok=True)
-    name = "flattening-quick" if quick else "flattening"
-    (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
     text = table(result)
-    (RESULTS / f"{name}.md").write_text(text)
-    draw(result, RESULTS / f"{name}.png")
+    if not quick:
+        RESULTS.mkdir(exist_ok=True)
+        (RESULTS / "flattening.json").write_text(json.dumps(result, indent=1) + "\n")
+        (RESULTS / "flattening.md").write_text(text)
+        draw(result, RESULTS / "flattening.png")
     print(text)
 
 
@@ -115,7 +115,7 @@ def machine() -> dict[str, str]:
     }
 
 
-def problems(recordings: Sequence[Recording], *, quick: bool) -> Iterator[tuple[float, Problem]]:
+def problems(recordings: Sequence[Recording], *, quick: bool) -> Iterator[tuple[float | None, Problem]]:
     """Yield the noise (mm) with each problem: sheets without and with noise, one view of each recording."""
     intervals = (12, 6) if quick else INTERVALS_PX
     for sheet in list(sheets().values())[: 2 if quick else None]:
@@ -134,15 +134,18 @@ def problems(recordings: Sequence[Recording], *, quick: bool) -> Iterator[tuple[
         truth = read_truth(recording.location)[GARMENT_VIEW]
         for d in intervals:
             if d > 1:
-                yield 0.0, problem_of(recording.name, frame, axis, truth.flat_uv_m, d, garment=True)
+                yield None, problem_of(recording.name, frame, axis, truth.flat_uv_m, d, garment=True)
 
 
 def solver_rows(recordings: Sequence[Recording], *, quick: bool) -> list[Row]:
     """Time every method on every problem, and measure its result."""
     rows: list[Row] = []
-    last: dict[tuple[str, str, float], tuple[int, float]] = {}
+    last: dict[tuple[str, str, float | None], tuple[int, float]] = {}
     for noise_mm, problem in problems(recordings, quick=quick):
-        say(f"{problem.surface}, noise {noise_mm} mm, d = {problem.sampling_interval_px}, N = {problem.size}")
+        say(
+            f"{problem.surface}, noise {noise_mm or 0} mm, d = {problem.sampling_interval_px}, "
+            f"N = {problem.size}"
+        )
         best = least_known_energy(problem)
         found: list[tuple[Method, float | None, Float64 | None, str]] = []
         for method in methods():
@@ -196,7 +199,7 @@ def timed(solve: Callable[[], T], *, once: bool = False) -> tuple[float, T]:
 
 def _row(
     problem: Problem,
-    noise_mm: float,
+    noise_mm: float | None,
     best: float,
     method: Method,
     seconds: float | None,

@@ -75,7 +75,7 @@ def _flatcloth(problem: Problem, _target: float) -> Float64:
         problem.start_uv_m,
         problem.edges,
         problem.edge_length_m,
-        max_iterations=_CONFIG.max_iterations,
+        majorisations=_CONFIG.majorisations,
         energy_tolerance=_CONFIG.energy_tolerance,
     ).uv_m
 
@@ -88,7 +88,7 @@ def least_known_energy(problem: Problem) -> float:
     for start in starts:
         with contextlib.suppress(RuntimeError):  # a start with coinciding points is singular
             found = minimise(
-                start, problem.edges, problem.edge_length_m, max_iterations=500, energy_tolerance=1e-9
+                start, problem.edges, problem.edge_length_m, majorisations=60, energy_tolerance=1e-9
             )
             energies.append(energy_of(found.uv_m, problem.edges, problem.edge_length_m))
     return min(energies)
@@ -172,6 +172,7 @@ def _least_squares(problem: Problem, target: float) -> Float64:
 def _uvatlas(problem: Problem, _target: float) -> Float64 | None:
     import open3d as o3d
 
+    o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Warning)
     mesh = o3d.t.geometry.TriangleMesh(
         o3d.core.Tensor(problem.points_m.astype(np.float32)),
         o3d.core.Tensor(problem.triangles.astype(np.int32)),

@@ -6,13 +6,12 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from types import ModuleType
 from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.developable import AXIS, Sheet, view_of
+from benchmarks.developable import AXIS, ROUGH_NOISE_PX, SMOOTH_NOISE_PX, Sheet, view_of
 from flatcloth import flattening, surface
 from flatcloth.config import Config
 from flatcloth.errors import FlatclothError
@@ -20,29 +19,23 @@ from flatcloth.evaluation import trimmed_fit
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.recordings import Recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.surface import Surface, observe_surface
+from flatcloth.surface import Surface, observe_item
 from flatcloth.types import Bool, Float64, RgbdFrame, RotationAxis
+from flatcloth.upsampling import Carrier
 
 CONFIG = Config()
-STAGES: dict[ModuleType, tuple[str, ...]] = {
-    surface: ("fill_dropouts", "find_ramps", "fit_patches", "back_project", "z_angle_deg"),
-    flattening: (
-        "sample_surface",
-        "_from_coarse",
-        "minimise",
-        "place_pixels",
-        "rasterise_pixels",
-        "triangulate",
-        "rasterise_triangles",
-    ),
+STAGES: dict[Any, tuple[str, ...]] = {
+    surface: ("fill_dropouts", "find_ramps", "fit_planes", "normals_from_fit", "back_project", "z_angle_deg"),
+    flattening: ("sample_surface", "minimise", "rasterise_pixels"),
+    Carrier: ("__init__", "place", "place_all"),
 }
-"""Functions timed on their own, where their callers look them up."""
+"""Functions timed on their own, by where their callers look them up."""
 
 
 def whole_frame(frame: RgbdFrame, axis: RotationAxis) -> Flattening:
     """Turn one frame into its flattened view, as a session does."""
     config = CONFIG
-    found = observe_surface(frame, axis, config.surface)
+    found = observe_item(frame, axis, config.surface)
     return flatten(found, axis, config.flattening, min_area_m2=config.surface.min_component_area_m2)
 
 
@@ -100,24 +93,31 @@ def stage_times() -> Iterator[dict[str, float]]:
 
         return call
 
-    found = [(m, n, getattr(m, n)) for m, names in STAGES.items() for n in names if hasattr(m, n)]
-    for module, name, function in found:
-        setattr(module, name, clocked(name.lstrip("_"), function))
+    found = [
+        (owner, n, getattr(owner, n)) for owner, names in STAGES.items() for n in names if hasattr(owner, n)
+    ]
+    for owner, name, function in found:
+        shown = f"{owner.__name__}.{name.strip('_')}" if isinstance(owner, type) else name
+        setattr(owner, name, clocked(shown, function))
     try:
         yield spent
     finally:
-        for module, name, function in found:
-            setattr(module, name, function)
+        for owner, name, function in found:
+            setattr(owner, name, function)
 
 
 def accuracy_of_sheets(every: Iterable[Sheet]) -> list[dict[str, Any]]:
     """Flatten each sheet without and with noise; every component is fitted to the truth on its own."""
     rows = []
     for sheet in every:
-        for noise_mm, seeds in ((0.0, (None,)), (1.5, (1, 2, 3))):
+        for smoothing_px, seeds in (
+            (0.0, (None,)),
+            (SMOOTH_NOISE_PX, (1, 2, 3)),
+            (ROUGH_NOISE_PX, (1, 2, 3)),
+        ):
             figures = []
             for seed in seeds:
-                view = view_of(sheet, noise_seed=seed)
+                view = view_of(sheet, noise_seed=seed, noise_smoothing_px=smoothing_px)
                 result = whole_frame(view.frame, AXIS)
                 error, share = errors_mm(result, view.flat_uv_m, view.frame.mask)
                 figures.append(
@@ -132,7 +132,12 @@ def accuracy_of_sheets(every: Iterable[Sheet]) -> list[dict[str, Any]]:
                 )
             medians = {name: statistics.median(f[name] for f in figures) for name in figures[0]}
             rows.append(
-                {"surface": sheet.name, "noise_mm": noise_mm, **{k: round(v, 4) for k, v in medians.items()}}
+                {
+                    "surface": sheet.name,
+                    "noise_mm": 1.5 if smoothing_px else 0.0,
+                    "noise_smoothing_px": smoothing_px,
+                    **{k: round(v, 4) for k, v in medians.items()},
+                }
             )
     return rows
 
@@ -148,7 +153,8 @@ def noise_share_mm(found: Surface, exact_depth_m: Float64) -> float:
     ray = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy, np.ones(rows.size)], axis=1)
     length = np.linalg.norm(ray, axis=1)
     cos = -(found.normal[rows, cols] * ray).sum(axis=1) / length
-    along = (found.xyz_m[rows, cols, 2] - exact_depth_m[rows, cols]) * length
+    top, left = found.frame.offset_rc
+    along = (found.xyz_m[rows, cols, 2] - exact_depth_m[rows + top, cols + left]) * length
     return 1e3 * float(np.sqrt(np.mean(np.square(along) * (1.0 - np.clip(cos, 0.0, 1.0) ** 2))))
 
 

@@ -26,6 +26,8 @@ class SurfaceConfig:
     """Half width of the window in which a plane is fitted for each normal."""
     grazing_limit_deg: float = 75.0
     """Surface seen at a larger angle between normal and line of sight is not used."""
+    noisy_depth_m: float = 0.0003
+    """Depth that scatters more than this about its local planes (median) is noisy."""
     ramp_half_width_px: int = 4
     """Half the width of the slopes by which a stereo sensor joins two layers."""
     ramp_height_m: float = 0.010
@@ -38,7 +40,7 @@ class SurfaceConfig:
     """Where a ramp goes on with this share of its least height and slope, it is still one."""
     max_dropout_px: int = 150
     """Holes of at most this many pixels inside the mask are bridged."""
-    min_component_area_m2: float = 0.0004
+    min_component_area_m2: float = 0.001
     """Separate parts of a view smaller than this are dropped."""
     min_item_area_m2: float = 0.01
     """Without masks: a region smaller than this is not taken for the item."""
@@ -54,16 +56,18 @@ class FlatteningConfig:
     """Sampling intervals d, coarse to fine."""
     fit_radius_px: int = 6
     """Radius of the local quadratic fit of depth at each sample."""
+    noisy_fit_radius_px: int = 12
+    """Radius of that fit where the depth is noisy."""
     max_chord_slope: float = 0.35
     """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
     interpolation: str = "smooth"
     """Between the samples: ``smooth``, every image pixel placed; ``delaunay``, linear as in the paper."""
     pixel_size_m: float = 0.002
     """Size of a pixel of ``F(u, v)``."""
-    max_iterations: int = 30
-    """Majorisation steps allowed at each interval, before the damped Newton steps."""
+    majorisations: int = 6
+    """Majorisation steps at each interval, before the Gauss-Newton steps."""
     energy_tolerance: float = 2e-3
-    """The minimisation ends when a Newton step lowers the energy by a smaller share than this."""
+    """The minimisation ends when a step promises to lower the energy by a smaller share than this."""
 
 
 @dataclass(frozen=True, kw_only=True)

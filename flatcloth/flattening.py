@@ -149,13 +149,14 @@ def flatten(
         samples = sample_surface(surface, interval, config)
         if not len(samples.points_rc):
             continue
+        least = _least_samples(surface, interval, min_area_m2)
         if levels:
             start = _from_coarse(samples, levels[-1], surface)
         elif previous is not None:
             start = _from_previous(samples, previous, surface, axis)
         else:
             start = _pixel_start(samples, surface)
-        levels.append(_solve_level(samples, start, config, record))
+        levels.append(_solve_level(samples, start, least, config, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
     carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
@@ -176,22 +177,22 @@ def _too_small(surface: Surface) -> str:
     )
 
 
-def _solve_level(samples: Samples, initial: Float64, config: FlatteningConfig, record: bool) -> Level:
+def _solve_level(
+    samples: Samples, initial: Float64, least_samples: int, config: FlatteningConfig, record: bool
+) -> Level:
     n = len(samples.points_rc)
     component = _components(n, samples.edges)
     uv = initial.copy()
     largest = None
-    for c in range(int(component.max()) + 1):
+    for c in np.flatnonzero(np.bincount(component) >= least_samples):
         members = np.flatnonzero(component == c).astype(np.int32)
-        if members.size < 3:
-            continue
         own = component[samples.edges[:, 0]] == c
         local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
         result = minimise(
             initial[members],
             local,
             samples.edge_length_m[own],
-            max_iterations=config.max_iterations,
+            majorisations=config.majorisations,
             energy_tolerance=config.energy_tolerance,
             record=record and c == 0,
         )
@@ -289,10 +290,9 @@ def _smooth_components(
     uv, stretch = carrier.place_all()
     component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
     sizes = np.bincount(level.component)
-    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
-    least = _least_pixels(surface, min_area_m2)
+    least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
     boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
-    for c in np.flatnonzero((sizes >= 3) & (pixels >= least)):  # fewer samples have no shape
+    for c in np.flatnonzero(sizes >= least):
         box = boxes[c]
         corner = (box[0].start, box[1].start)
         view, flips, overlaps = rasterise_pixels(
@@ -302,9 +302,9 @@ def _smooth_components(
         yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
 
 
-def _least_pixels(surface: Surface, area_m2: float) -> float:
-    """Fewer image pixels than this cannot be that area, however steeply they are seen (four times)."""
-    return max(1.0, 0.25 * area_m2 / surface.pixel_pitch_m**2)
+def _least_samples(surface: Surface, interval_px: int, area_m2: float) -> int:
+    """Fewer samples than this have no shape (3), or cannot be that area if seen at 60 deg."""
+    return max(3, int(0.5 * area_m2 / (interval_px * surface.pixel_pitch_m) ** 2))
 
 
 def _delaunay_components(

@@ -3,16 +3,19 @@
 ``H(u, v) = sum over pairs of (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
 quadratic that touches it from above; its minimum is one solve with the graph Laplacian, which is
 factored once. It never increases H and does not fold the sheet from the pixel start, where
-gradient methods do (the paper's "instability"). Anderson mixing speeds it up; damped Newton steps
-finish it where thin parts make majorisation crawl. Samples come in image order and garments hang
-long and narrow, so both matrices are narrow bands, factored in place by LAPACK.
+gradient methods do (the paper's "instability"). Anderson mixing speeds it up; Gauss-Newton steps
+finish it where thin parts make majorisation crawl: their bending is far softer than any damping
+that would keep a step safe, so the steps are not damped, and two majorisations after each undo the
+stretching that a linearised turn leaves. Samples come in image order and garments hang long and
+narrow, so all matrices are narrow bands, factored in place by LAPACK; where the band is wide,
+conjugate gradients with the last factor as preconditioner come first.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -25,10 +28,15 @@ from flatcloth.types import Float64, Int32
 
 T = TypeVar("T")
 _ANDERSON_DEPTH = 6
-_MAJORISE_UNTIL = 0.02
-"""Majorisation hands over to Newton when it lowers H by a smaller share than this, twice running."""
-_MAX_NEWTON_STEPS = 60
-_LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-7, 1e-2, 1e4
+_MAX_STEPS = 60
+_REPAIRS = 2
+"""Majorisations after each Gauss-Newton step."""
+_WIDE_BAND = 24
+"""From this bandwidth on, conjugate gradients are tried before a factorisation."""
+_MOST_CG_STEPS = 9
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
+_EXACT_M2 = 1e-14
+"""H per pair below which the lengths are met exactly."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,12 +44,11 @@ class Minimum:
     """Result: ``uv_m`` (N, 2), ``energy`` H before the first and after each iteration, recorded states.
 
     ``states`` holds (N, 2) arrays at some iterations (``state_iterations``), for the teaching view;
-    empty unless asked for. The first ``majorisations`` iterations are majorisation steps.
+    empty unless asked for.
     """
 
     uv_m: Float64
     energy: tuple[float, ...]
-    majorisations: int = 0
     states: tuple[Float64, ...] = ()
     state_iterations: tuple[int, ...] = ()
 
@@ -51,7 +58,7 @@ def minimise(
     edges: Int32,
     edge_length_m: Float64,
     *,
-    max_iterations: int,
+    majorisations: int,
     energy_tolerance: float,
     record: bool = False,
 ) -> Minimum:
@@ -65,10 +72,10 @@ def minimise(
         Pairs with B = 1; the graph must be connected.
     edge_length_m : (M,) float64
         Lengths E, positive.
-    max_iterations : int
-        Bound on the majorisation steps.
+    majorisations : int
+        Majorisation steps before the first Gauss-Newton step.
     energy_tolerance : float
-        Ends when a Newton step lowers H by a smaller share than this.
+        Ends when the next step promises to lower H by a smaller share than this.
     record : bool
         Keep about twenty states on the way.
 
@@ -79,8 +86,8 @@ def minimise(
 
     Notes
     -----
-    Cost: N times the square of the bandwidth (points in one image row) for each Newton step, and a
-    quarter of that once for majorisation.
+    Cost: N times the square of the bandwidth (points in one image row) for each Gauss-Newton step,
+    and a quarter of that once for majorisation.
     """
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
@@ -89,14 +96,13 @@ def minimise(
     pairs = np.sort(place[edges], axis=1).astype(np.int32)
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace: list[Float64] | None = [x] if record else None
-    x, energy = _majorise(x, pairs, edge_length_m, max_iterations, trace)
-    majorisations = len(energy) - 1
-    x, energy = _newton(x, pairs, edge_length_m, energy, energy_tolerance, trace)
+    laplacian = _factor(_laplacian_band(x.shape[1], _bandwidth(pairs), pairs))
+    x, energy = _majorise(x, pairs, edge_length_m, laplacian, majorisations, trace)
+    x, energy = _gauss_newton(x, pairs, edge_length_m, laplacian, energy, energy_tolerance, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),
         energy=tuple(energy),
-        majorisations=majorisations,
         states=tuple(states),
         state_iterations=tuple(_thinned(list(range(len(energy))))) if record else (),
     )
@@ -133,23 +139,41 @@ def _narrow_order(n: int, edges: Int32) -> Int32:
     return order
 
 
+def _factor(band: Float64) -> Float64 | None:
+    """Cholesky factor of a lower band, which is overwritten; None if it is not definite."""
+    factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
+    return None if failed else factor
+
+
+def _solved(factor: Float64, rhs: Float64) -> Float64:
+    """Solve for (2, N): by the Laplacian for u and v apart, by the Hessian for both interleaved."""
+    if factor.shape[1] == rhs.shape[1]:
+        x, _ = dpbtrs(factor, rhs.T, lower=1)
+    else:
+        x, _ = dpbtrs(factor, rhs.T.ravel(), lower=1)
+        x = x.reshape(-1, 2)
+    return np.ascontiguousarray(x.T)
+
+
 def _majorise(
-    x: Float64, edges: Int32, lengths: Float64, max_iterations: int, trace: list[Float64] | None
+    x: Float64,
+    edges: Int32,
+    lengths: Float64,
+    laplacian: Float64 | None,
+    iterations: int,
+    trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by the plain one."""
-    n = x.shape[1]
-    factor, _ = dpbtrf(_laplacian_band(n, _bandwidth(edges), edges), lower=1, overwrite_ab=1)
     rhs = np.empty_like(x)
     h = _majorise_rhs(x, edges, lengths, rhs)
     energy = [h]
-    past_x, past_f = np.empty((_ANDERSON_DEPTH, 2 * n)), np.empty((_ANDERSON_DEPTH, 2 * n))
-    kept = small = 0
-    for iteration in range(max_iterations):
-        solved, _ = dpbtrs(factor, rhs.T, lower=1)
-        plain = np.ascontiguousarray(solved.T)
+    past_x, past_f = np.empty((_ANDERSON_DEPTH, x.size)), np.empty((_ANDERSON_DEPTH, x.size))
+    kept = 0
+    for iteration in range(iterations if laplacian is not None else 0):
+        plain = _solved(cast("Float64", laplacian), rhs)
         plain -= plain.mean(axis=1, keepdims=True)
         g, f = plain.ravel(), (plain - x).ravel()
-        candidate = _anderson(past_x, past_f, kept, g, f).reshape(2, n) if kept else plain
+        candidate = _anderson(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
         slot = iteration % _ANDERSON_DEPTH
         past_x[slot], past_f[slot] = g, f
         kept = min(kept + 1, _ANDERSON_DEPTH)
@@ -157,52 +181,88 @@ def _majorise(
         if h_new > h:
             candidate, kept = plain, 0
             h_new = _majorise_rhs(candidate, edges, lengths, rhs)
-        small = small + 1 if h - h_new <= _MAJORISE_UNTIL * h else 0
         x, h = candidate, h_new
         energy.append(h)
         if trace is not None:
             trace.append(x)
-        if small >= 2:
-            break
     return x, energy
 
 
-def _newton(
+def _gauss_newton(
     x: Float64,
     edges: Int32,
     lengths: Float64,
+    laplacian: Float64 | None,
     energy: list[float],
     tolerance: float,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
-    """Damped Newton steps on (2, N) until H falls by less than ``tolerance``."""
-    n = x.shape[1]
-    band = np.empty((2 * _bandwidth(edges) + 2, 2 * n))
-    gradient = np.empty(2 * n)
-    scratch = np.empty_like(x)
-    damping, h = _FIRST_DAMPING, energy[-1]
-    for _ in range(_MAX_NEWTON_STEPS):
-        _newton_system(x, edges, lengths, damping, band, gradient)
-        factor, failed = dpbtrf(band, lower=1)
-        candidate, h_new = x, math.inf
-        if failed == 0:
-            step, _ = dpbtrs(factor, gradient, lower=1)
-            candidate = x - step.reshape(n, 2).T
-            h_new = _majorise_rhs(candidate, edges, lengths, scratch)
+    """Gauss-Newton steps on (2, N), each repaired by majorisations, until little gain is promised."""
+    n, bandwidth = x.shape[1], _bandwidth(edges)
+    gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
+    damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
+    for _ in range(_MAX_STEPS):
+        if h <= _EXACT_M2 * len(edges):
+            break
+        _gradient(x, edges, lengths, unit, gradient)
+        found = None
+        if bandwidth > _WIDE_BAND and damping <= _LEAST_DAMPING and last_factor is not None:
+            found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
+        if found is None:
+            factor = _factor(_hessian_band(n, bandwidth, edges, unit, damping))
+            if factor is not None:
+                last_factor = factor
+                step = _solved(factor, gradient)
+                found = step, float(np.vdot(gradient, step))
+        step, gain = found if found is not None else (np.zeros_like(x), 0.0)
+        candidate = x - step
+        h_new = _majorise_rhs(candidate, edges, lengths, rhs)
+        if laplacian is not None and (gain > tolerance * h or h_new >= h):
+            for _ in range(_REPAIRS):
+                candidate = _solved(laplacian, rhs)
+                h_new = _majorise_rhs(candidate, edges, lengths, rhs)
         if not h_new < h:
             damping *= 10
-            if damping > _MOST_DAMPING:
+            if found is None or damping > _MOST_DAMPING:
                 break
             continue
-        converged = h - h_new <= tolerance * h
-        x, h = np.ascontiguousarray(candidate), h_new
+        x, h = candidate, h_new
         energy.append(h)
         if trace is not None:
-            trace.append(x)
+            trace.append(x - x.mean(axis=1, keepdims=True))
         damping = max(0.1 * damping, _LEAST_DAMPING)
-        if converged:
+        if gain <= tolerance * h:
             break
     return x, energy
+
+
+def _conjugate_gradients(
+    gradient: Float64, edges: Int32, unit: Float64, factor: Float64, h: float, tolerance: float
+) -> tuple[Float64, float] | None:
+    """Solve the Gauss-Newton system roughly; return step and promised gain, or None if it takes too long.
+
+    It ends when what the next steps would add, forecast from the rate so far, does not matter.
+    """
+    step, curved = np.zeros_like(gradient), np.empty_like(gradient)
+    rest = gradient.copy()
+    toward = _solved(factor, rest)
+    direction, power, gain = toward, float(np.vdot(rest, toward)), 0.0
+    for iteration in range(_MOST_CG_STEPS):
+        _hessian_times(direction, edges, unit, curved)
+        length = power / max(float(np.vdot(direction, curved)), 1e-300)
+        step += length * direction
+        rest -= length * curved
+        added = length * power
+        gain += added
+        toward = _solved(factor, rest)
+        new_power = float(np.vdot(rest, toward))
+        rate = min(new_power / power, 0.95) if power > 0 else 0.0
+        forecast = added * rate / (1.0 - rate)
+        if iteration >= 2 and forecast <= max(0.05 * gain, 0.2 * tolerance * h):
+            return step, gain + forecast
+        direction = toward + (new_power / max(power, 1e-300)) * direction
+        power = new_power
+    return None
 
 
 @njit(cache=True, nogil=True)
@@ -265,30 +325,28 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> f
 
 
 @njit(cache=True, nogil=True)
-def _newton_system(
-    x: Float64, edges: Int32, lengths: Float64, damping: float, band: Float64, gradient: Float64
-) -> None:
-    """Write the lower band of the Hessian of H / 2, u and v interleaved, and its gradient.
-
-    The bending term ``(1 - E / d) (I - n n^T)`` is kept only where it is positive, so the matrix is
-    definite wherever the points are.
-    """
-    band[:] = 0.0
+def _gradient(x: Float64, edges: Int32, lengths: Float64, unit: Float64, gradient: Float64) -> None:
+    """Write the unit vectors of all pairs and the gradient of H / 2."""
     gradient[:] = 0.0
-    band[0] = damping
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = max(math.sqrt(du * du + dv * dv), 1e-12)
-        nu, nv, residual = du / d, dv / d, d - lengths[e]
-        gradient[2 * a] += nu * residual
-        gradient[2 * a + 1] += nv * residual
-        gradient[2 * b] -= nu * residual
-        gradient[2 * b + 1] -= nv * residual
-        bend = max(residual / d, 0.0)
-        uu = nu * nu + bend * (1.0 - nu * nu)
-        vv = nv * nv + bend * (1.0 - nv * nv)
-        uv = nu * nv * (1.0 - bend)
+        residual = d - lengths[e]
+        for k, n in ((0, du / d), (1, dv / d)):
+            unit[e, k] = n
+            gradient[k, a] += n * residual
+            gradient[k, b] -= n * residual
+
+
+@njit(cache=True, nogil=True)
+def _hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
+    """Lower band of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
+    band = np.zeros((2 * bandwidth + 2, 2 * n))
+    band[0] = damping
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
         for end in (a, b):
             band[0, 2 * end] += uu
             band[0, 2 * end + 1] += vv
@@ -298,3 +356,16 @@ def _newton_system(
         band[offset + 1, 2 * a] -= uv
         band[offset - 1, 2 * a + 1] -= uv
         band[offset, 2 * a + 1] -= vv
+    return band
+
+
+@njit(cache=True, nogil=True)
+def _hessian_times(p: Float64, edges: Int32, unit: Float64, product: Float64) -> None:
+    """Write the Gauss-Newton Hessian of H / 2 times p (2, N)."""
+    product[:] = 0.0
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        along = unit[e, 0] * (p[0, a] - p[0, b]) + unit[e, 1] * (p[1, a] - p[1, b])
+        for k in range(2):
+            product[k, a] += along * unit[e, k]
+            product[k, b] -= along * unit[e, k]

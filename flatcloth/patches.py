@@ -37,11 +37,21 @@ def normals_from_fit(
     return normal, cos_incidence
 
 
-def fit_planes(inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, radius: int) -> Float64:
-    """Fit a plane around every pixel of the item; (K, 6) as :func:`fit_patches`, in the item's order.
+def fit_planes(
+    inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, radius: int, noisy_depth_m: float
+) -> tuple[Float64, float]:
+    """Fit a plane around every pixel of the item.
 
-    Where no jump touches the window the weighted fit is three separable filters; only the other
-    pixels need a fit of their own.
+    Where no jump touches the window the weighted fit is three separable filters. Only the other
+    pixels need a fit of their own; it is one-sided there, so it is a quadratic one, unless the depth
+    scatters about its planes by more than ``noisy_depth_m``.
+
+    Returns
+    -------
+    fit : (K, 6) float64
+        As :func:`fit_patches`, in the order of the item's pixels.
+    noise_m : float
+        Median deviation of the measured depth from its planes.
     """
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
     weight = _weight(offset / radius)
@@ -64,10 +74,12 @@ def fit_planes(inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, rad
         borderValue=0,
     )
     cut = whole[rows, cols] == 0
-    fit[cut] = fit_patches(
-        inverse_depth, steps, rows[cut].astype(np.int32), cols[cut].astype(np.int32), radius, False
-    )
-    return fit
+    inner = fit[~cut, 0]
+    scatter = np.abs(inverse_depth[rows[~cut], cols[~cut]] - inner) / np.maximum(inner, 1e-9) ** 2
+    noise_m = float(np.median(scatter)) if scatter.size else 0.0
+    at = rows[cut].astype(np.int32), cols[cut].astype(np.int32)
+    fit[cut] = fit_patches(inverse_depth, steps, *at, radius, 1, noise_m <= noisy_depth_m)
+    return fit, noise_m
 
 
 def _weight(share: Float64) -> Float64:
@@ -78,9 +90,18 @@ def _weight(share: Float64) -> Float64:
 
 @njit(cache=True, nogil=True)
 def fit_patches(
-    inverse_depth: Float64, steps: NDArray[np.uint8], rows: Int32, cols: Int32, radius: int, quadratic: bool
+    inverse_depth: Float64,
+    steps: NDArray[np.uint8],
+    rows: Int32,
+    cols: Int32,
+    radius: int,
+    stride: int,
+    quadratic: bool,
 ) -> Float64:
     """Fit the inverse depth around each given pixel over what is reachable without a jump.
+
+    Every ``stride``-th row and column of the window counts (neighbours of a noisy pixel tell little
+    more than it does).
 
     Returns (N, 6): value, d/dcol, d/drow, and for ``quadratic`` half the second derivatives
     d2/dcol2, d2/dcoldrow (whole), d2/drow2. Weights fall with the distance. Where the points do
@@ -98,11 +119,11 @@ def fit_patches(
         b = np.zeros(6)
         count = 0
         q0 = inverse_depth[r0, c0]
-        for i in range(size):
+        for i in range(radius % stride, size, stride):
             r = r0 + i - radius
             if r < 0 or r >= n_rows:
                 continue
-            for j in range(size):
+            for j in range(radius % stride, size, stride):
                 if not reach[i, j]:
                     continue
                 x, y = float(j - radius) / radius, float(i - radius) / radius

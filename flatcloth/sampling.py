@@ -57,8 +57,9 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
+    radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
     fit = fit_patches(
-        surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(), config.fit_radius_px, True
+        surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(), radius, stride, True
     )
     ok = fit[:, 0] > 0
     rc, fit = rc[ok], fit[ok]

@@ -30,7 +30,8 @@ class Surface:
     ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
     ``normal`` float32, unit, towards the camera (NaN off the surface); ``z_angle_deg`` float32;
     ``usable`` bool, the surface; ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``;
-    ``inverse_depth`` float64, 1/m as measured, 0 where the item was not measured.
+    ``inverse_depth`` float64, 1/m as measured, 0 where the item was not measured; ``noise_m`` the
+    median deviation of the measured depth from its local planes, ``noisy`` whether that is much.
     """
 
     frame: RgbdFrame
@@ -40,6 +41,8 @@ class Surface:
     usable: Bool
     steps: NDArray[np.uint8]
     inverse_depth: Float64
+    noise_m: float
+    noisy: bool
 
     @property
     def pixel_pitch_m(self) -> float:
@@ -126,7 +129,7 @@ def observe_surface(
     steps = _find_steps(inverse_depth, step_limit)
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
-    fit = fit_planes(inverse_depth, steps, item, config.normal_window_px)
+    fit, noise_m = fit_planes(inverse_depth, steps, item, config.normal_window_px, config.noisy_depth_m)
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -153,6 +156,8 @@ def observe_surface(
         usable=usable,
         steps=steps,
         inverse_depth=inverse_depth,
+        noise_m=noise_m,
+        noisy=noise_m > config.noisy_depth_m,
     )
 
 

@@ -36,8 +36,8 @@ def test_the_paper_s_numbers_are_the_defaults() -> None:
 
 
 def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
-    read = Config.from_dict({"flattening": {"max_iterations": 50.0, "pixel_size_m": 1}})
-    assert (type(read.flattening.max_iterations), type(read.flattening.pixel_size_m)) == (int, float)
+    read = Config.from_dict({"flattening": {"majorisations": 50.0, "pixel_size_m": 1}})
+    assert (type(read.flattening.majorisations), type(read.flattening.pixel_size_m)) == (int, float)
 
 
 @pytest.mark.parametrize(
@@ -52,8 +52,8 @@ def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
         ({"planning": {"overlap_area_m2": True}}, r"overlap_area_m2: True does not fit"),
         ({"planning": {"overlap_area_m2": math.nan}}, r"overlap_area_m2: nan does not fit"),
         ({"planning": {"overlap_area_m2": None}}, r"overlap_area_m2: None does not fit"),
-        ({"flattening": {"max_iterations": 1.5}}, r"max_iterations: 1\.5 does not fit"),
-        ({"flattening": {"max_iterations": math.inf}}, r"max_iterations: inf does not fit"),
+        ({"flattening": {"majorisations": 1.5}}, r"majorisations: 1\.5 does not fit"),
+        ({"flattening": {"majorisations": math.inf}}, r"majorisations: inf does not fit"),
         ({"flattening": {"sampling_intervals_px": []}}, r"sampling_intervals_px: \[\] does not fit"),
         ({"flattening": {"sampling_intervals_px": 12}}, r"sampling_intervals_px: 12 does not fit"),
         ({"flattening": {"sampling_intervals_px": [12, "6"]}}, r"sampling_intervals_px: '6' does not fit"),
