@@ -86,6 +86,11 @@ class Component:
     flips: int
     overlaps: int
 
+    @property
+    def folded_share(self) -> float:
+        """Share of the part that lies mirrored or on another place of the cloth: 0 if it is sound."""
+        return (0.5 * self.flips + self.overlaps) / max(int(self.view.valid.sum()), 1)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Flattening:

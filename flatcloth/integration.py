@@ -307,12 +307,13 @@ class Integration:
         areas = self.observed_areas_m2(progress)
         for view in np.argsort(-areas, kind="stable"):
             try:
-                self.flattening(int(view))
+                folded_share = self.flattening(int(view)).components[0].folded_share
             except (SurfaceError, FlatteningError):
                 continue
-            return int(view)
+            if folded_share <= self.config.flattening.max_folded_share:
+                return int(view)
         raise FlatteningError(
-            "No view of this recording shows enough cloth to be flattened; check depth and masks."
+            "No view of this recording shows enough cloth that flattens without folds; check depth and masks."
         )
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:
@@ -375,6 +376,9 @@ class Integration:
         for n, component in enumerate(components):
             # Which of several parts continues the shape is not known before they are tried.
             if component.view.area_m2 < self.config.alignment.least_part_share * components[0].view.area_m2:
+                continue
+            if component.folded_share > self.config.flattening.max_folded_share:
+                errors.append(AlignmentError(_folded(view_index, component.folded_share)))
                 continue
             try:
                 found.append(
@@ -448,6 +452,13 @@ def _remember(cache: OrderedDict[Hashable, T], key: Hashable, value: T, most: in
     while len(cache) > most:
         cache.popitem(last=False)
     return value
+
+
+def _folded(view_index: int, share: float) -> str:
+    return (
+        f"View {view_index}: its flattened view is folded, {share:.0%} of it lies on itself or is mirrored; "
+        "choose another view."
+    )
 
 
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import Cylinder
 
-from flatcloth.config import Config, PlanningConfig
+from flatcloth.config import Config, FlatteningConfig, PlanningConfig
 from flatcloth.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
 from flatcloth.integration import Integration
 from flatcloth.pipeline import Run, accept_by_score
@@ -203,6 +203,16 @@ def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
     made = Integration(Cylinder(span_deg=(-1.0, 1.0), half_height_m=0.004))
     with pytest.raises(FlatteningError, match=r"No view .*masks"):
         started(made)
+
+
+def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
+    strict = Config(flattening=FlatteningConfig(max_folded_share=-1.0))  # everything counts as folded
+    made = Integration(Cylinder(**SHEET), strict)  # type: ignore[arg-type]
+    with pytest.raises(FlatteningError, match="without folds"):
+        started(made)
+    state = apply(started(made, 0), Propose(1))
+    with pytest.raises(FlatclothError, match=r"View 1: .*folded.*another view"):
+        made.answer(state.document, state.request)  # type: ignore[arg-type]
 
 
 def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
