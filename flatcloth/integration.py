@@ -2,16 +2,13 @@
 
 The session holds only decisions and rigid motions; everything heavy is derived from them here and
 cached (the canonical view by the prefix of accepted placements), so undo is exact and cheap. All
-methods may be called from several threads; one lock guards the caches.
+methods may be called from several threads.
 """
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from typing import cast
 
 import numpy as np
 
@@ -22,6 +19,7 @@ from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, Flatte
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.geometry import back_project, held_from_camera
 from flatcloth.matching import AlignmentScore, Matcher
+from flatcloth.memory import Memory
 from flatcloth.merging import Canonical, begin, place, renew
 from flatcloth.occlusion import occluding_edge_length_m
 from flatcloth.planning import Plan, choose, column_curves, plan_side
@@ -52,8 +50,6 @@ from flatcloth.types import (
 
 METHODS = ("paper",)
 """The ways of integrating views; the first is the default."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,13 +110,12 @@ class Integration:
         self.recording = recording
         self.config = config or Config()
         self.method = method
-        self._lock = threading.RLock()
-        self._frames: OrderedDict[Hashable, RgbdFrame] = OrderedDict()
-        self._clouds: OrderedDict[Hashable, ViewCloud] = OrderedDict()
-        self._flattenings: OrderedDict[Hashable, Flattening | FlatclothError] = OrderedDict()
-        self._canonicals: OrderedDict[Hashable, Canonical] = OrderedDict()
-        self._proposals: OrderedDict[Hashable, Proposal] = OrderedDict()
-        self._matchers: OrderedDict[Hashable, Matcher] = OrderedDict()
+        self._frames: Memory[RgbdFrame] = Memory(12)
+        self._clouds: Memory[ViewCloud] = Memory(12)
+        self._flattenings: Memory[Flattening | FlatclothError] = Memory(48)
+        self._canonicals: Memory[Canonical] = Memory(64)
+        self._proposals: Memory[Proposal] = Memory(16)
+        self._matchers: Memory[Matcher] = Memory(4)
         self.axis, self.held_point_m = resolve_axis(recording, self.frame, self.config.surface)
         self.notes = _notes(recording, self.axis)
 
@@ -128,11 +123,11 @@ class Integration:
 
     def frame(self, view_index: int) -> RgbdFrame:
         """Read a view; the last few are kept."""
-        return self._cached(self._frames, view_index, 12, lambda: self.recording[view_index])
+        return self._frames.get(view_index, lambda: self.recording[view_index])
 
     def cloud(self, view_index: int) -> ViewCloud:
         """Return the foreground points of a view, held frame."""
-        return self._cached(self._clouds, view_index, 12, lambda: self._cloud(view_index))
+        return self._clouds.get(view_index, lambda: self._cloud(view_index))
 
     def flattening(self, view_index: int) -> Flattening:
         """Return a view's flattened view with its intermediates.
@@ -142,7 +137,7 @@ class Integration:
         SurfaceError, FlatteningError
             If the view shows too little; the same error again at the next call, without the work.
         """
-        made = self._cached(self._flattenings, view_index, 48, lambda: self._flatten(view_index))
+        made = self._flattenings.get(view_index, lambda: self._flatten(view_index))
         if isinstance(made, FlatclothError):
             raise made
         return made
@@ -176,7 +171,7 @@ class Integration:
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
         start = document.start_view
-        made = self._cached(self._canonicals, (start,), 64, lambda: begin(self.flattening(start).view, start))
+        made = self._canonicals.get((start,), lambda: begin(self.flattening(start).view, start))
         for n, added in enumerate(document.accepted):
             key = (start, *document.accepted[: n + 1])
 
@@ -185,7 +180,7 @@ class Integration:
                 new = self.part(added.view_index, added.component)
                 return renew(before, views, new, added.view_index, added.current_from_new, added.side)
 
-            made = self._cached(self._canonicals, key, 64, grow)
+            made = self._canonicals.get(key, grow)
         return made
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
@@ -234,9 +229,7 @@ class Integration:
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
         key = (document.start_view, document.accepted, pending.view_index, pending.side)
-        return self._cached(
-            self._proposals, key, 16, lambda: self._align(document, pending.view_index, pending.side, None)
-        )
+        return self._proposals.get(key, lambda: self._align(document, pending.view_index, pending.side, None))
 
     def overlay(self, document: Document) -> FlattenedView:
         """Return the pending view, rastered on the current plane at the placement in force."""
@@ -265,11 +258,8 @@ class Integration:
             document.pending.component,
         )
         new = self.part(document.pending.view_index, document.pending.component)
-        matcher = self._cached(
-            self._matchers,
-            key,
-            4,
-            lambda: Matcher(self.canonical(document).view, new, self.axis, self.config.alignment),
+        matcher = self._matchers.get(
+            key, lambda: Matcher(self.canonical(document).view, new, self.axis, self.config.alignment)
         )
         return matcher.score(document.pending.current_from_new)
 
@@ -346,8 +336,7 @@ class Integration:
 
     def _proposed(self, document: Document, token: int, proposal: Proposal) -> Event:
         key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
-        with self._lock:
-            _remember(self._proposals, key, proposal, 16)
+        self._proposals.put(key, proposal)
         return Proposed(
             token,
             proposal.view_index,
@@ -422,8 +411,7 @@ class Integration:
         )
 
     def _unusable(self) -> set[int]:
-        with self._lock:
-            return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
+        return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
 
     def _cloud(self, view_index: int) -> ViewCloud:
         frame = self.frame(view_index)
@@ -434,24 +422,6 @@ class Integration:
         return ViewCloud(
             view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
         )
-
-    def _cached(self, cache: OrderedDict[Hashable, T], key: Hashable, most: int, make: Callable[[], T]) -> T:
-        """Return the remembered value, or make it (outside the lock: the page must not wait for it)."""
-        with self._lock:
-            if key in cache:
-                cache.move_to_end(key)
-                return cache[key]
-        value = make()
-        with self._lock:
-            return _remember(cache, key, value, most)
-
-
-def _remember(cache: OrderedDict[Hashable, T], key: Hashable, value: T, most: int) -> T:
-    value = cache.setdefault(key, value)
-    cache.move_to_end(key)
-    while len(cache) > most:
-        cache.popitem(last=False)
-    return value
 
 
 def _folded(view_index: int, share: float) -> str:
