@@ -26,7 +26,8 @@ _EXAMPLES = {
     "view": """examples:
   python app.py                                    the page, on a bundled recording
   python app.py view recordings/trousers-waist-d435
-  python app.py view my-recording --port 9000 --session my-session""",
+  python app.py view my-recording --port 9000 --session my-session
+  python app.py view recordings/shirt-corner-d435 --live      play it as if the camera saw it now""",
     "run": """examples:
   python app.py run recordings/shirt-sleeve-clean --out result
   python app.py run my-recording --out result --method paper""",
@@ -83,6 +84,18 @@ def _parser() -> argparse.ArgumentParser:
         help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
     )
 
+    view.add_argument(
+        "--live",
+        action="store_true",
+        help="play the recording as if live, flattening each frame; nothing is decided",
+    )
+    view.add_argument(
+        "--fps",
+        type=_fps,
+        metavar="N",
+        help="with --live: frames a second to begin with (default: 30)",
+    )
+
     run = _command(commands, "run", "integrate unattended and export the result", _run)
     run.add_argument("source", metavar="SOURCE", help="recording folder, or the name of a bundled recording")
     run.add_argument(
@@ -129,6 +142,16 @@ def _port(text: str) -> int:
     return int(text)
 
 
+def _fps(text: str) -> float:
+    try:
+        fps = float(text)
+    except ValueError:
+        fps = math.nan
+    if not 0 < fps <= 240:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a frame rate; give a number above 0, up to 240")
+    return fps
+
+
 def _integration(source: str, method: str) -> Integration:
     from flatcloth.integration import Integration
     from flatcloth.recordings import open_recording
@@ -138,15 +161,25 @@ def _integration(source: str, method: str) -> Integration:
 
 def _view(options: argparse.Namespace) -> None:
     from flatcloth.journal import SessionFolder, default_session_folder
+    from flatcloth.live import LivePlayer
     from flatcloth.viewer import serve
 
+    if options.fps is not None and not options.live:
+        raise FlatclothError("--fps is the rate of --live; give both, or neither.")
     integration = _integration(options.source, options.method)
     path = options.session or default_session_folder(
         integration.recording, options.method, integration.config
     )
     folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
-        serve(integration, folder, host=options.host, port=options.port)
+        serve(
+            integration,
+            folder,
+            host=options.host,
+            port=options.port,
+            player=LivePlayer(integration) if options.live else None,
+            fps=options.fps or 30.0,
+        )
     finally:
         folder.close()
 

@@ -157,11 +157,11 @@ def flatten(
         least = _least_samples(surface, interval, min_area_m2)
         if levels:
             start = _from_coarse(samples, levels[-1], surface)
+            levels.append(_solve_level(samples, start, least, config, record))
         elif previous is not None:
-            start = _from_previous(samples, previous, surface, axis)
+            levels.append(_continued(samples, previous, surface, axis, least, config, record))
         else:
-            start = _pixel_start(samples, surface)
-        levels.append(_solve_level(samples, start, least, config, record))
+            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, config, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
     carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
@@ -242,8 +242,36 @@ def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
     return uv
 
 
-def _from_previous(samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis) -> Float64:
-    """Start where another view put the same cloth; the rest follows by pixels, moved along rigidly."""
+def _continued(
+    samples: Samples,
+    previous: Flattening,
+    surface: Surface,
+    axis: RotationAxis,
+    least_samples: int,
+    config: FlatteningConfig,
+    record: bool,
+) -> Level:
+    """Solve from where the last view ended; if that leads into a bad minimum, from the pixels."""
+    warm, still = _from_previous(samples, previous, surface, axis)
+    level = _solve_level(samples, warm, least_samples, config, record)
+    if _residual_m(level) > 1.5 * _residual_m(previous.levels[-1]):
+        level = _solve_level(samples, still, least_samples, config, record)
+    return level
+
+
+def _residual_m(level: Level) -> float:
+    """Root of H per pair: by how much the lengths of the largest part are missed, or a tenth of a mm."""
+    pairs = int((level.component[level.edges[:, 0]] == 0).sum())
+    return max(float(np.sqrt(level.energy[-1] / max(pairs, 1))), 1e-4)
+
+
+def _from_previous(
+    samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis
+) -> tuple[Float64, Float64]:
+    """Start where another view put the same cloth; the rest follows by pixels, moved along rigidly.
+
+    Also returns the pixel start alone, moved along.
+    """
     start = _pixel_start(samples, surface)
     frame, seen = surface.frame, previous.surface
     turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
@@ -261,10 +289,11 @@ def _from_previous(samples: Samples, previous: Flattening, surface: Surface, axi
     found = np.isfinite(placed[:, 0])
     known, placed = same[found], placed[found]
     if known.size < 3:
-        return start
-    uv = fit_rigid2(start[known], placed).apply(start)
+        return start, start
+    still = fit_rigid2(start[known], placed).apply(start)
+    uv = still.copy()
     uv[known] = placed
-    return uv
+    return uv, still
 
 
 def _raster_components(
@@ -296,8 +325,12 @@ def _smooth_components(
     component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
+    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
+    drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
+    if not drawn.any():
+        drawn = sizes == sizes.max()
     boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
-    for c in np.flatnonzero(sizes >= least):
+    for c in np.flatnonzero(drawn & (sizes >= 3)):
         box = boxes[c]
         corner = (box[0].start, box[1].start)
         view, flips, overlaps = rasterise_pixels(

@@ -110,8 +110,8 @@ class Integration:
         self.recording = recording
         self.config = config or Config()
         self.method = method
-        self._frames: Memory[RgbdFrame] = Memory(12)
-        self._clouds: Memory[ViewCloud] = Memory(12)
+        self._frames: Memory[RgbdFrame] = Memory(48)
+        self._clouds: Memory[ViewCloud] = Memory(48)
         self._flattenings: Memory[Flattening | FlatclothError] = Memory(48)
         self._canonicals: Memory[Canonical] = Memory(64)
         self._proposals: Memory[Proposal] = Memory(16)

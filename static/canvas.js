@@ -1,13 +1,14 @@
 // The flattened view: layers, proposal, marks and scale bar; pan, zoom, pick and drag of the proposal.
 
 import { byId } from "/static/dom.js";
-import { Transform, union } from "/static/geometry.js";
+import { contains, grown, Transform, union } from "/static/geometry.js";
 import { length, niceLength } from "/static/format.js";
 import { Picture } from "/static/picture.js";
 
 const CLICK_PX = 4;
 const BLINK_MS = 450;
 const MARGIN_PX = 34;
+const SLACK_M = 0.05;
 
 export class FlatCanvas {
   /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(). */
@@ -19,6 +20,8 @@ export class FlatCanvas {
     this.layer = new Picture(() => this.layerReady());
     this.overlay = new Picture(() => this.overlayReady());
     this.fitted = true; // until the operator pans or zooms
+    this.boxes = new Map(); // of live mode: where each view lay when it was shown last
+    this.reach = null; // what all of them need together
     this.marks = [];
     this.pick = null;
     this.showOverlay = true;
@@ -58,6 +61,24 @@ export class FlatCanvas {
     this.redraw();
   }
 
+  /** Live mode: show a frame (or none) where it lies on its plane. The zoom holds all frames, and stays still. */
+  showFrame(shown, view, pickUv) {
+    this.layer.shown = shown;
+    this.pick = pickUv ? { uv_m: pickUv } : null;
+    if (!shown) return;
+    this.boxes.set(view, shown.box);
+    const reach = [...this.boxes.values()].reduce(union);
+    if (this.reach && contains(this.reach, reach) && !contains(reach, grown(this.reach, -2 * SLACK_M))) return;
+    this.reach = grown(reach, SLACK_M);
+    if (this.fitted) this.fit();
+  }
+
+  /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
+  showMarks(picks) {
+    this.marks = picks.filter((p) => p.uv_m);
+    this.redraw();
+  }
+
   layerReady() {
     if (this.fitted) this.fit();
     this.redraw();
@@ -87,7 +108,7 @@ export class FlatCanvas {
 
   fit() {
     this.fitted = true;
-    const box = union(this.layer.shown?.box, this.overlay.shown?.box);
+    const box = this.reach ?? union(this.layer.shown?.box, this.overlay.shown?.box);
     if (box && this.width) this.transform.fit(box, this.width, this.height, MARGIN_PX);
     this.redraw();
   }

@@ -4,7 +4,7 @@ const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 
 export class Connection {
-  /** `handlers`: message(object), opened(again), lost(seconds until the next attempt). */
+  /** `handlers`: message(object), frame(buffer), opened(again), lost(seconds until the next attempt). */
   constructor(handlers) {
     this.handlers = handlers;
     this.wait = FIRST_WAIT_MS;
@@ -16,12 +16,16 @@ export class Connection {
     const address = new URL("/ws", location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     this.socket = new WebSocket(address);
+    this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => {
       this.wait = FIRST_WAIT_MS;
       this.handlers.opened(this.openedBefore);
       this.openedBefore = true;
     };
-    this.socket.onmessage = (event) => this.handlers.message(JSON.parse(event.data));
+    this.socket.onmessage = ({ data }) => {
+      if (typeof data === "string") this.handlers.message(JSON.parse(data));
+      else this.handlers.frame(data);
+    };
     this.socket.onclose = () => {
       this.handlers.lost(this.wait / 1000);
       setTimeout(() => this.open(), this.wait);

@@ -14,7 +14,7 @@ export const degrees = (value, decimals = 1) => (value === null || value === und
 export const count = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 
 export const keyName = (key) =>
-  ({ Escape: "Esc", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
+  ({ Escape: "Esc", Space: "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
   key.split("+").map((part) => (part.length === 1 ? part.toUpperCase() : part)).join("+") ;
 
 export const hex = (rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");

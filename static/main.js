@@ -4,13 +4,13 @@ import { FlatCanvas } from "/static/canvas.js";
 import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { count, number } from "/static/format.js";
+import { LiveBar } from "/static/live.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
-import { pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
+import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
 import { loadScene, startScene } from "/static/scene.js";
 import { applyTheme, toggleTheme } from "/static/theme.js";
-import { RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
+import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
 
-const LAYER_OF = { layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source" };
 const MOVES = {
   left: [0, -1, 0], right: [0, 1, 0], up: [0, 0, -1], down: [0, 0, 1], turn_left: [-1, 0, 0], turn_right: [1, 0, 0],
 };
@@ -21,6 +21,7 @@ let hoverId = 0;
 let hoverWanted = null;
 let hoverBusy = false;
 let nudge = null;
+let askedLayer = null; // in live mode: what the next frame was asked for with
 
 const page = {
   layer: "color", overlay: true, blink: false, opacity: 0.7, increment: 2,
@@ -38,18 +39,22 @@ const page = {
 };
 
 const canvas = new FlatCanvas({
-  pick: (u, v) => send({ type: "pick", u_m: u, v_m: v }),
+  // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
+  pick: (u, v) => send({ type: "pick", u_m: u, v_m: v, ...(isLive() ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(state?.pending),
 });
 const toolbar = new Toolbar(run, page);
+const liveBar = new LiveBar({ send, drawn: drawFrame });
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message: (message) => HANDLERS[message.type]?.(message),
+  frame: (buffer) => liveBar.take(buffer, askFrame),
   opened: (again) => {
     byId("banner").hidden = true;
+    askedLayer = null;
     if (!again) return;
     forgetServerLog();
     loadScene(true);
@@ -88,6 +93,8 @@ function show(next) {
   byId("recording").textContent = `${state.recording.name} · ${count(state.recording.n_views, "view")} · method ${state.method}`;
   byId("recording").dataset.tip = state.recording.description || state.recording.name;
   document.title = `${state.recording.name} · flatcloth`;
+  byId("live").hidden = !isLive();
+  byId("hint").hidden = isLive();
   setText(byId("hint"), hint());
   toolbar.update(state);
   showProgress(state.progress);
@@ -96,14 +103,42 @@ function show(next) {
   showPick(state, copyPick);
   showPicks(state, send);
   showTimeline(state, chooseView);
-  showLayer();
+  if (isLive()) showLive();
+  else showLayer();
   takeServerLog(state.log);
+}
+
+const isLive = () => state?.mode === "live";
+
+function showLive() {
+  liveBar.update(state);
+  // While playing, each frame brings the place of the current pick; the others would lag behind.
+  if (!state.live.playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
+  canvas.showMarks(state.live.playing ? [] : state.picks);
+  if (liveBar.frame) markPresent(liveBar.frame.view_index);
+  if (askedLayer !== page.layer) askFrame();
+}
+
+/** Tell the server that the last frame is drawn: it sends the next one when there is one. */
+function askFrame() {
+  askedLayer = page.layer;
+  connection.send({ type: "ready", layer: page.layer });
+}
+
+function drawFrame(frame, shown) {
+  canvas.showFrame(shown, frame.view_index, frame.pick_uv_m);
+  canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
+  showLegend(frame.legend);
+  markPresent(frame.view_index);
+  byId("empty").hidden = shown !== null;
+  setText(byId("empty"), frame.reason);
 }
 
 function hint() {
   const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
   const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
   if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
+  if (isLive()) return "";
   switch (state.phase) {
     case "computing":
       if (state.request.kind === "start") return "Choosing and flattening the start view.";
@@ -154,6 +189,7 @@ function decide(action, more = {}) {
 }
 
 function chooseView(view) {
+  if (isLive()) return send({ type: "play", frame: view.index });
   if (view.why_not !== null) return notify("info", view.why_not);
   decide("view", { view_index: view.index });
 }
@@ -166,8 +202,8 @@ function run(name, large = false) {
     if (name !== "cancel") notify("warning", action.why_not);
     return;
   }
-  if (name in LAYER_OF) {
-    page.layer = LAYER_OF[name];
+  if (name in LAYERS) {
+    page.layer = LAYERS[name];
     show(state);
   } else if (name in MOVES) {
     keyNudge(MOVES[name], large ? 10 : 1);
@@ -202,7 +238,11 @@ const PAGE_ACTIONS = {
   copy: copyPick,
   log: showLog,
   theme: toggleTheme,
-  help: () => showHelp(state.actions),
+  help: () => showHelp(state.actions, state.mode),
+  live_play: () => send({ type: "play", playing: !state.live.playing }),
+  live_back: () => send({ type: "play", step: -1 }),
+  live_forward: () => send({ type: "play", step: 1 }),
+  live_turn: () => send({ type: "play", forward: !state.live.forward }),
 };
 
 function keyNudge([turn, u, v], times) {
@@ -264,23 +304,39 @@ async function copyPick() {
 
 // --- keys --------------------------------------------------------------------------------------
 
+let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
+
 function onKeyDown(event) {
+  if (event.key === "Tab") tabbed = true;
   if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
   const target = event.target;
   if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
   if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
-  const key = event.ctrlKey ? `Ctrl+${event.key.toLowerCase()}` : event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const key = keyOf(event);
   const action = state.actions.find((a) => a.keys.includes(key));
   if (!action) return;
+  // The keys of live mode keep the browser's meaning elsewhere, and Space presses the button that was tabbed to.
+  if (action.mode === "live" && !isLive()) return;
+  if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
   // Without a proposal the arrow keys keep their own meaning, such as scrolling.
   if (action.name in MOVES && !state.pending) return;
   event.preventDefault();
   event.stopPropagation();
-  if (event.repeat && !(action.name in MOVES) && !action.name.startsWith("zoom")) return;
+  if (event.repeat && !(action.name in MOVES) && !REPEATED.includes(action.name)) return;
   run(action.name, event.shiftKey);
 }
 
+const REPEATED = ["zoom_in", "zoom_out", "live_back", "live_forward"];
+
+function keyOf(event) {
+  if (event.key === " ") return "Space";
+  if (event.ctrlKey) return `Ctrl+${event.key.toLowerCase()}`;
+  return event.key.length === 1 ? event.key.toLowerCase() : event.key;
+}
+
 document.addEventListener("keydown", onKeyDown);
+document.addEventListener("pointerdown", () => (tabbed = false));
+window.addEventListener("blur", () => (tabbed = false));
 byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
@@ -293,6 +349,8 @@ window.flatcloth = {
   get step() { return state?.step ?? 0; },
   get phase() { return state?.phase ?? null; },
   get pick() { return state?.pick ?? null; },
+  get frame() { return liveBar.frame; },
+  get fps() { return liveBar.fps; },
   get layerRevision() { return canvas.layerRevision; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
   toScreen: (u, v) => canvas.toScreen(u, v),

@@ -19,6 +19,8 @@ const READOUT = [
   ["Height z", "mm along the axis", (a) => `${number(a.height_mm)} mm`],
   ["Normal", "outward, held frame", (a) => vector(a.normal, 3)],
   ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
+  ["Quality", "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
+    (a) => `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`],
 ];
 
 export function showReadout(answer) {
@@ -165,16 +167,29 @@ function pickRow(pick, current, send) {
 // --- timeline ----------------------------------------------------------------------------------
 
 export function showTimeline(state, choose) {
-  rebuild(byId("timeline"), [state.views, state.present_view], () => state.views.map((view) => {
+  const live = state.mode === "live";
+  rebuild(byId("timeline"), state.views, () => state.views.map((view) => {
     const [sign, word] = STATES[view.state];
     const detail = view.detail ? ` (${view.detail})` : "";
     const used = ["start", "accepted", "fixed"].includes(view.state);
-    const act = view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
-    const about = `View ${view.index}, ${number(view.angle_deg, 0)}°: ${word}${detail}`;
+    const act = live ? "\nClick: show this frame." : view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
+    const about = `View ${view.index}, ${number(view.angle_deg, 0)}°${live ? "" : `: ${word}${detail}`}`;
     return make("button", {
-      type: "button", class: `view ${view.state}${view.index === state.present_view ? " present" : ""}`,
-      "aria-disabled": String(view.why_not !== null), "aria-label": about, "aria-current": view.index === state.present_view ? "true" : null,
+      type: "button", class: `view ${view.state}`, "aria-disabled": String(view.why_not !== null), "aria-label": about,
       data: { id: `view-${view.index}`, tip: about + act }, on: { click: () => choose(view) },
-    }, make("span", { class: "sign", "aria-hidden": "true" }, sign), make("span", { class: "angle" }, number(view.angle_deg, 0)));
+    }, make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : sign), make("span", { class: "angle" }, number(view.angle_deg, 0)));
   }));
+  if (!live) markPresent(state.present_view); // in live mode each frame does
+}
+
+/** Mark the view at whose rotation the item stands. */
+export function markPresent(index) {
+  const views = byId("timeline").children;
+  for (const view of byId("timeline").querySelectorAll(".present")) {
+    if (view === views[index]) return;
+    view.classList.remove("present");
+    view.removeAttribute("aria-current");
+  }
+  views[index]?.classList.add("present");
+  views[index]?.setAttribute("aria-current", "true");
 }

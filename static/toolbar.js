@@ -3,9 +3,16 @@
 import { byId, make, rebuild, setAllowed } from "/static/dom.js";
 import { keyName } from "/static/format.js";
 
+const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "|", "undo", "redo", "|", "auto", "restart"];
 const PAGE = ["log", "theme", "help"];
-const LAYERS = { layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source" };
+export const LAYERS = {
+  layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source",
+  layer_stretch: "stretch", layer_incidence: "incidence", layer_density: "density",
+};
+const QUALITY = ["layer_stretch", "layer_incidence", "layer_density"];
+const SIGNS = { zoom_out: "−", zoom_in: "+" };
+const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
 
 /** `run(name)` performs an action; `page` holds what belongs to this tab: layer, overlay, blink, opacity, step. */
 export class Toolbar {
@@ -17,15 +24,32 @@ export class Toolbar {
   update(state) {
     const actions = new Map(state.actions.map((a) => [a.name, a]));
     this.actions = actions;
-    this.build(byId("actions"), SESSION);
+    if (state.mode === "live") this.build(byId("actions"), LIVE, LIVE_SIGNS);
+    else this.build(byId("actions"), SESSION);
+    byId("actions").setAttribute("aria-label", state.mode === "live" ? "Playing" : "Session");
     this.build(byId("page-actions"), PAGE);
     this.buildLayers();
     this.buildOverlay();
-    this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], { zoom_out: "−", zoom_in: "+" });
+    this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const button of document.querySelectorAll("[data-action]")) {
       const action = actions.get(button.dataset.action);
       setAllowed(button, action.why_not, this.tip(action));
     }
+    if (state.mode === "live") this.updateLive(state.live);
+    else this.updateSession(state);
+    for (const [name, layer] of Object.entries(LAYERS)) {
+      this.setPressed(name, this.page.layer === layer);
+    }
+  }
+
+  updateLive(live) {
+    const play = document.querySelector('[data-action="live_play"]');
+    play.firstChild.textContent = live.playing ? "Pause" : "Play";
+    play.classList.toggle("primary", !live.playing);
+    document.querySelector('[data-action="live_turn"]').firstChild.textContent = live.forward ? "Forward" : "Backward";
+  }
+
+  updateSession(state) {
     const auto = document.querySelector('[data-action="auto"]');
     auto.setAttribute("aria-pressed", String(state.auto.running));
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
@@ -33,9 +57,6 @@ export class Toolbar {
     if (document.activeElement !== threshold) threshold.value = state.auto.threshold;
     this.setPressed("overlay", this.page.overlay);
     this.setPressed("blink", this.page.blink);
-    for (const [name, layer] of Object.entries(LAYERS)) {
-      this.setPressed(name, this.page.layer === layer);
-    }
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       document.querySelector(`[data-action="${name}"]`).classList.toggle("primary", name === main && !state.auto.running);
@@ -74,7 +95,9 @@ export class Toolbar {
   }
 
   buildLayers() {
-    rebuild(byId("layers"), ["layers"], () => Object.keys(LAYERS).map((name) => this.button(name)));
+    const names = Object.keys(LAYERS);
+    rebuild(byId("layers"), ["layers"], () => names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)));
+    rebuild(byId("quality-layers"), ["layers"], () => QUALITY.map((name) => this.button(name)));
   }
 
   buildOverlay() {
@@ -148,8 +171,13 @@ export class RejectMenu {
 }
 
 /** Fill the sheet of keys. */
-export function showHelp(actions) {
-  const titles = { session: "Session", proposal: "Proposal", view: "Views", page: "Page" };
+export function showHelp(actions, mode) {
+  const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
+  const session = { session: `Session${not("session")}`, proposal: `Proposal${not("session")}` };
+  const live = { live: `Live mode${not("live")}` };
+  const both = { view: "Views", page: "Page" };
+  // What works now comes first.
+  const titles = mode === "live" ? { ...live, ...both, ...session } : { ...session, ...both, ...live };
   byId("help-body").replaceChildren(...Object.entries(titles).map(([group, title]) =>
     make("section", {}, make("h3", {}, title),
       make("dl", { class: "keys" }, ...actions.filter((a) => a.group === group).flatMap((a) => [

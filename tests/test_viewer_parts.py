@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
@@ -10,8 +12,15 @@ from flatcloth.errors import FlatclothError
 from flatcloth.session import Accept, Propose, Proposed, SessionState, Start, Started, apply
 from flatcloth.types import Rigid2
 from flatcloth.viewer.actions import ACTIONS, REJECT_REASONS, action_table, command_of, nudge_about
-from flatcloth.viewer.colormaps import apply_table, diverging_table, height_table, rgb_from_oklab, view_colors
-from flatcloth.viewer.layers import LAYERS, legends, rgba
+from flatcloth.viewer.colormaps import (
+    apply_table,
+    diverging_table,
+    height_table,
+    loss_table,
+    rgb_from_oklab,
+    view_colors,
+)
+from flatcloth.viewer.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.viewer.picture import attributes_at
 from flatcloth.viewer.scene import quaternion_from_matrix, quaternion_from_z
 
@@ -58,6 +67,17 @@ def test_the_table_says_why_not():
     assert "step first" in table["left"]
 
 
+def test_each_mode_says_that_the_others_actions_are_not_its_own():
+    session = {a["name"]: a for a in action_table(SessionState(n_views=3))}
+    live = {a["name"]: a for a in action_table(None)}
+    assert "--live" in session["live_play"]["why_not"]
+    assert live["live_play"]["why_not"] is None
+    for name in ("step", "accept", "auto", "left", "blink"):
+        assert "live mode" in live[name]["why_not"]
+        assert live[name]["mode"] == "session"
+    assert live["layer_stretch"]["why_not"] is None
+
+
 def test_a_step_of_a_session_without_start_view_is_its_start():
     state = SessionState(n_views=3)
     assert command_of("step", state, {}) == Start()
@@ -90,6 +110,11 @@ def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue(
     assert table[-1, 0] > table[-1, 2] + 60
 
 
+def test_the_map_of_losses_grows_darker_all_the_way():
+    assert np.all(np.diff(luma(loss_table())) < 1.0)
+    assert luma(loss_table())[0] - luma(loss_table())[-1] > 150
+
+
 def test_oklab_white_and_black_are_white_and_black():
     np.testing.assert_array_equal(rgb_from_oklab(np.array([[1.0, 0, 0], [0.0, 0, 0]])), [[255] * 3, [0] * 3])
 
@@ -116,6 +141,24 @@ def test_layers_are_transparent_off_the_cloth(layer):
     image = rgba(view, layer, AXIS, 12)
     np.testing.assert_array_equal(image[..., 3] == 255, view.valid)
     assert not view.valid.all()
+
+
+@pytest.mark.parametrize("layer", QUALITY_LAYERS)
+def test_quality_that_is_not_known_is_grey_and_has_no_scale(layer):
+    view = replace(cylinder_view({0: 0.0}), quality=None)
+    image = rgba(view, layer, AXIS, 12)
+    np.testing.assert_array_equal(np.unique(image[view.valid][:, :3]), [128])
+    assert legends(view, AXIS, (0.0,))[layer]["title"] == "Not measured"
+    view = cylinder_view({0: 0.0})
+    view.quality[10, 10] = np.nan
+    np.testing.assert_array_equal(rgba(view, layer, AXIS, 12)[10, 10], [128, 128, 128, 255])
+
+
+def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
+    legend = legends(cylinder_view({0: 0.0}), AXIS, (0.0,))
+    assert (legend["stretch"]["low"], legend["stretch"]["high"]) == (0, 10)
+    assert (legend["incidence"]["low"], legend["incidence"]["high"]) == (0, 80)
+    assert 200 < legend["density"]["low"] < legend["density"]["high"] <= 400
 
 
 def test_there_are_no_other_layers():

@@ -281,7 +281,8 @@ def test_hover_tells_all_attributes(server):
         off = tab.until(lambda m: m["type"] == "hover")
     assert answer["id"] == 7
     assert set(answer["shape"]) == {
-        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "view_index", "source_rc"
+        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "view_index", "source_rc",
+        "density_px_cm2", "incidence_deg", "stretch",
     }  # fmt: skip
     assert off["shape"] is None
 
@@ -306,6 +307,9 @@ def test_hover_tells_all_attributes(server):
         ('{"type": "rename_pick", "id": 1, "name": " "}', "characters"),
         ('{"type": "move", "view_index": true}', "view_index must be"),
         ("x" * 200_000, "too long"),
+        ('{"type": "play", "playing": true}', "not in live mode"),
+        ('{"type": "play", "fps": 0}', "frame rate lies"),
+        ('{"type": "ready", "layer": "x"}', "no layer"),
     ],
 )
 def test_a_bad_message_is_a_notification_and_nothing_more(server, text, told):
@@ -373,14 +377,14 @@ def test_auto_runs_until_finished(server):
 
 
 def test_auto_stops_when_unsure(server, integration):
-    integration.scores = 0.3
+    integration.scores = 0.1
     with Tab(server) as tab:
         tab.ready()
-        tab.say(type="auto", running=True)
+        tab.say(type="auto", running=True, threshold=0.75)
         state = tab.state_where(lambda s: s["log"])
     assert not state["auto"]["running"]
     assert state["pending"]["view_index"] == 1
-    assert "0.30, below 0.75" in state["log"][-1]["text"]
+    assert "0.10, below 0.75" in state["log"][-1]["text"]
 
 
 def test_a_decision_by_hand_stops_auto(server, integration):

@@ -18,6 +18,7 @@ from flatcloth.config import Config
 from flatcloth.errors import JournalError
 from flatcloth.integration import ViewCloud
 from flatcloth.journal import Pick
+from flatcloth.live import LiveFrame
 from flatcloth.merging import Canonical
 from flatcloth.session import (
     Document,
@@ -93,6 +94,8 @@ def cylinder_view(views: dict[int, float]) -> FlattenedView:
         z_angle_deg=z_angle.astype(np.float32), valid=np.abs(z_angle) <= SEEN_DEG, view_index=index,
         source_rc=np.stack([rows, cols], axis=-1).astype(np.float32), pixel_size_m=PIXEL_M,
         origin_uv_m=(float(u[0]), float(v[0])),
+        quality=np.stack([400 * np.cos(np.radians(z_angle)), np.abs(z_angle), np.abs(uu) / 3], axis=-1)
+        .astype(np.float32),
     )  # fmt: skip
 
 
@@ -200,6 +203,33 @@ class CylinderIntegration:
                 return NothingMore(request.token, "Nothing more to give.")
             view = left[0]
         return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores)
+
+
+class CylinderPlayer:
+    """Flattens exactly and at once; ``errors`` are raised for their views, ``shown`` are all asked for."""
+
+    def __init__(self, integration: CylinderIntegration) -> None:
+        self._integration = integration
+        self._asked = threading.Condition()
+        self.errors: dict[int, Exception] = {}
+        self.shown: list[int] = []
+
+    def show(self, view_index: int) -> LiveFrame:
+        with self._asked:
+            self.shown.append(view_index)
+            self._asked.notify_all()
+        if view_index in self.errors:
+            raise self.errors[view_index]
+        made = self._integration
+        return LiveFrame(
+            view_index=view_index, angle_deg=made.recording.angles_deg[view_index],
+            view=cylinder_view({view_index: made._held_angle(view_index)}), cloud=made.cloud(view_index),
+            flatten_ms=12.5,
+        )  # fmt: skip
+
+    def wait_for(self, count: int) -> None:
+        with self._asked:
+            assert self._asked.wait_for(lambda: len(self.shown) >= count, timeout=20)
 
 
 class MemoryFolder:

@@ -28,14 +28,18 @@ REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other"
 
 DEFAULT_REASON = "wrong place"
 
+IN_LIVE_MODE = "This is live mode, which only plays the recording; start without --live to decide."
+NOT_LIVE = "The program is not in live mode; start it with --live to play the recording."
+
 
 @dataclass(frozen=True)
 class Action:
     """Something the operator can do.
 
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
-    first one is printed on the button. ``group`` is ``session`` (the server decides whether it is
-    allowed), ``proposal`` (needs a pending view), ``view`` or ``page`` (always allowed).
+    first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. ``group``
+    is ``session`` (the server decides whether it is allowed), ``proposal`` (needs a pending view),
+    ``live`` (playing), ``view`` or ``page`` (always allowed).
     """
 
     name: str
@@ -43,6 +47,11 @@ class Action:
     keys: tuple[str, ...]
     description: str
     group: str
+
+    @property
+    def mode(self) -> str:
+        """The mode it belongs to: ``session``, ``live``, or nothing if it is there in both."""
+        return {"session": "session", "proposal": "session", "live": "live"}.get(self.group, "")
 
 
 ACTIONS: tuple[Action, ...] = (
@@ -105,10 +114,17 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action("blink", "Blink", ("b",), "Blink the proposal against the shape.", "proposal"),
+    Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
+    Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
+    Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),
+    Action("live_turn", "Direction", ("d",), "Live mode: play the other way round.", "live"),
     Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
     Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
     Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle at which each pixel was seen.", "view"),
-    Action("layer_source", "Source view", ("4",), "Show which view each pixel came from.", "view"),
+    Action("layer_source", "Source", ("4",), "Show which view each pixel came from.", "view"),
+    Action("layer_stretch", "Stretch", ("5",), "Show how much the flattening changed lengths.", "view"),
+    Action("layer_incidence", "Incidence", ("6",), "Show how obliquely each pixel was seen.", "view"),
+    Action("layer_density", "Density", ("7",), "Show how densely the cloth was measured.", "view"),
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
@@ -163,6 +179,8 @@ def why_not(name: str, state: SessionState) -> str | None:
             return state.document.finished
         return None
     action = next(a for a in ACTIONS if a.name == name)
+    if action.mode == "live":
+        return NOT_LIVE
     if action.group == "session":
         return why_illegal(state, command_of(name, state, {}))
     if action.group == "proposal" and state.document.pending is None:
@@ -170,8 +188,11 @@ def why_not(name: str, state: SessionState) -> str | None:
     return None
 
 
-def action_table(state: SessionState) -> list[dict[str, Any]]:
-    """Return the table for the page, with the reason where an action is not allowed now."""
+def action_table(state: SessionState | None) -> list[dict[str, Any]]:
+    """Return the table for the page, with the reason where an action is not allowed now.
+
+    Without a state it is the table of live mode, which knows no decisions.
+    """
     return [
         {
             "name": a.name,
@@ -179,10 +200,15 @@ def action_table(state: SessionState) -> list[dict[str, Any]]:
             "keys": list(a.keys),
             "description": a.description,
             "group": a.group,
-            "why_not": why_not(a.name, state),
+            "mode": a.mode,
+            "why_not": _why_not_live(a) if state is None else why_not(a.name, state),
         }
         for a in ACTIONS
     ]
+
+
+def _why_not_live(action: Action) -> str | None:
+    return IN_LIVE_MODE if action.mode == "session" else None
 
 
 def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:

@@ -1,23 +1,15 @@
-"""The one thread that owns the session: everything that happens arrives on its queue.
-
-Sockets, viser's callbacks and the worker only put jobs on the queue; the session, the picks and the
-messages are changed nowhere else. What is read from other threads (the picture) is immutable.
-"""
+"""The page of a session: decisions, the work behind them, and Auto."""
 
 from __future__ import annotations
 
-import itertools
 import logging
 import math
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from flatcloth.errors import CancelledError, FlatclothError, IllegalDecisionError
+from flatcloth.errors import CancelledError, FlatclothError
 from flatcloth.session import (
     Accept,
     Command,
@@ -31,12 +23,11 @@ from flatcloth.session import (
     Start,
     apply,
 )
-from flatcloth.types import Float64, Floats
 from flatcloth.viewer import messages
-from flatcloth.viewer.actions import command_of, nudge_about
-from flatcloth.viewer.picks import PickDesk, PlaceBook
-from flatcloth.viewer.picture import Picture, attributes_at, make_picture
-from flatcloth.viewer.snapshot import Desk, Note, center_uv_m, snapshot
+from flatcloth.viewer.actions import NOT_LIVE, command_of, nudge_about
+from flatcloth.viewer.desk import Audience, PageDesk, Stage
+from flatcloth.viewer.picture import Picture, make_picture
+from flatcloth.viewer.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -45,37 +36,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-MESSAGES_KEPT = 100
 PROGRESS_INTERVAL_S = 0.05
 
 
-class Audience(Protocol):
-    """Who is told: the open tabs. All methods may be called from any thread and return at once."""
-
-    def show(self, state: dict[str, Any]) -> None:
-        """Send the whole state to every tab."""
-
-    def tell(self, client: int | None, message: dict[str, Any]) -> None:
-        """Send one message to one tab, or to all of them."""
-
-
-class Stage(Protocol):
-    """The 3D side of the page."""
-
-    def show(self, picture: Picture | None) -> None:
-        """Show what a document looks like, or an empty scene."""
-
-    def show_pick(self, position_m: Float64 | None, normal: Float64 | None) -> None:
-        """Show the ball and the arrow of the current pick, or hide them."""
-
-    def visible_points(self) -> Floats:
-        """Return the points (N, 3) that a ray of the eye can hit."""
-
-    def follow(self, on: bool) -> None:
-        """Let the cameras follow the view, or not."""
-
-
-class Application:
+class Application(PageDesk):
     """Owns one session and its page; see the module's docstring for its threads.
 
     Parameters
@@ -95,36 +59,15 @@ class Application:
         stage: Stage,
         audience: Audience,
     ) -> None:
-        self._integration = integration
-        self._folder = folder
-        self._stage = stage
-        self._audience = audience
+        super().__init__(integration, folder, stage, audience)
         self._state = folder.state
-        self._desk = Desk(auto_threshold=integration.config.alignment.accept_score)
-        self._picks = PickDesk(folder, integration.axis, stage.show_pick)
-        self._picture: Picture | None = None
         self._made: Picture | None = None
         self._asked: Document | None = None
         self._cancel: tuple[int, threading.Event] | None = None
-        self._places = PlaceBook()
-        self._note_ids = itertools.count(1)
-        self._revision = 0
-        self._snapshot: dict[str, Any] = {}
         self._progress_at_s = 0.0
-        self._front = Worker("flatcloth-session")
         self._back = Worker("flatcloth-work")
 
     # --- from any thread ---------------------------------------------------------------------
-
-    @property
-    def picture(self) -> Picture | None:
-        """What is shown at present; immutable."""
-        return self._picture
-
-    @property
-    def last_snapshot(self) -> dict[str, Any]:
-        """The state that was sent last; not to be changed."""
-        return self._snapshot
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -136,56 +79,7 @@ class Application:
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
 
-    def receive(self, client: int, text: str) -> None:
-        """Take a message of a tab; errors come back as notifications."""
-        self._put(client, lambda: self._receive(client, text))
-
-    def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Take a click in the 3D scene."""
-        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
-
-    def set_follow(self, follow: bool) -> None:
-        """Let the cameras follow the view, or not."""
-        self._put(None, lambda: self._set_follow(follow))
-
-    def describe(self, hover: messages.Hover) -> dict[str, Any]:
-        """Answer a hover read-out; cheap, reads only the present picture."""
-        picture, axis = self._picture, self._integration.axis
-        shape = None if picture is None else attributes_at(picture.view, hover.u_m, hover.v_m, axis)
-        overlay = None if picture is None else picture.overlay
-        proposal = None if overlay is None else attributes_at(overlay.view, hover.u_m, hover.v_m, axis)
-        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal}
-
-    def grasps(self) -> dict[str, Any]:
-        """Return the list of picks as it is exported.
-
-        Raises
-        ------
-        FlatclothError
-            If nothing is flattened yet.
-        """
-        from flatcloth.export import grasps_document
-
-        if self._picture is None:
-            raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
-        return grasps_document(self._picture.view, self._picks.picks)
-
     # --- the application thread --------------------------------------------------------------
-
-    def _put(self, client: int | None, job: Callable[[], None]) -> None:
-        self._front.put(lambda: self._guarded(client, job))
-
-    def _guarded(self, client: int | None, job: Callable[[], None]) -> None:
-        try:
-            job()
-        except IllegalDecisionError as error:
-            self._tell(client, "warning", str(error))
-        except FlatclothError as error:
-            _log.warning("%s", error)
-            self._tell(client, "error", str(error))
-        except Exception as error:  # noqa: BLE001 - told and logged
-            _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
 
     def _begin(self) -> None:
         self._stage.follow(self._desk.follow)
@@ -198,8 +92,7 @@ class Application:
         if self._cancel is not None:
             self._cancel[1].set()
 
-    def _receive(self, client: int, text: str) -> None:
-        message = messages.parse(text)
+    def _take(self, client: int, message: messages.Message) -> None:
         match message:
             case messages.Do(action=action, view_index=view, reason=reason):
                 given = {"view_index": view, "reason": reason}
@@ -212,15 +105,6 @@ class Application:
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
                 self._publish()
-            case messages.ShowPick(id=pick_id):
-                self._picks.show(pick_id)
-                self._publish()
-            case messages.RenamePick(id=pick_id, name=name):
-                self._picks.rename(pick_id, name.strip())
-                self._publish()
-            case messages.DeletePick(id=pick_id):
-                self._picks.delete(pick_id)
-                self._publish()
             case messages.SetAuto(running=running, threshold=threshold):
                 desk = self._desk
                 self._desk = replace(
@@ -229,10 +113,8 @@ class Application:
                     auto_threshold=desk.auto_threshold if threshold is None else threshold,
                 )
                 self._settle()
-            case messages.SetFollow(follow=follow):
-                self._set_follow(follow)
-            case messages.Hover():
-                self._audience.tell(client, self.describe(message))
+            case _:
+                raise FlatclothError(NOT_LIVE)
 
     def _by_hand(self, command: Command) -> None:
         # Whoever decides by hand takes over from Auto.
@@ -300,36 +182,10 @@ class Application:
         self._desk = replace(self._desk, auto=False)
         self._tell(None, level, text)
 
-    def _publish(self) -> None:
-        self._revision += 1
-        self._snapshot = snapshot(
-            self._revision,
-            self._state,
-            self._desk,
-            self._picks,
-            self._picture,
-            self._integration,
-            self._places,
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        return snapshot(
+            revision, self._state, self._desk, self._picks, self._picture, self._integration, self._places
         )
-        self._audience.show(self._snapshot)
-
-    def _tell(self, client: int | None, level: str, text: str) -> None:
-        note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
-        if client is None:
-            self._desk = replace(self._desk, log=(*self._desk.log, note)[-MESSAGES_KEPT:])
-            self._publish()
-        else:
-            self._audience.tell(client, {"type": "note", **note.plain()})
-
-    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        # A click on the background picks nothing and changes nothing.
-        if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
-            self._publish()
-
-    def _set_follow(self, follow: bool) -> None:
-        self._desk = replace(self._desk, follow=follow)
-        self._stage.follow(follow)
-        self._publish()
 
     # --- the worker --------------------------------------------------------------------------
 

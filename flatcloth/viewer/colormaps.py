@@ -27,6 +27,13 @@ _DIVERGING_STOPS = (
     (0.67, 0.07, 0.10),
     (0.42, 0.10, 0.08),
 )
+_LOSS_STOPS = (
+    (0.96, 0.0, 0.03),
+    (0.84, 0.03, 0.10),
+    (0.68, 0.10, 0.11),
+    (0.48, 0.15, 0.03),
+    (0.28, 0.10, -0.05),
+)
 _SIZE = 256
 
 
@@ -69,6 +76,12 @@ def height_table() -> Uint8:
 def diverging_table() -> Uint8:
     """Return the (256, 3) diverging map, blue through near-white to orange."""
     return _table(_DIVERGING_STOPS)
+
+
+@cache
+def loss_table() -> Uint8:
+    """Return the (256, 3) sequential map for what should be small: pale yellow to dark purple."""
+    return _table(_LOSS_STOPS)
 
 
 @cache

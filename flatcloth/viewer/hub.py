@@ -20,6 +20,7 @@ class Tab:
     def __init__(self) -> None:
         self.news = asyncio.Event()
         self._state: str | None = None
+        self._frame: bytes | None = None
         self._messages: deque[str] = deque(maxlen=WAITING_LIMIT)
 
     def put(self, text: str) -> None:
@@ -32,24 +33,36 @@ class Tab:
         self._state = text
         self.news.set()
 
-    def take(self) -> list[str]:
+    def put_frame(self, data: bytes) -> None:
+        """Queue a frame of live mode; it replaces one that was not sent yet."""
+        self._frame = data
+        self.news.set()
+
+    def take(self) -> list[str | bytes]:
         """Return what is to be sent now."""
         self.news.clear()
-        texts = list(self._messages)
+        waiting: list[str | bytes] = list(self._messages)
         self._messages.clear()
         if self._state is not None:
-            texts.append(self._state)
+            waiting.append(self._state)
             self._state = None
-        return texts
+        if self._frame is not None:
+            waiting.append(self._frame)
+            self._frame = None
+        return waiting
 
 
 class Hub:
-    """Sends to the tabs; ``show`` and ``tell`` may be called from any thread."""
+    """Sends to the tabs; ``show``, ``tell`` and ``send_frame`` may be called from any thread.
+
+    ``on_leave`` is told the number of a tab that has closed.
+    """
 
     def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tabs: dict[int, Tab] = {}
         self._ids = itertools.count(1)
+        self.on_leave: Callable[[int], None] = lambda _client: None
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin to send, on this event loop."""
@@ -76,6 +89,15 @@ class Hub:
 
         self._call(give)
 
+    def send_frame(self, client: int, data: bytes) -> None:
+        """Send a frame to one tab."""
+
+        def give() -> None:
+            if client in self._tabs:
+                self._tabs[client].put_frame(data)
+
+        self._call(give)
+
     def _call(self, job: Callable[[], None]) -> None:
         loop = self._loop
         if loop is not None and not loop.is_closed():
@@ -98,6 +120,7 @@ class Hub:
             pass
         finally:
             del self._tabs[key]
+            self.on_leave(key)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
 
@@ -113,5 +136,8 @@ async def _next_text(socket: WebSocket) -> str:
 async def _send(socket: WebSocket, tab: Tab) -> None:
     while True:
         await tab.news.wait()
-        for text in tab.take():
-            await socket.send_text(text)
+        for item in tab.take():
+            if isinstance(item, bytes):
+                await socket.send_bytes(item)
+            else:
+                await socket.send_text(item)

@@ -10,9 +10,11 @@ from typing import Any
 
 from flatcloth.errors import FlatclothError
 from flatcloth.viewer.actions import REJECT_REASONS
+from flatcloth.viewer.layers import LAYERS
 
 MAX_MESSAGE_CHARS = 100_000
 MAX_NAME_CHARS = 80
+MAX_FPS = 240.0
 
 
 class MessageError(FlatclothError):
@@ -49,10 +51,15 @@ class Hover:
 
 @dataclass(frozen=True, kw_only=True)
 class PickAt:
-    """Pick the cloth at (or nearest to) a place of the plane."""
+    """Pick the cloth at (or nearest to) a place of the plane.
+
+    ``revision`` tells which picture the user saw; only frames of live mode change fast enough for
+    that to matter.
+    """
 
     u_m: float
     v_m: float
+    revision: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +99,25 @@ class SetFollow:
     follow: bool
 
 
-Message = Do | Move | Hover | PickAt | ShowPick | RenamePick | DeletePick | SetAuto | SetFollow
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
+
+    playing: bool | None = None
+    forward: bool | None = None
+    fps: float | None = None
+    frame: int | None = None
+    step: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ready:
+    """Live mode: the tab has drawn what it was sent, and takes the next frame with this layer."""
+
+    layer: str
+
+
+Message = Do | Move | Hover | PickAt | ShowPick | RenamePick | DeletePick | SetAuto | SetFollow | Play | Ready
 
 KINDS: dict[str, type[Message]] = {
     "do": Do,
@@ -104,6 +129,8 @@ KINDS: dict[str, type[Message]] = {
     "delete_pick": DeletePick,
     "auto": SetAuto,
     "follow": SetFollow,
+    "play": Play,
+    "ready": Ready,
 }
 
 SESSION_ACTIONS = frozenset({"step", "view", "accept", "reject", "undo", "redo", "cancel", "restart"})
@@ -172,5 +199,9 @@ def _check(message: Message) -> None:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case SetAuto(threshold=float(threshold)) if not 0 <= threshold <= 1:
             raise MessageError(f"The threshold of Auto lies between 0 and 1, not at {threshold:g}.")
+        case Play(fps=float(fps)) if not 0 < fps <= MAX_FPS:
+            raise MessageError(f"The frame rate lies above 0 and up to {MAX_FPS:g}, not at {fps:g}.")
+        case Ready(layer=layer) if layer not in LAYERS:
+            raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip() or len(name) > MAX_NAME_CHARS:
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

@@ -16,7 +16,6 @@ from flatcloth.viewer.layers import legends
 if TYPE_CHECKING:
     from flatcloth.integration import Integration, Proposal, ViewCloud
     from flatcloth.matching import AlignmentScore
-    from flatcloth.merging import Canonical
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,22 +31,20 @@ class Overlay:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """What a document looks like; ``revision`` changes whenever the flattened shape does."""
+    """What a document looks like; ``revision`` changes whenever the flattened ``view`` does.
+
+    ``document`` is None for a frame that is played in live mode.
+    """
 
     revision: int
-    document: Document
-    canonical: Canonical
+    view: FlattenedView
     present_view: int
     angle_deg: float
     cloud: ViewCloud
     energies: tuple[tuple[float, ...], ...]
     legends: dict[str, Any]
+    document: Document | None = None
     overlay: Overlay | None = None
-
-    @property
-    def view(self) -> FlattenedView:
-        """The flattened shape."""
-        return self.canonical.view
 
 
 def present_view(document: Document) -> int | None:
@@ -61,10 +58,10 @@ def present_view(document: Document) -> int | None:
 
 def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
     """Compute what a document with a start view looks like; revisions go on from ``previous``."""
-    canonical = integration.canonical(document)
+    view = integration.canonical(document).view
     present = present_view(document)
     assert present is not None
-    revision = 1 if previous is None else previous.revision + (canonical.view is not previous.view)
+    revision = 1 if previous is None else previous.revision + (view is not previous.view)
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
@@ -73,12 +70,12 @@ def make_picture(integration: Integration, document: Document, previous: Picture
     return Picture(
         revision=revision,
         document=document,
-        canonical=canonical,
+        view=view,
         present_view=present,
         angle_deg=angles_deg[present],
         cloud=integration.cloud(present),
         energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
-        legends=legends(canonical.view, integration.axis, angles_deg),
+        legends=legends(view, integration.axis, angles_deg),
         overlay=overlay,
     )
 
@@ -116,7 +113,13 @@ def attributes_at(view: FlattenedView, u_m: float, v_m: float, axis: RotationAxi
         "z_angle_deg": finite(float(view.z_angle_deg[row, col])),
         "view_index": int(view.view_index[row, col]),
         "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
+        **_quality_at(view, row, col),
     }
+
+
+def _quality_at(view: FlattenedView, row: int, col: int) -> dict[str, float | None]:
+    values = [None] * 3 if view.quality is None else [finite(x) for x in view.quality[row, col].tolist()]
+    return dict(zip(("density_px_cm2", "incidence_deg", "stretch"), values, strict=True))
 
 
 def finite(value: float | None) -> float | None:

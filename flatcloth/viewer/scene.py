@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 MAX_POINTS = 60_000
 """More points than this make the browser slow, and show no more."""
 
+MAX_LIVE_POINTS = 25_000
+"""Of a frame that is played; more would be sent faster than browsers take them."""
+
 BALL_RADIUS_M = 0.006
 ARROW_LENGTH_M = 0.06
 FRAME_MARGIN = 1.15
@@ -113,6 +116,31 @@ class Scene:
             self._show(picture)
             self._panels.show(picture)
         self._server.flush()
+
+    def play(self, picture: Picture | None) -> None:
+        """Show a frame of a recording that is played: its points only, thinned, framed once."""
+        with self._lock, self._server.atomic():
+            if picture is None:
+                self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+            else:
+                live = picture.cloud
+                keep = _evenly(len(live.xyz_m), MAX_LIVE_POINTS)
+                shades = _dimmed(live.rgb[keep], live.of_interest[keep])
+                self._fill("/live/cloud", live.xyz_m[keep], shades, 0.0022)
+                if self._view_from is None:
+                    self._place_camera(picture)
+                else:
+                    self._turn_camera(picture)
+        self._server.flush()
+
+    def _turn_camera(self, picture: Picture) -> None:
+        assert self._view_from is not None
+        held = held_from_camera(self._axis, picture.angle_deg)
+        self._frustum.position = held.translation_m
+        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        self._view_from = (self._view_from[0], held.translation_m, *self._view_from[2:])
+        if self._follow:
+            self._aim_all()
 
     def _show(self, picture: Picture | None) -> None:
         if picture is None:
@@ -265,10 +293,10 @@ def _dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
     return np.where(of_interest[:, None], rgb, grey)
 
 
-def _evenly(count: int) -> slice | Any:
-    if count <= MAX_POINTS:
+def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:
+    if count <= most:
         return slice(None)
-    return np.linspace(0, count - 1, MAX_POINTS).astype(np.intp)
+    return np.linspace(0, count - 1, most).astype(np.intp)
 
 
 def quaternion_from_matrix(rotation: Floats) -> Float64:

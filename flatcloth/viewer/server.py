@@ -28,8 +28,11 @@ from flatcloth.errors import FlatclothError, ServerError
 from flatcloth.resources import static_folder
 from flatcloth.viewer import layers, messages
 from flatcloth.viewer.application import Application
+from flatcloth.viewer.desk import PageDesk
 from flatcloth.viewer.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.hub import Hub, Tab
+from flatcloth.viewer.live import DEFAULT_FPS, LiveApplication
+from flatcloth.viewer.loop import Player
 from flatcloth.viewer.relay import relay
 from flatcloth.viewer.scene import Scene
 
@@ -57,15 +60,26 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        The session to show, see :class:`flatcloth.viewer.application.Application`.
+        What to show, see :class:`flatcloth.viewer.desk.PageDesk`.
     host : str
         Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
     port : int
         0 chooses a free one.
+    player : Player, optional
+        Given for live mode: flattens the frames that are played.
+    fps : float
+        In live mode, frames a second to begin with.
     """
 
     def __init__(
-        self, integration: Integration, folder: SessionFolder, *, host: str = "127.0.0.1", port: int = 8080
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        player: Player | None = None,
+        fps: float = DEFAULT_FPS,
     ) -> None:
         self._integration = integration
         self._socket = bind(host, port)
@@ -76,7 +90,12 @@ class PageServer:
         axis = integration.axis
         self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
         self._hub = Hub()
-        self.application = Application(integration, folder, self._scene, self._hub)
+        self.application: PageDesk = (
+            Application(integration, folder, self._scene, self._hub)
+            if player is None
+            else LiveApplication(integration, folder, self._scene, self._hub, player, fps)
+        )
+        self._hub.on_leave = self.application.leave
         self._scene.on_ray = self.application.click_ray
         self._scene.on_follow = self.application.set_follow
         self._pngs = PngCache(self.application, integration)
@@ -188,7 +207,7 @@ class PageServer:
 class PngCache:
     """The layers of the present picture as PNG, encoded when first asked for."""
 
-    def __init__(self, application: Application, integration: Integration) -> None:
+    def __init__(self, application: PageDesk, integration: Integration) -> None:
         self._application = application
         self._integration = integration
         self._lock = threading.Lock()
@@ -312,13 +331,15 @@ def serve(
     *,
     host: str = "127.0.0.1",
     port: int = 8080,
+    player: Player | None = None,
+    fps: float = DEFAULT_FPS,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port
+    integration, folder, host, port, player, fps
         See :class:`PageServer`.
     open_url
         Called with the page's address once it answers; the default prints it.
@@ -328,7 +349,7 @@ def serve(
     ServerError
         If the address cannot be bound.
     """
-    with PageServer(integration, folder, host=host, port=port) as server:
+    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps) as server:
         (open_url or _print_url)(server.url)
         try:
             server.join()

@@ -24,6 +24,8 @@ from flatcloth.viewer.picture import Overlay, Picture, finite, present_view
 if TYPE_CHECKING:
     from flatcloth.integration import Integration
     from flatcloth.journal import Pick
+    from flatcloth.viewer.loop import Shown
+    from flatcloth.viewer.playhead import Playhead
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +67,9 @@ def snapshot(
     document = state.document
     present = present_view(document)
     return {
-        "type": "state",
-        "revision": revision,
+        **_common(revision, desk, picks, picture, integration, places),
+        "mode": "session",
         "phase": state.phase.value,
-        "method": integration.method,
-        "recording": {
-            "name": recording.name,
-            "description": recording.description,
-            "n_views": len(recording),
-        },
-        "notes": list(integration.notes),
         "step": len(document.used_views),
         "start_view": document.start_view,
         "finished": document.finished,
@@ -88,10 +83,68 @@ def snapshot(
         "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
-        "auto": {"running": desk.auto, "threshold": desk.auto_threshold},
-        "follow": desk.follow,
         "progress": None if desk.progress is None else {"share": desk.progress[0], "text": desk.progress[1]},
         "pending": _pending(document, None if picture is None else picture.overlay),
+    }
+
+
+def live_snapshot(
+    revision: int,
+    head: Playhead,
+    shown: Shown | None,
+    desk: Desk,
+    picks: PickDesk,
+    integration: Integration,
+    places: PlaceBook,
+) -> dict[str, Any]:
+    """Return the whole state of the page in live mode; what changes with each frame comes with it."""
+    angles_deg = integration.recording.angles_deg
+    present = None if shown is None else shown.frame
+    return {
+        **_common(revision, desk, picks, None if shown is None else shown.picture, integration, places),
+        "mode": "live",
+        "phase": "live",
+        "step": 0,
+        "start_view": None,
+        "finished": None,
+        "undo": None,
+        "redo": None,
+        "request": None,
+        "present_view": present,
+        "angle_deg": None if present is None else angles_deg[present],
+        "views": [
+            {"index": i, "angle_deg": angle_deg, "state": "unused", "detail": "", "why_not": None}
+            for i, angle_deg in enumerate(angles_deg)
+        ],
+        "actions": action_table(None),
+        "reject_reasons": list(REJECT_REASONS),
+        "progress": None,
+        "pending": None,
+        "live": {"playing": head.playing, "forward": head.forward, "fps": head.fps},
+    }
+
+
+def _common(
+    revision: int,
+    desk: Desk,
+    picks: PickDesk,
+    picture: Picture | None,
+    integration: Integration,
+    places: PlaceBook,
+) -> dict[str, Any]:
+    recording = integration.recording
+    return {
+        "type": "state",
+        "revision": revision,
+        "method": integration.method,
+        "recording": {
+            "name": recording.name,
+            "description": recording.description,
+            "n_views": len(recording),
+        },
+        "notes": list(integration.notes),
+        "auto": {"running": desk.auto, "threshold": desk.auto_threshold},
+        "follow": desk.follow,
         "layers": None if picture is None else _layers(picture),
         "pick": _pick(picks.current, picture, places, integration.axis),
         "picks": [_listed(p, picture, places) for p in picks.picks],
@@ -146,7 +199,8 @@ def _motion(motion: Rigid2) -> dict[str, float]:
     return {"theta_deg": math.degrees(motion.theta_rad), "u_mm": 1000 * motion.u_m, "v_mm": 1000 * motion.v_m}
 
 
-def _grid(view: FlattenedView) -> dict[str, Any]:
+def grid(view: FlattenedView) -> dict[str, Any]:
+    """Return the size of a view's grid and its place on the plane."""
     return {
         "rows": view.shape[0],
         "cols": view.shape[1],
@@ -168,9 +222,9 @@ def _layers(picture: Picture) -> dict[str, Any]:
             "revision": overlay.revision,
             "view_index": overlay.proposal.view_index,
             "center_uv_m": list(center_uv_m(overlay.view)),
-            **_grid(overlay.view),
+            **grid(overlay.view),
         },
-        **_grid(picture.view),
+        **grid(picture.view),
     }
 
 

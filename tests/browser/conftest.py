@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from playwright.sync_api import Browser, Frame, Page, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
-CHROMIUM = Path("/usr/bin/chromium")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
@@ -34,10 +35,11 @@ START_LIMIT_S = 60
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
-    if not CHROMIUM.exists():
-        pytest.fail(f"{CHROMIUM} is missing; install it (apt-get install chromium).", pytrace=False)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        # Without one of the system's, Playwright's own serves, if it is installed.
+        if CHROMIUM is None and not Path(playwright.chromium.executable_path).exists():
+            pytest.fail("There is no Chromium; install it (apt-get install chromium).", pytrace=False)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield browser
         browser.close()
 
@@ -45,10 +47,13 @@ def chromium() -> Iterator[Browser]:
 class Program:
     """The program, serving a recording on a free port until it is stopped by Ctrl-C."""
 
-    def __init__(self, source: str, session: Path, port: int = 0) -> None:
-        self._source, self._session = source, session
+    def __init__(self, arguments: str, session: Path, port: int = 0) -> None:
+        self._arguments, self._session = arguments, session
         self._process = subprocess.Popen(
-            [sys.executable, "app.py", "view", source, "--port", str(port), "--session", str(session)],
+            [
+                *(sys.executable, "app.py", "view", *arguments.split()),
+                *("--port", str(port), "--session", str(session)),
+            ],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -77,7 +82,7 @@ class Program:
 
     def again(self) -> Program:
         """Start it anew, after it was stopped, with the same session at the same address."""
-        return Program(self._source, self._session, int(self.url.rstrip("/").rsplit(":", 1)[1]))
+        return Program(self._arguments, self._session, int(self.url.rstrip("/").rsplit(":", 1)[1]))
 
     def stop(self) -> int:
         """End it as an operator does, and return its exit status."""
@@ -92,8 +97,8 @@ class Program:
 
 @pytest.fixture
 def program(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Program]:
-    source = getattr(request, "param", "recordings/shirt-sleeve-clean")
-    running = Program(source, tmp_path / "session")
+    arguments = getattr(request, "param", "recordings/shirt-sleeve-clean")
+    running = Program(arguments, tmp_path / "session")
     yield running
     running.stop()
 

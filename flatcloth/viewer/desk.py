@@ -1,0 +1,217 @@
+"""What every mode of the page has: one thread that owns its state, the picks, and what tabs are told.
+
+Sockets, viser's callbacks and workers only put jobs on the thread's queue; the picks and the
+messages are changed nowhere else. What is read from other threads (the picture) is immutable.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from flatcloth.errors import FlatclothError, IllegalDecisionError
+from flatcloth.types import Float64, Floats
+from flatcloth.viewer import messages
+from flatcloth.viewer.picks import PickDesk, PlaceBook
+from flatcloth.viewer.picture import Picture, attributes_at
+from flatcloth.viewer.snapshot import Desk, Note
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.integration import Integration
+    from flatcloth.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+MESSAGES_KEPT = 100
+
+
+class Audience(Protocol):
+    """Who is told: the open tabs. All methods may be called from any thread and return at once."""
+
+    def show(self, state: dict[str, Any]) -> None:
+        """Send the whole state to every tab."""
+
+    def tell(self, client: int | None, message: dict[str, Any]) -> None:
+        """Send one message to one tab, or to all of them."""
+
+    def send_frame(self, client: int, data: bytes) -> None:
+        """Send a frame to one tab; it replaces one that was not sent yet."""
+
+
+class Stage(Protocol):
+    """The 3D side of the page."""
+
+    def show(self, picture: Picture | None) -> None:
+        """Show what a document looks like, or an empty scene."""
+
+    def play(self, picture: Picture | None) -> None:
+        """Show a frame of a recording that is played, or an empty scene."""
+
+    def show_pick(self, position_m: Float64 | None, normal: Float64 | None) -> None:
+        """Show the ball and the arrow of the current pick, or hide them."""
+
+    def visible_points(self) -> Floats:
+        """Return the points (N, 3) that a ray of the eye can hit."""
+
+    def follow(self, on: bool) -> None:
+        """Let the cameras follow the view, or not."""
+
+
+class PageDesk:
+    """The part of a page's application that does not depend on its mode.
+
+    Parameters
+    ----------
+    integration : Integration
+        What is shown.
+    folder : SessionFolder
+        Keeps the picks.
+    stage, audience
+        Where things are shown.
+    """
+
+    def __init__(
+        self, integration: Integration, folder: SessionFolder, stage: Stage, audience: Audience
+    ) -> None:
+        self._integration = integration
+        self._folder = folder
+        self._stage = stage
+        self._audience = audience
+        self._desk = Desk(auto_threshold=integration.config.alignment.accept_score)
+        self._picks = PickDesk(folder, integration.axis, stage.show_pick)
+        self._places = PlaceBook()
+        self._picture: Picture | None = None
+        self._note_ids = itertools.count(1)
+        self._revision = 0
+        self._snapshot: dict[str, Any] = {}
+        self._front = Worker("flatcloth-session")
+
+    # --- from any thread ---------------------------------------------------------------------
+
+    @property
+    def picture(self) -> Picture | None:
+        """What is shown at present; immutable."""
+        return self._picture
+
+    @property
+    def last_snapshot(self) -> dict[str, Any]:
+        """The state that was sent last; not to be changed."""
+        return self._snapshot
+
+    def start(self) -> None:
+        """Begin to show."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Stop all threads."""
+        raise NotImplementedError
+
+    def leave(self, client: int) -> None:
+        """Hear that a tab has closed."""
+
+    def receive(self, client: int, text: str) -> None:
+        """Take a message of a tab; errors come back as notifications."""
+        self._put(client, lambda: self._receive(client, text))
+
+    def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
+        """Take a click in the 3D scene."""
+        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
+
+    def set_follow(self, follow: bool) -> None:
+        """Let the cameras follow the view, or not."""
+        self._put(None, lambda: self._set_follow(follow))
+
+    def describe(self, hover: messages.Hover) -> dict[str, Any]:
+        """Answer a hover read-out; cheap, reads only the present picture."""
+        picture, axis = self._picture, self._integration.axis
+        shape = None if picture is None else attributes_at(picture.view, hover.u_m, hover.v_m, axis)
+        overlay = None if picture is None else picture.overlay
+        proposal = None if overlay is None else attributes_at(overlay.view, hover.u_m, hover.v_m, axis)
+        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal}
+
+    def grasps(self) -> dict[str, Any]:
+        """Return the list of picks as it is exported.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        from flatcloth.export import grasps_document
+
+        if self._picture is None:
+            raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
+        return grasps_document(self._picture.view, self._picks.picks)
+
+    # --- the page's own thread ---------------------------------------------------------------
+
+    def _put(self, client: int | None, job: Callable[[], None]) -> None:
+        self._front.put(lambda: self._guarded(client, job))
+
+    def _guarded(self, client: int | None, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except IllegalDecisionError as error:
+            self._tell(client, "warning", str(error))
+        except FlatclothError as error:
+            _log.warning("%s", error)
+            self._tell(client, "error", str(error))
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("a command failed")
+            self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
+
+    def _receive(self, client: int, text: str) -> None:
+        message = messages.parse(text)
+        match message:
+            case messages.ShowPick(id=pick_id):
+                self._picks.show(pick_id)
+                self._publish()
+            case messages.RenamePick(id=pick_id, name=name):
+                self._picks.rename(pick_id, name.strip())
+                self._publish()
+            case messages.DeletePick(id=pick_id):
+                self._picks.delete(pick_id)
+                self._publish()
+            case messages.SetFollow(follow=follow):
+                self._set_follow(follow)
+            case messages.Hover():
+                self._audience.tell(client, self.describe(message))
+            case _:
+                self._take(client, message)
+
+    def _take(self, client: int, message: messages.Message) -> None:
+        """Take a message whose meaning depends on the mode."""
+        raise NotImplementedError
+
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def _publish(self) -> None:
+        self._revision += 1
+        self._snapshot = self._state_of_page(self._revision)
+        self._audience.show(self._snapshot)
+
+    def _tell(self, client: int | None, level: str, text: str) -> None:
+        note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
+        if client is None:
+            self._desk = replace(self._desk, log=(*self._desk.log, note)[-MESSAGES_KEPT:])
+            self._publish()
+        else:
+            self._audience.tell(client, {"type": "note", **note.plain()})
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        # A click on the background picks nothing and changes nothing.
+        if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
+            self._publish()
+
+    def _set_follow(self, follow: bool) -> None:
+        self._desk = replace(self._desk, follow=follow)
+        self._stage.follow(follow)
+        self._publish()
