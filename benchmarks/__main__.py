@@ -1,11 +1,11 @@
-"""``python -m benchmarks [flattening] [--recordings FOLDER ...]``: measure, write ``benchmarks/results``."""
+"""``python -m benchmarks [flattening] [page]``: measure; the flattening writes ``benchmarks/results``."""
 
 from __future__ import annotations
 
 import argparse
 import os
 
-BENCHMARKS = ("flattening",)
+BENCHMARKS = ("flattening", "page")
 
 
 def pin_to_one_core() -> None:
@@ -30,6 +30,10 @@ def main() -> None:
         from benchmarks.flattening import run
 
         run(arguments.recordings, quick=arguments.quick)
+    if "page" in (arguments.name or BENCHMARKS):
+        from benchmarks import page
+
+        page.run()
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -33,10 +34,11 @@ STAGES: dict[Any, tuple[str, ...]] = {
 
 
 def whole_frame(frame: RgbdFrame, axis: RotationAxis) -> Flattening:
-    """Turn one frame into its flattened view, as a session does."""
+    """Turn one frame into its flattened view at d = 6 alone, as live mode does, from the pixel start."""
     config = CONFIG
     found = observe_item(frame, axis, config.surface)
-    return flatten(found, axis, config.flattening, min_area_m2=config.surface.min_component_area_m2)
+    finest = replace(config.flattening, sampling_intervals_px=config.flattening.sampling_intervals_px[-1:])
+    return flatten(found, axis, finest, min_area_m2=config.surface.min_component_area_m2)
 
 
 def frame_times(recording: Recording, *, quick: bool = False) -> dict[str, Any]:

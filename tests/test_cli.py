@@ -133,3 +133,9 @@ def test_app_starts_without_realsense_and_open3d() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_command_line_offers_every_method() -> None:
+    from flatcloth import cli, integration
+
+    assert cli.METHODS == integration.METHODS  # written twice, so that --help need not load the numerics

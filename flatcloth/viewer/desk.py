@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import logging
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
@@ -64,7 +65,7 @@ class Stage(Protocol):
         """Let the cameras follow the view, or not."""
 
 
-class PageDesk:
+class PageDesk(ABC):
     """The part of a page's application that does not depend on its mode.
 
     Parameters
@@ -105,15 +106,15 @@ class PageDesk:
         """The state that was sent last; not to be changed."""
         return self._snapshot
 
+    @abstractmethod
     def start(self) -> None:
         """Begin to show."""
-        raise NotImplementedError
 
+    @abstractmethod
     def stop(self) -> None:
         """Stop all threads."""
-        raise NotImplementedError
 
-    def leave(self, client: int) -> None:
+    def leave(self, client: int) -> None:  # noqa: B027 - a desk need not mind
         """Hear that a tab has closed."""
 
     def receive(self, client: int, text: str) -> None:
@@ -186,12 +187,13 @@ class PageDesk:
             case _:
                 self._take(client, message)
 
+    @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:
         """Take a message whose meaning depends on the mode."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        raise NotImplementedError
+        """Return what the tabs are told."""
 
     def _publish(self) -> None:
         self._revision += 1
