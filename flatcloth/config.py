@@ -62,6 +62,8 @@ class FlatteningConfig:
     """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
     interpolation: str = "smooth"
     """Between the samples: ``smooth``, every image pixel placed; ``delaunay``, linear as in the paper."""
+    least_core_samples: int = 8
+    """Parts with at least this many samples off any rim, joined by a narrower neck, are cut apart."""
     max_folded_share: float = 0.03
     """A part of which more than this is mirrored or lies on itself is folded: it is not proposed."""
     pixel_size_m: float = 0.002

@@ -21,6 +21,7 @@ from flatcloth.config import FlatteningConfig
 from flatcloth.errors import ConfigError, FlatteningError
 from flatcloth.geometry import camera_from_held, fit_rigid2, held_from_camera
 from flatcloth.minimisation import minimise
+from flatcloth.necks import cut_necks
 from flatcloth.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.sampling import Samples, sample_surface
 from flatcloth.surface import Surface
@@ -152,6 +153,8 @@ def flatten(
     levels: list[Level] = []
     for interval in config.sampling_intervals_px:
         samples = sample_surface(surface, interval, config)
+        if interval == config.sampling_intervals_px[-1]:
+            samples = cut_necks(samples, config.least_core_samples)
         if not len(samples.points_rc):
             continue
         least = _least_samples(surface, interval, min_area_m2)

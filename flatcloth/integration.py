@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.alignment import Alignment, align_by_z_angle
 from flatcloth.axis import resolve_axis
-from flatcloth.config import Config
+from flatcloth.config import Config, FlatteningConfig
 from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.geometry import back_project, held_from_camera
@@ -51,6 +51,9 @@ from flatcloth.types import (
 METHODS = ("paper",)
 """The ways of integrating views; the first is the default."""
 
+PAPER_CONFIG = Config(flattening=FlatteningConfig(least_core_samples=0))
+"""The paper lays one surface a view: parts of a view that a narrow neck joins stay together."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCloud:
@@ -85,7 +88,7 @@ class Integration:
     recording : Recording
         The views.
     config : Config, optional
-        The numbers of the method.
+        The numbers of the method; by default ``PAPER_CONFIG``.
     method : str
         One of ``METHODS``.
 
@@ -108,7 +111,7 @@ class Integration:
         if method not in METHODS:
             raise ConfigError(f"Unknown method {method!r}; choose one of: {', '.join(METHODS)}.")
         self.recording = recording
-        self.config = config or Config()
+        self.config = config or PAPER_CONFIG
         self.method = method
         self._frames: Memory[RgbdFrame] = Memory(48)
         self._clouds: Memory[ViewCloud] = Memory(48)
