@@ -44,6 +44,8 @@ def _parts(n: int, edges: Int32, least_core: int) -> Int32:
     whole = np.bincount(edges.ravel(), minlength=n) >= _NEIGHBOURS
     core = _cores(n, edges[whole[a] & whole[b]], whole)
     size = np.bincount(core[core >= 0], minlength=1)
+    if (size >= least_core).sum() <= 1:
+        return np.zeros(n, dtype=np.int32)  # nothing to tell apart
     part = np.where((core >= 0) & (size[np.maximum(core, 0)] >= least_core), core, -1).astype(np.int32)
     while True:  # one step over the pairs at a time, so that the nearest core wins
         reached = part.copy()
