@@ -20,6 +20,7 @@ export class LiveBar {
     this.handlers = handlers;
     this.frame = null;
     this.drawnAt = [];
+    this.arrived = 0;
     this.dragging = false;
     this.dragged = 0; // how often the slider was moved by hand
     this.slider = byId("live-frame");
@@ -51,9 +52,12 @@ export class LiveBar {
   /** Decode and draw a frame; the server sends the next one only after `then`. */
   async take(buffer, then) {
     const { about, png } = unpack(buffer);
+    const arrival = ++this.arrived;
     const image = png === null ? null : await createImageBitmap(png).catch(() => null);
     const shown = image && { revision: about.sequence, grid: about.grid, box: boxOf(about.grid), image };
     requestAnimationFrame(() => {
+      // Decoding may finish out of order: a change of layer overtakes the frame before it.
+      if (arrival !== this.arrived) return;
       this.frame = about;
       this.handlers.drawn(about, shown);
       this.count();
