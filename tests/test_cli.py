@@ -136,6 +136,7 @@ def test_app_starts_without_realsense_and_open3d() -> None:
 
 
 def test_the_command_line_offers_every_method() -> None:
-    from flatcloth import cli, integration
+    from flatcloth import integration
+    from flatcloth.commands import common
 
-    assert cli.METHODS == integration.METHODS  # written twice, so that --help need not load the numerics
+    assert common.METHODS == integration.METHODS  # written twice, so that --help need not load the numerics

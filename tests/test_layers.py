@@ -26,6 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("journal_lines", "journal", "export", "evaluation"),
     ("pipeline", "live"),
     ("viewer", "warmup"),
+    ("commands",),
     ("cli",),
     ("app",),
 )
@@ -146,7 +147,7 @@ def test_the_truth_is_read_by_the_evaluation_only() -> None:
     readers = {
         unit(f.file) for f in ALL if f.target.startswith("flatcloth.recordings.truth") and not f.for_types
     }
-    assert readers <= {"recordings", "evaluation", "cli"}
+    assert readers <= {"recordings", "evaluation", "commands"}
 
 
 def test_nothing_is_pickled() -> None:

@@ -1,0 +1,1 @@
+"""The commands, a module each: ``NAME``, ``SUMMARY``, ``EXAMPLES``, ``add_options``, ``run``."""

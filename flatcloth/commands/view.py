@@ -1,0 +1,96 @@
+"""The command ``view``: the operator page."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, integration_of
+from flatcloth.errors import FlatclothError
+
+NAME = "view"
+SUMMARY = "open the operator page (the default command)"
+EXAMPLES = """examples:
+  python app.py                                    the page, on a bundled recording
+  python app.py view recordings/trousers-waist-d435
+  python app.py view my-recording --port 9000 --session my-session
+  python app.py view recordings/shirt-corner-d435 --live      play it as if the camera saw it now"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "source",
+        nargs="?",
+        default=DEFAULT_SAMPLE,
+        metavar="SOURCE",
+        help="recording folder, or the name of a bundled recording (default: %(default)s)",
+    )
+    add_method(parser)
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    parser.add_argument(
+        "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
+    )
+    parser.add_argument(
+        "--session",
+        type=Path,
+        metavar="DIR",
+        help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
+    )
+
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="play the recording as if live, flattening each frame; nothing is decided",
+    )
+    parser.add_argument(
+        "--fps",
+        type=_fps,
+        metavar="N",
+        help="with --live: frames a second to begin with (default: 30)",
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Serve the page until it is stopped."""
+    from flatcloth.journal import SessionFolder, default_session_folder
+    from flatcloth.live import LivePlayer
+    from flatcloth.viewer import serve
+
+    if options.fps is not None and not options.live:
+        raise FlatclothError("--fps is the rate of --live; give both, or neither.")
+    integration = integration_of(options.source, options.method)
+    path = options.session or default_session_folder(
+        integration.recording, options.method, integration.config
+    )
+    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    try:
+        serve(
+            integration,
+            folder,
+            host=options.host,
+            port=options.port,
+            player=LivePlayer(integration) if options.live else None,
+            fps=options.fps or 30.0,
+        )
+    finally:
+        folder.close()
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port; give a number from 0 to 65535")
+    return int(text)
+
+
+def _fps(text: str) -> float:
+    try:
+        fps = float(text)
+    except ValueError:
+        fps = math.nan
+    if not 0 < fps <= 240:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a frame rate; give a number above 0, up to 240")
+    return fps
