@@ -1,11 +1,11 @@
-"""``python -m benchmarks [flattening] [page]``: measure; the flattening writes ``benchmarks/results``."""
+"""``python -m benchmarks [size] [flattening] [page] [confidence]``: measure; some write ``results``."""
 
 from __future__ import annotations
 
 import argparse
 import os
 
-BENCHMARKS = ("flattening", "page")
+BENCHMARKS = ("size", "flattening", "page", "confidence")
 
 
 def pin_to_one_core() -> None:
@@ -23,7 +23,12 @@ def main() -> None:
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
+    parser.add_argument("--learn", action="store_true", help="confidence: learn and print new weights")
     arguments = parser.parse_args()
+    if "size" in (arguments.name or BENCHMARKS):
+        from benchmarks import size
+
+        size.run(quick=arguments.quick)  # in processes of its own, with all cores
     pin_to_one_core()
     # Imported late: the libraries read their number of threads when they are loaded.
     if "flattening" in (arguments.name or BENCHMARKS):
@@ -34,6 +39,10 @@ def main() -> None:
         from benchmarks import page
 
         page.run()
+    if "confidence" in (arguments.name or BENCHMARKS):
+        from benchmarks import confidence
+
+        confidence.run(arguments.recordings, learn=arguments.learn)
 
 
 if __name__ == "__main__":

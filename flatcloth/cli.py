@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from flatcloth import __version__
-from flatcloth.commands import evaluate, run, view
+from flatcloth.commands import evaluate, export, import_, record, run, synthesize, view
 from flatcloth.errors import FlatclothError
 
-COMMANDS: dict[str, ModuleType] = {command.NAME: command for command in (view, run, evaluate)}
+COMMANDS: dict[str, ModuleType] = {
+    command.NAME: command for command in (view, run, export, evaluate, import_, record, synthesize)
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

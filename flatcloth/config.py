@@ -75,6 +75,205 @@ class FlatteningConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RegistrationConfig:
+    """The 3D registration of the views (method ``robust``)."""
+
+    turn_stds_deg: tuple[float, ...] = (0.03, 0.2, 0.6, 1.5)
+    """How far the recorded angles may be off; which of these it is, the views tell."""
+    axis_stds_m: tuple[float, ...] = (0.0001, 0.001, 0.006)
+    """How far the known axis may be off its place."""
+    axis_length_m: float = 0.35
+    """The axis may be tilted by its error in place over this length."""
+    swing_stds_deg: tuple[float, ...] = (0.02, 0.15, 0.8)
+    """How far the item may swing about the held point, from view to view."""
+    exact_chance: float = 0.5
+    """That all three are the least, before anything is compared."""
+    fattening_std_px: float = 1.0
+    """By how many pixels stereo sensors make what is near larger."""
+    any_turn_std_deg: float = 0.02
+    """How a pair of views may be turned otherwise, ..."""
+    any_shift_std_m: float = 0.0001
+    """... and shifted."""
+    most_apart_deg: float = 65.0
+    """Views that look from farther apart than this show little of the same cloth."""
+    most_partners: int = 8
+    """A view is compared with at most so many."""
+    points_per_view: int = 1200
+    """About so many points of a view are compared."""
+    normal_smoothing_px: float = 2.0
+    """Smoothing of the normals where the depth is noisy."""
+    reach_m: float = 0.02
+    """Points farther from the other surface than this are no pair; less from round to round, ..."""
+    least_reach_m: float = 0.004
+    """... but not less than this."""
+    rounds: int = 6
+    """Steps with half of the points to register a pair of views, ..."""
+    fine_rounds: int = 3
+    """... and with all of them; these alone to register it anew nearby."""
+    refits: int = 3
+    """How often pairs are registered anew after a view was added, ..."""
+    refit_fattening_px: float = 0.15
+    """... if the fattening has changed by more than this."""
+    least_points: int = 60
+    """Views with fewer points in common, counted both ways, are not compared."""
+    most_surprise: float = 40.0
+    """A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
+    same_normal_cos: float = 0.9
+    least_facing_cos: float = 0.5
+    """Surface that either camera sees more steeply than this does not count, ..."""
+    full_facing_cos: float = 0.8
+    """... less steeply than this fully."""
+    distance_std_m: float = 0.0003
+    """Distance of equal cloth in two views without noise."""
+    texture_size_m: float = 0.010
+    """Texture is the color less its mean over this size."""
+    shading_std: float = 0.15
+    """By this share the brightness may differ between views besides: folds are shaded by the lamp."""
+    block_size_m: float = 0.080
+    """Errors are taken as independent over this size only, ..."""
+    noise_inflation: float = 2.0
+    """... and their variance is so many times larger than that tells."""
+    part_std_m: float = 0.0001
+    """Over that size, cloth may lie this far off its place in another view, systematically, ..."""
+    part_noise: float = 0.4
+    """... and this share of the noise more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointConfig:
+    """The joint flattening of all accepted views (method ``robust``)."""
+
+    same_place_m: float = 0.0015
+    """A node is seen by a view if it lies within this of the view's surface, ..."""
+    same_place_noise: float = 3.0
+    """... and so many times the noise of the view more, ..."""
+    same_normal_cos: float = 0.85
+    """... and both normals differ by at most the angle of this cosine."""
+    incidence_limit_deg: float = 75.0
+    """Cloth seen more steeply adds no nodes."""
+    noisy_incidence_limit_deg: float = 55.0
+    """Where the depth is noisy, known cloth that is seen more steeply is not measured again."""
+    new_node_distance: float = 0.65
+    """A view adds nodes at this distance (in sampling intervals) from the nodes it sees."""
+    least_pair_m: float = 0.002
+    """Nodes nearer to each other than this make no pair."""
+    pair_std_m: float = 0.0003
+    """Standard deviation of a pair's length without noise: cloth stretches."""
+    frontal_noise: float = 0.4
+    """A pair seen frontally is off by this share of the view's noise, ..."""
+    steep_noise: float = 1.0
+    """... and by this much more for each unit of the squared tangent of the incidence."""
+    rim_noise: float = 3.0
+    """A pixel at the rim of the surface is placed worse by this, fading over a few pixels."""
+    robust_std: float = 3.0
+    """A pair that is off by this many standard deviations counts a quarter."""
+    quiet_std: float = 1.1
+    """A view whose best pair is at most so many times ``pair_std_m`` off has no noise to speak of."""
+    large_part: int = 40
+    """Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
+    least_trust: float = 2.0
+    """... so many pairs without noise, or more with."""
+    outgrown: float = 1.3
+    """Another piece that has so many times the nodes of the main one becomes the main one."""
+    arap_steps: int = 8
+    """Steps of as-rigid-as-possible relaxation before the minimisation."""
+    robust_rounds: int = 2
+    """Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UncertaintyConfig:
+    """How sure each place of the joint shape is (method ``robust``)."""
+
+    strain: float = 0.007
+    """Standard deviation of the strain that the flattening cannot know."""
+    turn_rad: float = 0.10
+    """Standard deviation of the direction in which a node sees its neighbours."""
+    extent_m: float = 0.04
+    """Over this extent strain and turn are alike."""
+    bending: float = 0.02
+    """How firmly those directions hold what no lengths hold, relative to the lengths."""
+    noise_share: float = 1.0
+    """Independent error of each pair, in its standard deviations."""
+    least_m: float = 0.0005
+    """No place is surer than this."""
+    draws: int = 24
+    waves: int = 32
+    """Waves of which the random strain fields are made."""
+    firm_m: float = 0.010
+    """A place is firm if its standard deviation is at most this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgreementConfig:
+    """How well a part fits the joint shape where it is laid (method ``robust``)."""
+
+    cover_m: float = 0.010
+    """A place of the plane is covered if a node lies within this."""
+    place_std_m: float = 0.003
+    """Distance in space of equal cloth, besides the noise of the views."""
+    twice_m: float = 0.015
+    """The same cloth that lies farther apart on the plane than this is there twice."""
+    texture_size_m: float = 0.010
+    """Texture is the intensity less its mean over this size."""
+    color_std: float = 20.0
+    """Difference of equal color in two views, grey levels."""
+    telling_color: float = 0.25
+    """Color that disagrees less than this at random counts in proportion."""
+    refine_reach_m: float = 0.02
+    """Refinement begins with cloth that is apart by about this in space."""
+    correlated_samples: float = 20.0
+    """So many samples count as one independent measurement."""
+    confidence_weights: tuple[float, ...] = (-4.0, 8.0, 2.0, 2.0, -4.0, -4.0, 1.0)
+    """Logistic regression of a right placement: constant, place, color and outline agreement, shares of
+    other cloth and of cloth that is there twice, log10 of the overlap in cm2."""
+    accept_confidence: float = 0.5
+    """Unattended, a proposal below this is refused."""
+    samples: int = 500
+    """So many pixels of a part are compared."""
+    gate_m: float = 0.025
+    """Nodes farther than this from where the placement puts them are not taken for the same cloth."""
+    sure_confidence: float = 0.95
+    """Above this the costly search over all places and turns is spared."""
+    most_contradiction: float = 0.1
+    """Unattended, a view is refused if the others contradict a larger share of its pairs."""
+    distinct_m: float = 0.008
+    """Hypotheses nearer to each other than this are one."""
+    undetermined_m: float = 0.008
+    """A direction with a larger standard deviation than this is called undetermined."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutlookConfig:
+    """The choice of the next view (method ``robust``)."""
+
+    most_views: int = 14
+    """A shape is made of at most this many views."""
+    least_overlap_m2: float = 0.03
+    """Desirable overlap S_0, the paper's."""
+    least_new_m2: float = 0.002
+    """A view that promises less new area than this is not worth the turn."""
+    good_incidence_deg: float = 50.0
+    """Cloth seen at less than this is seen well (A_w, in both directions)."""
+    poor_incidence_deg: float = 60.0
+    """Cloth that was seen only more steeply than this is to be seen again."""
+    novel_turn_deg: float = 30.0
+    """A view nearer than this to one that was looked at shows less beyond the rim."""
+    joining_share: float = 0.5
+    """A view that shows the gap between the shape and a floating piece may join so much of the piece, ..."""
+    joining_pairs: float = 20.0
+    """... if it shows so many pairs of nodes on both sides of the gap."""
+    explored_deg: float = 12.0
+    """Around a view that was looked at, nothing unknown is expected within this turn; ..."""
+    unseen_m2_per_deg: float = 0.001
+    """... beyond, so much for each degree."""
+    cover_rad: float = 0.014
+    """Nodes within this angle of each other cover one another, ..."""
+    cover_gap_m: float = 0.03
+    """... if one is nearer by this."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlanningConfig:
     """The choice of the next rotation (paper, section 4.1)."""
 
@@ -150,6 +349,11 @@ class Config:
 
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     flattening: FlatteningConfig = field(default_factory=FlatteningConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    joint: JointConfig = field(default_factory=JointConfig)
+    uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
+    agreement: AgreementConfig = field(default_factory=AgreementConfig)
+    outlook: OutlookConfig = field(default_factory=OutlookConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
 

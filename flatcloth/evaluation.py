@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -18,6 +19,7 @@ from flatcloth.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
 CELL_M = 0.005
 TRIM_SHARE = 0.10
 FAR_M = 0.020
+FIRM_M = 0.010
 PAIR_RANGE_M = (0.020, 0.200)
 PAIRS = 200_000
 
@@ -58,6 +60,9 @@ class Evaluation:
     ``absolute_*`` after one rigid fit trimmed at 10 %, ``relative_*`` of the distance between pairs
     truly 20 to 200 mm apart, in mm; ``*_far_share`` beyond 20 mm; ``wrong_side_share`` of pixels
     that are not on the outer face of the panel of interest; ``coverage`` of the reachable cells.
+    Where the result says how sure each place is: ``firm_share`` of the pixels with a standard
+    deviation of 10 mm or less, their absolute errors, and ``within_3_std_share`` of all pixels whose
+    error is at most three standard deviations plus 1 mm; else NaN.
     """
 
     absolute_median_mm: float
@@ -70,6 +75,11 @@ class Evaluation:
     wrong_side_share: float
     coverage: float
     pixels: int
+    firm_share: float = math.nan
+    firm_median_mm: float = math.nan
+    firm_p95_mm: float = math.nan
+    firm_far_share: float = math.nan
+    within_3_std_share: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +142,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         wrong_side_share=float((~known).mean()),
         coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
         pixels=int(view.valid.sum()),
+        **_sureness(view, known, error_mm),
     )
     return Comparison(
         evaluation=evaluation,
@@ -142,6 +153,25 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         placed_cells=placed,
         cell_origin_uv_m=origin,
     )
+
+
+def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
+    """Return the figures of the places' standard deviations, if the result has any."""
+    if view.placement_std_m is None:
+        return {}
+    std_mm = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
+    firm = error_mm[std_mm <= 1e3 * FIRM_M]
+    figures = {
+        "firm_share": float((std_mm <= 1e3 * FIRM_M).mean()),
+        "within_3_std_share": float((error_mm <= 3.0 * std_mm + 1.0).mean()),
+    }
+    if firm.size:
+        figures |= {
+            "firm_median_mm": float(np.median(firm)),
+            "firm_p95_mm": float(np.percentile(firm, 95)),
+            "firm_far_share": float((firm > 1e3 * FAR_M).mean()),
+        }
+    return figures
 
 
 def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
@@ -184,7 +214,7 @@ def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
     seen: list[Float64] = []
     for n in range(len(recording)):
         true, mask = truth[n], recording[n].mask
-        shown = _of_interest(true, truth.panel_of_interest)
+        shown = of_interest(true, truth.panel_of_interest)
         if mask is not None:
             shown &= mask
         cells = np.floor(true.flat_uv_m[shown] / CELL_M).astype(np.int64)
@@ -243,18 +273,19 @@ def _look_up(view: FlattenedView, truth: Truth) -> Float32:
     result = np.full((len(rc), 2), np.nan, dtype=np.float32)
     for n in np.unique(index):
         true = truth[int(n)]
-        shown = _of_interest(true, truth.panel_of_interest)
+        shown = of_interest(true, truth.panel_of_interest)
         flat = np.where(shown[..., None], true.flat_uv_m, np.nan)
-        result[index == n] = _bilinear_on_layer(flat, rc[index == n])
+        result[index == n] = bilinear_on_layer(flat, rc[index == n])
     return result
 
 
-def _of_interest(true: TrueView, panel: int) -> Bool:
+def of_interest(true: TrueView, panel: int) -> Bool:
+    """Return the pixels (H, W) on the outer face of the panel."""
     shown: Bool = (true.panel == panel) & true.outer_face
     return shown
 
 
-def _bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float32:
+def bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float32:
     """Interpolate (H, W, 2) at (N, 2), without neighbours of another layer; NaN where the nearest is."""
     rows, cols = flat.shape[:2]
     row, col = np.rint(rc).astype(int).T

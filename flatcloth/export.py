@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import math
 import os
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,8 +16,10 @@ import cv2
 import numpy as np
 
 from flatcloth.errors import FlatclothError
-from flatcloth.grasping import pixel_of_point
-from flatcloth.types import FlattenedView, Float64
+from flatcloth.geometry import Rigid3
+from flatcloth.grasping import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
+from flatcloth.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.types import FlattenedView, Float64, Floats, RotationAxis
 
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
@@ -54,11 +59,32 @@ class NamedPoint(Protocol):
         ...
 
 
-def export_shape(view: FlattenedView, picks: Iterable[NamedPoint], folder: Path) -> list[Path]:
+@dataclass(frozen=True, kw_only=True)
+class GraspFrames:
+    """What turns picks into poses, and the frames that the poses are given in.
+
+    ``axis`` is the turning axis (held frame), ``rotation_deg`` the rotation at which the item stands
+    for the camera's and the robot's frame, ``grips`` what the operator chose for each pick (by
+    its number), ``base_from_camera`` the hand-eye transform, None if there is none.
+    """
+
+    axis: RotationAxis
+    rotation_deg: float
+    grips: Mapping[int, Grip] = field(default_factory=dict)
+    base_from_camera: Rigid3 | None = None
+
+
+def export_shape(
+    view: FlattenedView,
+    picks: Iterable[NamedPoint],
+    folder: Path,
+    frames: GraspFrames,
+    floating: Sequence[FlattenedView] = (),
+) -> list[Path]:
     """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
-    Each file is written beside its final name and then moved there, so a crash leaves either the
-    old or the new one.
+    Each floating piece goes to ``floating-1.npz`` and so on, in a plane of its own. Each file is
+    written beside its final name and then moved there, so a crash leaves either the old or the new one.
 
     Raises
     ------
@@ -69,10 +95,10 @@ def export_shape(view: FlattenedView, picks: Iterable[NamedPoint], folder: Path)
         "flattened.npz": lambda path: _write_npz(view, path),
         "flattened.png": lambda path: path.write_bytes(png_bytes(view)),
         "cloud.ply": lambda path: path.write_bytes(ply_bytes(view)),
-        "grasps.json": lambda path: path.write_text(
-            json.dumps(grasps_document(view, picks), indent=1) + "\n"
-        ),
+        "grasps.json": lambda path: path.write_text(grasps_text(view, picks, frames)),
     }
+    for n, piece in enumerate(floating, start=1):
+        files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in files.items():
@@ -109,12 +135,16 @@ def read_shape(path: Path) -> FlattenedView:
                 source_rc=data["source_rc"],
                 pixel_size_m=float(data["pixel_size_m"]),
                 origin_uv_m=(float(origin[0]), float(origin[1])),
+                placement_std_m=data.get("placement_std_m"),
             )
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise FlatclothError(f"{path}: not a flattened view ({error}); export it again.") from error
 
 
 def _write_npz(view: FlattenedView, path: Path) -> None:
+    arrays: dict[str, Any] = {}
+    if view.placement_std_m is not None:
+        arrays["placement_std_m"] = view.placement_std_m
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -128,6 +158,7 @@ def _write_npz(view: FlattenedView, path: Path) -> None:
             pixel_size_m=np.float64(view.pixel_size_m),
             origin_uv_m=np.array(view.origin_uv_m),
             format=np.str_(FORMAT),
+            **arrays,
         )
 
 
@@ -160,32 +191,93 @@ def ply_bytes(view: FlattenedView) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
-def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint]) -> dict[str, Any]:
-    """Return the picks for ``grasps.json``: place in space (held frame) and on the flattened plane."""
+def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
+    """Return the text of ``grasps.json``."""
+    return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
+
+
+def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> dict[str, Any]:
+    """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
+    axis, base = frames.axis, frames.base_from_camera
     return {
         "format": GRASPS_FORMAT,
         "frame": "held",
         "units": "m",
-        "grasps": [_grasp(view, pick) for pick in picks],
+        "rotation_deg": _number(frames.rotation_deg),
+        "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
+        BASE_FROM_CAMERA: None if base is None else _matrix(base),
+        "grasps": [_grasp(view, pick, frames) for pick in picks],
     }
 
 
-def _grasp(view: FlattenedView, pick: NamedPoint) -> dict[str, Any]:
+def _grasp(view: FlattenedView, pick: NamedPoint, frames: GraspFrames) -> dict[str, Any]:
     position: Float64 = np.asarray(pick.position_held_m, dtype=np.float64)
+    normal: Float64 = np.asarray(pick.normal_held, dtype=np.float64)
     grasp: dict[str, Any] = {
         "id": pick.id,
         "name": pick.name,
-        "position_m": [round(float(x), 6) for x in position],
-        "normal": [round(float(x), 6) for x in pick.normal_held],
+        "position_m": _numbers(position),
+        "normal": _numbers(normal),
         "view_index": pick.view_index,
-        "source_rc": [round(float(x), 3) for x in pick.source_rc],
+        "source_rc": _numbers(np.asarray(pick.source_rc), 3),
     }
     if view.valid.any():
         (row, col), distance_m = pixel_of_point(view, position)
         grasp["flattened"] = {
             "row": row,
             "col": col,
-            "uv_m": [round(float(x), 6) for x in view.uv_from_rc(np.array([row, col]))],
-            "distance_m": round(distance_m, 6),
+            "uv_m": _numbers(view.uv_from_rc(np.array([row, col]))),
+            "distance_m": _number(distance_m),
         }
-    return grasp
+    pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id))
+    return {**grasp, **({"grip": None, "poses": None} if pose is None else _posed(pose, frames))}
+
+
+def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
+    turn = pose.held_from_grasp.rotation
+    camera = pose.camera_from_grasp(frames.axis, frames.rotation_deg)
+    poses = {"held": pose.held_from_grasp, "camera": camera}
+    if frames.base_from_camera is not None:
+        poses["base"] = frames.base_from_camera @ camera
+    about, outline_m = pose.uncertainty, pose.outline_distance_m
+    return {
+        "grip": {
+            "approach": _numbers(turn[:, 2]),
+            "axis": _numbers(turn[:, 0]),
+            "axis_from": pose.axis_from,
+            "opening_m": _number(pose.opening_m),
+            "outline_distance_m": None if outline_m is None else _number(outline_m),
+        },
+        "uncertainty": {
+            "position_m": _number(about.position_m),
+            "normal_deg": _number(about.normal_deg, 2),
+            "axis_deg": _number(about.axis_deg, 2),
+            "placement_m": _number(about.placement_m),
+        },
+        "poses": {
+            name: {
+                "position_m": _numbers(motion.translation_m),
+                "quaternion_wxyz": [_number(x, 9) for x in quaternion_wxyz(motion.rotation)],
+                "matrix": _matrix(motion),
+            }
+            for name, motion in poses.items()
+        },
+    }
+
+
+def _matrix(motion: Rigid3) -> list[list[float | None]]:
+    """Return a rigid motion as the four rows of its matrix."""
+    rows = [
+        [*_numbers(turn, 9), _number(float(shift))]
+        for turn, shift in zip(motion.rotation, motion.translation_m, strict=True)
+    ]
+    return [*rows, [0.0, 0.0, 0.0, 1.0]]
+
+
+def _numbers(values: Floats, digits: int = 6) -> list[float | None]:
+    return [_number(float(x), digits) for x in values]
+
+
+def _number(value: float, digits: int = 6) -> float | None:
+    """Return a rounded number without a negative zero; JSON has no word for what is not finite."""
+    return round(value, digits) + 0.0 if math.isfinite(value) else None

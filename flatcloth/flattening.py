@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.config import FlatteningConfig
 from flatcloth.errors import ConfigError, FlatteningError
-from flatcloth.geometry import camera_from_held, fit_rigid2, held_from_camera
+from flatcloth.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.minimisation import minimise
 from flatcloth.necks import cut_necks
 from flatcloth.raster import rasterise_pixels, rasterise_triangles, triangulate
@@ -279,11 +279,7 @@ def _from_previous(
     frame, seen = surface.frame, previous.surface
     turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
     points, k = turn.apply(samples.points_m), seen.frame.intrinsics
-    rc = np.rint(
-        np.stack(
-            [points[:, 1] / points[:, 2] * k.fy + k.cy, points[:, 0] / points[:, 2] * k.fx + k.cx], axis=1
-        )
-    ).astype(np.int32)
+    rc = np.rint(project(points, k)).astype(np.int32)
     inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))
     depth = seen.xyz_m[rc[inside, 0], rc[inside, 1], 2]
     with np.errstate(invalid="ignore"):

@@ -99,6 +99,28 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     return wrapped
 
 
+def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:
+    """Return two unit tangents (N, 3) each of normals (N, 3), camera frame; they vary slowly with it.
+
+    The first is the image's right direction, made tangent. The second is down the image as seen
+    from outside, so that both turn as u and v do on the plane.
+    """
+    right = np.array([1.0, 0.0, 0.0]) - normal[:, :1] * normal
+    small = np.linalg.norm(right, axis=1) < 0.2
+    right[small] = np.array([0.0, 0.0, 1.0]) - normal[small, 2:] * normal[small]
+    right /= np.linalg.norm(right, axis=1)[:, None]
+    down: Float64 = -np.cross(normal, right)
+    return right, down
+
+
+def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:
+    """Return where points (N, 3), camera frame, appear in the image: (row, col) (N, 2), not rounded."""
+    k = intrinsics
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = points_m[:, 0] / points_m[:, 2], points_m[:, 1] / points_m[:, 2]
+    return np.stack([y * k.fy + k.cy, x * k.fx + k.cx], axis=1)
+
+
 def fit_rigid2(points_m: Floats, target_m: Floats) -> Rigid2:
     """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target."""
     p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Between flattened pixels and 3D points: grasp points, and the pixel of a 3D point."""
+"""Between flattened pixels and 3D points: grasp points and poses, and the pixel of a 3D point."""
 
 from __future__ import annotations
 
@@ -6,10 +6,23 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from flatcloth.errors import FlatclothError
-from flatcloth.geometry import camera_from_held
+from flatcloth.geometry import Rigid3, camera_from_held
+from flatcloth.surroundings import TangentMap, nearest_outline, tangent_map
 from flatcloth.types import FlattenedView, Float64, Floats, RotationAxis
+
+OPENING_M = 0.04
+"""How far apart the fingers stand if the operator does not say."""
+
+OPENING_RANGE_M = (0.005, 0.30)
+"""Openings that a gripper for cloth may have."""
+
+LOST_AT_M = 0.010
+"""A point further than this from the shape is not on it: its view was taken back."""
+
+_FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +130,196 @@ def point_on_ray(
         return None
     front = near[along[near] <= along[near].min() + 0.010]
     return int(front[np.argmin(angle[front])])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """How a pick is to be gripped: what the operator chooses of a pose.
+
+    ``axis_held`` is the in-plane axis chosen by hand, unit, held frame (so that it stays with the
+    cloth when the flattened plane turns); None: along the nearest outline. ``opening_m`` is the
+    distance of the fingers.
+    """
+
+    axis_held: tuple[float, float, float] | None = None
+    opening_m: float = OPENING_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspUncertainty:
+    """How well a pose is known; one standard deviation, NaN where it cannot be told.
+
+    ``position_m`` along the approach, from the scatter of the depth nearby; ``normal_deg`` of the
+    approach and ``axis_deg`` of the in-plane axis, from the spread of the normals and of the
+    outline's direction nearby; ``placement_m`` of the pixel's place on the flattened plane, where
+    the view knows it. What is common to the neighbourhood (a bias of the depth, the turning axis,
+    the hand-eye transform) is not in them.
+    """
+
+    position_m: float = math.nan
+    normal_deg: float = math.nan
+    axis_deg: float = math.nan
+    placement_m: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspPose:
+    """Where and how a parallel gripper takes the cloth.
+
+    ``held_from_grasp``: origin at the pick, z the approach (into the cloth, against the outward normal),
+    x the in-plane axis, y = z cross x; the fingers stand ``opening_m`` apart along y and close along it.
+    ``axis_from`` tells where x comes from: ``outline`` (along it, y into the cloth), ``hand``, or
+    ``level`` (horizontal) where the cloth around the pick shows no direction. ``direction_uv`` (2,) is
+    x on the plane and ``outline_distance_m`` the distance to the outline; None where unknown.
+    """
+
+    held_from_grasp: Rigid3
+    opening_m: float
+    axis_from: str
+    direction_uv: Float64 | None
+    outline_distance_m: float | None
+    uncertainty: GraspUncertainty
+
+    def camera_from_grasp(self, axis: RotationAxis, angle_deg: float) -> Rigid3:
+        """Return the pose in the camera frame when the item stands at a rotation."""
+        return camera_from_held(axis, angle_deg) @ self.held_from_grasp
+
+    def gripper_m(self) -> Float64:
+        """Return the gripper as (6, 2, 3) line segments, held frame: fingers, bar, stem, axis, opening."""
+        half, back, stem = self.opening_m / 2, -_FINGER_M, -_FINGER_M - _STEM_M
+        lines = [
+            [(0, -half, 0), (0, -half, back)],
+            [(0, half, 0), (0, half, back)],
+            [(0, -half, back), (0, half, back)],
+            [(0, 0, back), (0, 0, stem)],
+            [(-_AXIS_MARK_M, 0, 0), (_AXIS_MARK_M, 0, 0)],
+            [(0, -half, 0), (0, half, 0)],
+        ]
+        return self.held_from_grasp.apply(np.array(lines, dtype=np.float64))
+
+
+def grasp_pose(
+    view: FlattenedView,
+    position_held_m: Floats,
+    normal_held: Floats,
+    axis: RotationAxis,
+    grip: Grip | None = None,
+) -> GraspPose | None:
+    """Return the grasp pose of a pick, or None if its normal is not known.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The present shape; tells outline, tangent and uncertainty if the pick is still on it.
+    position_held_m, normal_held : (3,) array
+        The pick: its point and its outward normal, held frame.
+    axis : RotationAxis
+        The turning axis, held frame; tells what is level.
+    grip : Grip, optional
+        What the operator chose; by default along the outline, ``OPENING_M`` open.
+    """
+    grip = grip or Grip()
+    position = np.asarray(position_held_m, dtype=np.float64)
+    outward = np.asarray(normal_held, dtype=np.float64)
+    length = float(np.linalg.norm(outward))
+    if not (math.isfinite(length) and length > 1e-6 and bool(np.isfinite(position).all())):
+        return None
+    approach = -outward / length
+    rc, tangent = _patch_of(view, position)
+    outline = None if rc is None else nearest_outline(view, rc)
+    source, x, direction = "hand", None, None
+    if grip.axis_held is not None:
+        x = _unit_across(np.asarray(grip.axis_held, dtype=np.float64), approach)
+    if x is None and tangent is not None and outline is not None:
+        source, direction = "outline", outline.direction
+        x = _unit_across(tangent.held_from_plane @ direction, approach)
+    if x is None:
+        source, direction = "level", None
+        x = _level(axis, approach)
+    if direction is None and tangent is not None:
+        direction = _on_plane(tangent, x)
+    return GraspPose(
+        held_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
+        opening_m=grip.opening_m,
+        axis_from=source,
+        direction_uv=direction,
+        outline_distance_m=None if outline is None else outline.distance_m,
+        uncertainty=GraspUncertainty(
+            position_m=math.nan if tangent is None else tangent.scatter_m,
+            normal_deg=math.nan if tangent is None else tangent.normal_spread_deg,
+            axis_deg=outline.spread_deg if source == "outline" and outline is not None else math.nan,
+            placement_m=math.nan if rc is None else _placement_std_m(view, rc),
+        ),
+    )
+
+
+def axis_by_hand(
+    view: FlattenedView, position_held_m: Floats, angle_deg: float
+) -> tuple[float, float, float]:
+    """Return the axis in space (unit, held frame) of a direction drawn on the plane through a pick.
+
+    ``angle_deg`` turns from u towards v, clockwise as drawn.
+
+    Raises
+    ------
+    FlatclothError
+        If the angle is not finite, or the pick does not lie on the shape or on too little of it.
+    """
+    if not math.isfinite(angle_deg):
+        raise FlatclothError("The angle of the grip's axis is not a number; give degrees.")
+    _, tangent = _patch_of(view, np.asarray(position_held_m, dtype=np.float64))
+    if tangent is None:
+        raise FlatclothError(
+            "The shape shows too little cloth around this pick to turn its axis; pick another place."
+        )
+    angle = math.radians(angle_deg)
+    axis = tangent.held_from_plane @ np.array([math.cos(angle), math.sin(angle)])
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    return x, y, z
+
+
+def quaternion_wxyz(rotation: Floats) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3)."""
+    x, y, z, w = Rotation.from_matrix(np.asarray(rotation)).as_quat(canonical=True).tolist()
+    return w, x, y, z
+
+
+def _patch_of(view: FlattenedView, position_m: Float64) -> tuple[tuple[int, int] | None, TangentMap | None]:
+    """Return the pixel of a point and its tangent map; None where the shape does not have them."""
+    if not view.valid.any():
+        return None, None
+    rc, distance_m = pixel_of_point(view, position_m)
+    if distance_m > LOST_AT_M:
+        return None, None
+    return rc, tangent_map(view, rc)
+
+
+def _unit_across(vector: Float64, approach: Float64) -> Float64 | None:
+    """Return the unit part of a vector across the approach; None if nearly all of it is along it."""
+    across: Float64 = vector - (vector @ approach) * approach
+    length = float(np.linalg.norm(across))
+    if not length > 0.1 * float(np.linalg.norm(vector)):
+        return None
+    return across / length
+
+
+def _level(axis: RotationAxis, approach: Float64) -> Float64:
+    across = np.cross(axis.direction, approach)
+    if np.linalg.norm(across) < 1e-6:  # approached from above: any level direction is one
+        across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
+    unit: Float64 = across / np.linalg.norm(across)
+    return unit
+
+
+def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
+    direction: Float64 = np.linalg.pinv(tangent.held_from_plane) @ x
+    length = float(np.linalg.norm(direction))
+    return direction / length if length > 1e-9 else None
+
+
+def _placement_std_m(view: FlattenedView, rc: tuple[int, int]) -> float:
+    # Only some ways of integrating know it.
+    return math.nan if view.placement_std_m is None else float(view.placement_std_m[rc])
 
 
 def _nearest_valid(view: FlattenedView, asked_rc: Float64) -> tuple[int, int]:

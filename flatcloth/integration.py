@@ -12,29 +12,22 @@ from typing import cast
 
 import numpy as np
 
-from flatcloth.alignment import Alignment, align_by_z_angle
-from flatcloth.axis import resolve_axis
-from flatcloth.config import Config, FlatteningConfig
+from flatcloth.alignment import Alignment
+from flatcloth.axis import axis_agreement, resolve_axis
+from flatcloth.config import Config
 from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.geometry import back_project, held_from_camera
-from flatcloth.matching import AlignmentScore, Matcher
-from flatcloth.memory import Memory
-from flatcloth.merging import Canonical, begin, place, renew
-from flatcloth.occlusion import occluding_edge_length_m
-from flatcloth.planning import Plan, choose, column_curves, plan_side
+from flatcloth.hypotheses import Placing
+from flatcloth.matching import AlignmentScore
+from flatcloth.memory import Memory, ReadAhead
+from flatcloth.merging import Canonical, place
+from flatcloth.paper import PAPER_CONFIG, Paper, fronts, side_of
+from flatcloth.planning import Plan
+from flatcloth.recordings.angles import MAX_VIEWS
 from flatcloth.recordings.base import Recording
-from flatcloth.session import (
-    Accepted,
-    Document,
-    Event,
-    NothingMore,
-    Proposed,
-    Rejected,
-    Request,
-    Side,
-    Started,
-)
+from flatcloth.robust import Robust
+from flatcloth.session import Document, Event, NothingMore, Proposed, Rejected, Request, Side, Started
 from flatcloth.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.types import (
     Bool,
@@ -48,11 +41,12 @@ from flatcloth.types import (
     no_progress,
 )
 
-METHODS = ("paper",)
+METHODS = ("robust", "paper")
 """The ways of integrating views; the first is the default."""
 
-PAPER_CONFIG = Config(flattening=FlatteningConfig(least_core_samples=0))
-"""The paper lays one surface a view: parts of a view that a narrow neck joins stay together."""
+_MIB = 1 << 20
+_LIKELY_ROTATION_DEG = 30.0
+_VIEWS_AHEAD = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +63,24 @@ class ViewCloud:
 class Proposal:
     """A view laid on the canonical shape.
 
-    ``component`` numbers the connected part of the view that was laid on; ``plan`` is None for a
-    view that the operator chose.
+    ``placing`` is where the method lays which part of it, and why; ``plan`` is None for a view that
+    the operator chose.
     """
 
     view_index: int
-    component: int
     side: Side | None
     plan: Plan | None
-    alignment: Alignment
+    placing: Placing
+
+    @property
+    def component(self) -> int:
+        """The connected part of the view that was laid on."""
+        return self.placing.component
+
+    @property
+    def alignment(self) -> Alignment:
+        """How that part was laid on."""
+        return self.placing.alignment
 
 
 class Integration:
@@ -88,7 +91,7 @@ class Integration:
     recording : Recording
         The views.
     config : Config, optional
-        The numbers of the method; by default ``PAPER_CONFIG``.
+        The numbers of the method; by default the method's own.
     method : str
         One of ``METHODS``.
 
@@ -111,16 +114,30 @@ class Integration:
         if method not in METHODS:
             raise ConfigError(f"Unknown method {method!r}; choose one of: {', '.join(METHODS)}.")
         self.recording = recording
-        self.config = config or PAPER_CONFIG
+        self.config = config or (PAPER_CONFIG if method == "paper" else Config())
         self.method = method
-        self._frames: Memory[RgbdFrame] = Memory(48)
-        self._clouds: Memory[ViewCloud] = Memory(48)
-        self._flattenings: Memory[Flattening | FlatclothError] = Memory(48)
-        self._canonicals: Memory[Canonical] = Memory(64)
+        self._frames: Memory[RgbdFrame] = Memory(MAX_VIEWS, 128 * _MIB)
+        self._ahead = ReadAhead(self.frame)
+        hanging = resolve_axis(recording, self.frame, self.config.surface)
+        self.held_point_m: Float64 = hanging.held_point_m
+        self.notes = (*_notes(recording), *getattr(recording, "notes", ()), *hanging.notes)
+        self.turn_about(hanging.axis)
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        """Take another turning axis, held frame; what was derived with the last one is forgotten.
+
+        To be called while no other thread computes.
+        """
+        self.axis = axis
+        self._clouds: Memory[ViewCloud] = Memory(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Memory[Flattening | FlatclothError] = Memory(MAX_VIEWS, 512 * _MIB)
         self._proposals: Memory[Proposal] = Memory(16)
-        self._matchers: Memory[Matcher] = Memory(4)
-        self.axis, self.held_point_m = resolve_axis(recording, self.frame, self.config.surface)
-        self.notes = _notes(recording, self.axis)
+        angles = self.recording.angles_deg
+        self._method: Paper | Robust = Paper(self, angles) if self.method == "paper" else Robust(self, angles)
+
+    def axis_agreement(self) -> str:
+        """Say in a sentence how well the views agree about the present axis."""
+        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
 
     # ---------------------------------------------------------------- single views
 
@@ -157,72 +174,41 @@ class Integration:
         areas = np.zeros(len(self.recording))
         for n in range(len(areas)):
             progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
+            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
             frame = self.frame(n)
             areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
         return areas
 
     # ---------------------------------------------------------------- the shape
 
+    @property
+    def accept_score(self) -> float:
+        """Unattended, a proposal with a lower score is refused."""
+        c = self.config
+        return c.alignment.accept_score if self.method == "paper" else c.agreement.accept_confidence
+
+    @property
+    def robust(self) -> Robust | None:
+        """The joint shapes behind the canonical views, if that is the method."""
+        return self._method if isinstance(self._method, Robust) else None
+
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view of a document's accepted views (cached by prefix).
+        """Return the canonical view of a document's accepted views (remembered).
 
         Raises
         ------
         FlatclothError
             If the session has no start view yet.
         """
-        if document.start_view is None:
-            raise FlatclothError("There is no start view yet; start the session first.")
-        start = document.start_view
-        made = self._canonicals.get((start,), lambda: begin(self.flattening(start).view, start))
-        for n, added in enumerate(document.accepted):
-            key = (start, *document.accepted[: n + 1])
-
-            def grow(before: Canonical = made, added: Accepted = added) -> Canonical:
-                views = {k: self.part(k, document.parts.get(k, 0)) for k in before.current_from_view}
-                new = self.part(added.view_index, added.component)
-                return renew(before, views, new, added.view_index, added.current_from_new, added.side)
-
-            made = self._canonicals.get(key, grow)
-        return made
+        return self._method.canonical(document)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
-        assert document.start_view is not None
-        angles = self.recording.angles_deg
-        start = document.start_view
-        fronts = {Side.LEFT: (start, 0.0), Side.RIGHT: (start, 0.0)}
-        for added in document.accepted:
-            turn = (angles[added.view_index] - angles[start]) % 360.0
-            side = added.side or (Side.LEFT if turn <= 180.0 else Side.RIGHT)
-            covered = turn if side is Side.LEFT else (-turn) % 360.0
-            if covered > fronts[side][1]:
-                fronts[side] = (added.view_index, covered)
-        return fronts
+        return fronts(document, self.recording.angles_deg)
 
     def plan(self, document: Document) -> Plan:
-        """Choose the next view (paper, 4.1)."""
-        canonical = self.canonical(document)
-        fronts = self.fronts(document)
-        turned = fronts[Side.LEFT][1] + fronts[Side.RIGHT][1]
-        unavailable = document.used_views | document.refused_views | self._unusable()
-        config = self.config.planning
-        parts = document.parts
-        sides = []
-        for side, (front, _) in fronts.items():
-            curves = column_curves(
-                canonical.view,
-                self.axis,
-                self.recording.angles_deg[front],
-                config.z_angle_limit_deg,
-                canonical.current_from_view[front].inverse(),
-            )
-            edge = self._occluding_edge_m(front, parts.get(front, 0), side)
-            sides.append(
-                plan_side(side, curves, edge, front, self.recording.angles_deg, unavailable, turned, config)
-            )
-        last = document.accepted[-1].side if document.accepted else None
-        return choose(sides, last)
+        """Choose the next view."""
+        return self._method.plan(document, self._unusable())
 
     # ---------------------------------------------------------------- proposals
 
@@ -232,7 +218,9 @@ class Integration:
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
         key = (document.start_view, document.accepted, pending.view_index, pending.side)
-        return self._proposals.get(key, lambda: self._align(document, pending.view_index, pending.side, None))
+        return self._proposals.get(
+            key, lambda: self._propose(document, pending.view_index, pending.side, None, no_progress)
+        )
 
     def overlay(self, document: Document) -> FlattenedView:
         """Return the pending view, rastered on the current plane at the placement in force."""
@@ -253,18 +241,9 @@ class Integration:
 
     def score(self, document: Document) -> AlignmentScore:
         """Score the placement in force, nudges included."""
-        assert document.pending is not None
-        key = (
-            document.start_view,
-            document.accepted,
-            document.pending.view_index,
-            document.pending.component,
-        )
-        new = self.part(document.pending.view_index, document.pending.component)
-        matcher = self._matchers.get(
-            key, lambda: Matcher(self.canonical(document).view, new, self.axis, self.config.alignment)
-        )
-        return matcher.score(document.pending.current_from_new)
+        pending = document.pending
+        assert pending is not None
+        return self._method.score(document, pending.view_index, pending.component, pending.current_from_new)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
         """Do the work that a session asked for.
@@ -320,7 +299,7 @@ class Integration:
                 reason = plan.reason + (" Passed over: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
             try:
-                proposal = self._align(document, plan.view_index, plan.side, plan, progress)
+                proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
                 tried.append(str(error))
                 passed.add(Rejected(plan.view_index, str(error), len(document.accepted)))
@@ -328,16 +307,25 @@ class Integration:
             return self._proposed(document, token, proposal)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
-        angles = self.recording.angles_deg
-        fronts = self.fronts(document)
-        beyond = {
-            Side.LEFT: (angles[view_index] - angles[fronts[Side.LEFT][0]]) % 360.0,
-            Side.RIGHT: (angles[fronts[Side.RIGHT][0]] - angles[view_index]) % 360.0,
-        }
-        side = min(beyond, key=lambda s: beyond[s])
-        return self._proposed(document, token, self._align(document, view_index, side, None, progress))
+        side = side_of(document, self.recording.angles_deg, view_index) if self.method == "paper" else None
+        return self._proposed(document, token, self._propose(document, view_index, side, None, progress))
+
+    def _propose(
+        self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress
+    ) -> Proposal:
+        placing = self._method.propose(document, view_index, side, progress)
+        return Proposal(view_index=view_index, side=side, plan=plan, placing=placing)
+
+    def _read_ahead_of(self, view_index: int) -> None:
+        """Decode the views that a next rotation from this one may lead to, the likeliest first."""
+        angles = np.asarray(self.recording.angles_deg)
+        turn = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
+        near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
+        likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
+        self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
 
     def _proposed(self, document: Document, token: int, proposal: Proposal) -> Event:
+        self._read_ahead_of(proposal.view_index)
         key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
         self._proposals.put(key, proposal)
         return Proposed(
@@ -349,52 +337,6 @@ class Integration:
             proposal.component,
         )
 
-    def _align(
-        self,
-        document: Document,
-        view_index: int,
-        side: Side | None,
-        plan: Plan | None,
-        progress: Progress = no_progress,
-    ) -> Proposal:
-        progress(0.1, f"flattening view {view_index}")
-        components = self.flattening(view_index).components
-        canonical = self.canonical(document)
-        front = self.fronts(document)[side or Side.LEFT][0]
-        angles = self.recording.angles_deg
-        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
-        found: list[tuple[int, Alignment]] = []
-        errors: list[AlignmentError] = []
-        for n, component in enumerate(components):
-            # Which of several parts continues the shape is not known before they are tried.
-            if component.view.area_m2 < self.config.alignment.least_part_share * components[0].view.area_m2:
-                continue
-            if component.folded_share > self.config.flattening.max_folded_share:
-                errors.append(AlignmentError(_folded(view_index, component.folded_share)))
-                continue
-            try:
-                found.append(
-                    (
-                        n,
-                        align_by_z_angle(
-                            canonical.view,
-                            component.view,
-                            self.axis,
-                            (angles[front], angles[front] + turn),
-                            canonical.current_from_view[front].inverse(),
-                            self.config.planning.z_angle_limit_deg,
-                            self.config.alignment,
-                            progress,
-                        ),
-                    )
-                )
-            except AlignmentError as error:
-                errors.append(error)
-        if not found:
-            raise errors[0]
-        best, alignment = max(found, key=lambda item: item[1].score.total)
-        return Proposal(view_index=view_index, component=best, side=side, plan=plan, alignment=alignment)
-
     def _flatten(self, view_index: int) -> Flattening | FlatclothError:
         config = self.config
         try:
@@ -404,14 +346,6 @@ class Integration:
             )
         except (SurfaceError, FlatteningError) as error:
             return error
-
-    def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
-        flattening = self.flattening(view_index)
-        level = flattening.levels[-1]
-        points = level.points_rc[flattening.components[component].members]
-        return occluding_edge_length_m(
-            flattening.surface, points, level.sampling_interval_px, side, self.config.planning
-        )
 
     def _unusable(self) -> set[int]:
         return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
@@ -427,26 +361,15 @@ class Integration:
         )
 
 
-def _folded(view_index: int, share: float) -> str:
-    return (
-        f"View {view_index}: its flattened view is folded, {share:.0%} of it lies on itself or is mirrored; "
-        "choose another view."
-    )
-
-
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:
     return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))
 
 
-def _notes(recording: Recording, axis: RotationAxis) -> tuple[str, ...]:
+def _notes(recording: Recording) -> tuple[str, ...]:
     notes = []
     if not recording.has_masks:
         notes.append(
             "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
-        )
-    if axis.estimated:
-        notes.append(
-            "The turning axis is not given; it is taken as the vertical through the top of the item."
         )
     if len(recording) == 1:
         notes.append(

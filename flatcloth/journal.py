@@ -23,12 +23,13 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth import session
+from flatcloth.axis_file import write_axis
 from flatcloth.config import Config
 from flatcloth.errors import ConfigError, IllegalDecisionError, JournalError
 from flatcloth.journal_lines import Entry, PickAdded, PickChange, PickDeleted, PickRenamed, decode, encode
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.session import Command, Event, SessionState, apply
-from flatcloth.types import Float64, Floats
+from flatcloth.types import Float64, Floats, RotationAxis
 
 FORMAT = "flatcloth-session/1"
 _log = logging.getLogger(__name__)
@@ -189,6 +190,16 @@ class SessionFolder:
             If there is no such pick, or it cannot be written.
         """
         self._change_picks(PickDeleted(pick_id))
+
+    def keep_axis(self, axis: RotationAxis) -> None:
+        """Keep a turning axis that was set by hand with the session, in its ``axis.json``.
+
+        Raises
+        ------
+        JournalError
+            If it cannot be written.
+        """
+        write_axis(self._folder, axis)
 
     def close(self) -> None:
         """Let another process have the folder; harmless when repeated."""

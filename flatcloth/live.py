@@ -10,7 +10,7 @@ from flatcloth.errors import FlatclothError
 from flatcloth.flattening import Flattening, flatten
 from flatcloth.integration import Integration, ViewCloud
 from flatcloth.surface import observe_item
-from flatcloth.types import FlattenedView
+from flatcloth.types import FlattenedView, RgbdFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +53,16 @@ class LivePlayer:
         FlatclothError
             If the view shows too little cloth; the next view starts anew.
         """
+        frame = self._integration.frame(view_index)
+        view, took_ms = self.flattened(frame)
+        return LiveFrame(
+            view_index=view_index, angle_deg=frame.angle_deg, view=view,
+            cloud=self._integration.cloud(view_index), flatten_ms=took_ms,
+        )  # fmt: skip
+
+    def flattened(self, frame: RgbdFrame) -> tuple[FlattenedView, float]:
+        """Return the flattened view of a frame, and how many milliseconds it took."""
         made = self._integration
-        frame = made.frame(view_index)
         started = time.perf_counter()
         try:
             surface = observe_item(frame, made.axis, made.config.surface)
@@ -65,8 +73,4 @@ class LivePlayer:
         except FlatclothError:
             self._last = None
             raise
-        took_ms = 1e3 * (time.perf_counter() - started)
-        return LiveFrame(
-            view_index=view_index, angle_deg=frame.angle_deg, view=self._last.view,
-            cloud=made.cloud(view_index), flatten_ms=took_ms,
-        )  # fmt: skip
+        return self._last.view, 1e3 * (time.perf_counter() - started)

@@ -22,11 +22,13 @@ class Canonical:
     """The canonical view so far.
 
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
-    that view's own plane to this plane (the plane of the view added last).
+    that view's own plane to this plane (by the paper's method the plane of the view added last).
+    ``floating`` are pieces of cloth that nothing seen connects to it, each in a plane of its own.
     """
 
     view: FlattenedView
     current_from_view: dict[int, Rigid2]
+    floating: tuple[FlattenedView, ...] = ()
 
 
 def begin(start: FlattenedView, view_index: int) -> Canonical:

@@ -1,6 +1,6 @@
 """Minimising Eq. (2): points of the plane whose distances equal given lengths.
 
-``H(u, v) = sum over pairs of (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
+``H(u, v) = sum over pairs of w_ab (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
 quadratic that touches it from above; its minimum is one solve with the graph Laplacian, which is
 factored once. It never increases H and does not fold the sheet from the pixel start, where
 gradient methods do (the paper's "instability"). Anderson mixing speeds it up; Gauss-Newton steps
@@ -60,6 +60,7 @@ def minimise(
     *,
     majorisations: int,
     energy_tolerance: float,
+    weight: Float64 | None = None,
     record: bool = False,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
@@ -76,6 +77,8 @@ def minimise(
         Majorisation steps before the first Gauss-Newton step.
     energy_tolerance : float
         Ends when the next step promises to lower H by a smaller share than this.
+    weight : (M,) float64, optional
+        Weights of the pairs, positive, about 1; by default all 1, as in the paper.
     record : bool
         Keep about twenty states on the way.
 
@@ -94,11 +97,12 @@ def minimise(
     order = _narrow_order(len(initial_uv_m), edges)
     place = np.argsort(order)
     pairs = np.sort(place[edges], axis=1).astype(np.int32)
+    weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace: list[Float64] | None = [x] if record else None
-    laplacian = _factor(_laplacian_band(x.shape[1], _bandwidth(pairs), pairs))
-    x, energy = _majorise(x, pairs, edge_length_m, laplacian, majorisations, trace)
-    x, energy = _gauss_newton(x, pairs, edge_length_m, laplacian, energy, energy_tolerance, trace)
+    laplacian = _factor(_laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights))
+    x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, energy_tolerance, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),
@@ -159,13 +163,14 @@ def _majorise(
     x: Float64,
     edges: Int32,
     lengths: Float64,
+    weight: Float64,
     laplacian: Float64 | None,
     iterations: int,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by the plain one."""
     rhs = np.empty_like(x)
-    h = _majorise_rhs(x, edges, lengths, rhs)
+    h = _majorise_rhs(x, edges, lengths, weight, rhs)
     energy = [h]
     past_x, past_f = np.empty((_ANDERSON_DEPTH, x.size)), np.empty((_ANDERSON_DEPTH, x.size))
     kept = 0
@@ -177,10 +182,10 @@ def _majorise(
         slot = iteration % _ANDERSON_DEPTH
         past_x[slot], past_f[slot] = g, f
         kept = min(kept + 1, _ANDERSON_DEPTH)
-        h_new = _majorise_rhs(candidate, edges, lengths, rhs)
+        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if h_new > h:
             candidate, kept = plain, 0
-            h_new = _majorise_rhs(candidate, edges, lengths, rhs)
+            h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         x, h = candidate, h_new
         energy.append(h)
         if trace is not None:
@@ -192,6 +197,7 @@ def _gauss_newton(
     x: Float64,
     edges: Int32,
     lengths: Float64,
+    weight: Float64,
     laplacian: Float64 | None,
     energy: list[float],
     tolerance: float,
@@ -204,7 +210,7 @@ def _gauss_newton(
     for _ in range(_MAX_STEPS):
         if h <= _EXACT_M2 * len(edges):
             break
-        _gradient(x, edges, lengths, unit, gradient)
+        _gradient(x, edges, lengths, weight, unit, gradient)
         found = None
         if bandwidth > _WIDE_BAND and damping <= _LEAST_DAMPING and last_factor is not None:
             found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
@@ -216,11 +222,11 @@ def _gauss_newton(
                 found = step, float(np.vdot(gradient, step))
         step, gain = found if found is not None else (np.zeros_like(x), 0.0)
         candidate = x - step
-        h_new = _majorise_rhs(candidate, edges, lengths, rhs)
+        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if laplacian is not None and (gain > tolerance * h or h_new >= h):
             for _ in range(_REPAIRS):
                 candidate = _solved(laplacian, rhs)
-                h_new = _majorise_rhs(candidate, edges, lengths, rhs)
+                h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
             if found is None or damping > _MOST_DAMPING:
@@ -294,20 +300,20 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
 
 
 @njit(cache=True, nogil=True)
-def _laplacian_band(n: int, bandwidth: int, edges: Int32) -> Float64:
+def _laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
     """Lower band of the graph Laplacian; point 0 is held, which makes it definite."""
     band = np.zeros((bandwidth + 1, n))
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
-        band[0, a] += 1.0
-        band[0, b] += 1.0
-        band[b - a, a] -= 1.0
+        band[0, a] += weight[e]
+        band[0, b] += weight[e]
+        band[b - a, a] -= weight[e]
     band[0, 0] += 1.0
     return band
 
 
 @njit(cache=True, nogil=True)
-def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> float:
+def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rhs: Float64) -> float:
     """Write B(x) x, the right-hand side of the majorising solve, and return H."""
     rhs[:] = 0.0
     h = 0.0
@@ -315,8 +321,8 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> f
         a, b = edges[e, 0], edges[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = math.sqrt(du * du + dv * dv)
-        h += (d - lengths[e]) ** 2
-        s = lengths[e] / max(d, 1e-12)
+        h += weight[e] * (d - lengths[e]) ** 2
+        s = weight[e] * lengths[e] / max(d, 1e-12)
         rhs[0, a] += s * du
         rhs[1, a] += s * dv
         rhs[0, b] -= s * du
@@ -325,15 +331,18 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, rhs: Float64) -> f
 
 
 @njit(cache=True, nogil=True)
-def _gradient(x: Float64, edges: Int32, lengths: Float64, unit: Float64, gradient: Float64) -> None:
-    """Write the unit vectors of all pairs and the gradient of H / 2."""
+def _gradient(
+    x: Float64, edges: Int32, lengths: Float64, weight: Float64, unit: Float64, gradient: Float64
+) -> None:
+    """Write the unit vectors of all pairs, times the root of the weight, and the gradient of H / 2."""
     gradient[:] = 0.0
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = max(math.sqrt(du * du + dv * dv), 1e-12)
-        residual = d - lengths[e]
-        for k, n in ((0, du / d), (1, dv / d)):
+        root = math.sqrt(weight[e])
+        residual = root * (d - lengths[e])
+        for k, n in ((0, root * du / d), (1, root * dv / d)):
             unit[e, k] = n
             gradient[k, a] += n * residual
             gradient[k, b] -= n * residual

@@ -20,7 +20,7 @@ STEPS_BOTH = STEP_RIGHT | STEP_DOWN
 
 
 def normals_from_fit(
-    fit: Float64, rows: NDArray[np.integer], cols: NDArray[np.integer], frame: RgbdFrame
+    fit: Float64, rows: NDArray[np.number], cols: NDArray[np.number], frame: RgbdFrame
 ) -> tuple[Float64, Float64]:
     """Return unit normals (N, 3) towards the camera and the cosine of the incidence angle (N,).
 

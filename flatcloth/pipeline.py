@@ -13,6 +13,7 @@ from flatcloth.session import (
     Accept,
     Command,
     Event,
+    Nudge,
     Phase,
     Propose,
     Reject,
@@ -20,7 +21,7 @@ from flatcloth.session import (
     Start,
     apply,
 )
-from flatcloth.types import Progress, no_progress
+from flatcloth.types import Progress, Rigid2, no_progress
 
 Record = Callable[[Command | Event], None]
 
@@ -28,18 +29,47 @@ Record = Callable[[Command | Event], None]
 class Policy(Protocol):
     """Decides about the pending proposal of a state."""
 
-    def __call__(self, integration: Integration, state: SessionState) -> Accept | Reject:
-        """Return the verdict."""
+    def __call__(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
+        """Return the verdict, or move the proposal to another place first."""
         ...
 
 
-def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject:
-    """Accept what agrees well enough; refuse the rest as unsure, so that a smaller rotation is tried."""
+CONTRADICTS = "contradicts the other views"
+"""Reason of an automatic refusal: the joint flattening with this view comes out strained."""
+
+
+def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
+    """Accept what agrees well enough; refuse the rest as unsure, so that it may be tried again later.
+
+    By the method ``robust``, a view is flattened jointly with the others first. If they contradict
+    it there, the next best hypothesis is tried, if it is sure enough, and then the view refused.
+    """
     pending = state.document.pending
     assert pending is not None
-    if pending.score >= integration.config.alignment.accept_score:
-        return Accept(pending.view_index)
-    return Reject(pending.view_index, UNSURE)
+    if integration.score(state.document).total < integration.accept_score:
+        return Reject(pending.view_index, UNSURE)
+    accept = Accept(pending.view_index)
+    if integration.robust is None:
+        return accept
+    after = apply(state, accept).document
+    if integration.robust.contradiction(after) <= integration.config.agreement.most_contradiction:
+        return accept
+    hypotheses = integration.proposal(state.document).placing.hypotheses
+    if pending.nudge == Rigid2() and len(hypotheses) > 1:
+        second = hypotheses[1]
+        if second.score.total >= integration.accept_score:
+            return Nudge(pending.view_index, second.current_from_new @ pending.proposed.inverse())
+    return Reject(pending.view_index, CONTRADICTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What was decided about one proposal: its view, the verdict, its score, and why if it was refused."""
+
+    view_index: int
+    accepted: bool
+    score: float
+    reason: str = ""
 
 
 @dataclass
@@ -56,12 +86,18 @@ class Run:
         Told every command and answer that changed the state, in order.
     policy : Policy
         Decides about proposals.
+
+    Attributes
+    ----------
+    decisions : list of Decision
+        What was decided here, in order.
     """
 
     integration: Integration
     state: SessionState
     record: Record = field(default=lambda _: None)
     policy: Policy = accept_by_score
+    decisions: list[Decision] = field(default_factory=list)
 
     def finish(self, progress: Progress = no_progress) -> SessionState:
         """Integrate until nothing more is to be had, and return the final state.
@@ -81,6 +117,13 @@ class Run:
         return self.state
 
     def _do(self, command: Command | Event) -> None:
+        pending = self.state.document.pending
+        if pending is not None and isinstance(command, Accept | Reject):
+            accepted = isinstance(command, Accept)
+            reason = command.reason if isinstance(command, Reject) else ""
+            self.decisions.append(
+                Decision(view_index=pending.view_index, accepted=accepted, score=pending.score, reason=reason)
+            )
         self.state = apply(self.state, command)
         self.record(command)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from flatcloth.config import PlanningConfig
 from flatcloth.geometry import z_angle_deg
+from flatcloth.outlook import Prospect
 from flatcloth.session import Side
 from flatcloth.types import FlattenedView, Float64, Int32, Rigid2, RotationAxis
 
@@ -51,13 +52,18 @@ class SidePlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """The next view, or None with the reason; ``sides`` holds the plan of each side."""
+    """The next view, or None with the reason.
+
+    ``sides`` holds the plan of each side (paper); ``prospects`` the best views and what they promise
+    (robust).
+    """
 
     view_index: int | None
     side: Side | None
     rotation_deg: float
     reason: str
     sides: tuple[SidePlan, ...]
+    prospects: tuple[Prospect, ...] = ()
 
 
 def column_curves(

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from flatcloth.geometry import held_from_camera, z_angle_deg
+from flatcloth.geometry import Rigid3, held_from_camera, z_angle_deg
 from flatcloth.sampling import Samples, path_on_surface
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
@@ -127,13 +127,15 @@ def read_attributes(
     axis: RotationAxis,
     pixel_size_m: float,
     low: Float64,
+    held: Rigid3 | None = None,
 ) -> FlattenedView:
     """Read the nine attributes at the places (H, W, 2) of the source image, held frame.
 
-    ``low`` (2,) is the plane position of pixel (0, 0), in pixels.
+    ``low`` (2,) is the plane position of pixel (0, 0), in pixels; ``held`` where the camera stands
+    in the held frame, if that is known better than from the view's angle.
     """
     frame, k = surface.frame, surface.frame.intrinsics
-    held = held_from_camera(axis, frame.angle_deg)
+    held = held or held_from_camera(axis, frame.angle_deg)
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
     rgb, xyz, normal, quality, valid = _read(
         source_rc, frame.color, surface.xyz_m, surface.normal, stretch, camera, held.rotation,

@@ -57,18 +57,10 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
-    radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
-    fit = fit_patches(
-        surface.inverse_depth, surface.steps, rc[:, 0].copy(), rc[:, 1].copy(), radius, stride, True
-    )
-    ok = fit[:, 0] > 0
-    rc, fit = rc[ok], fit[ok]
-    k = surface.frame.intrinsics
-    normal, _ = normals_from_fit(fit, rc[:, 0], rc[:, 1], surface.frame)
-    depth = 1.0 / fit[:, 0]
-    points = np.stack([(rc[:, 1] - k.cx) / k.fx * depth, (rc[:, 0] - k.cy) / k.fy * depth, depth], axis=1)
-    edges = _pairs(rc, d, surface)
-    edges, lengths = _lengths(edges, points, normal, config.max_chord_slope)
+    points, normal, ok = fit_samples(surface, rc.astype(np.float64), config)
+    rc, points, normal = rc[ok], points[ok], normal[ok]
+    edges = pairs_on_surface(rc, 1.5 * d, surface)
+    edges, lengths = lengths_along_surface(edges, points, normal, config.max_chord_slope)
     return Samples(
         sampling_interval_px=d,
         points_rc=rc,
@@ -79,17 +71,50 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     )
 
 
-def _pairs(rc: Int32, d: int, surface: Surface) -> Int32:
+def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tuple[Float64, Float64, Bool]:
+    """Return points (N, 3), normals (N, 3), camera frame, at places (N, 2) of the image; which are known.
+
+    Each comes from a quadratic fit around the nearest pixel, read at the place itself.
+    """
+    pixel = np.rint(rc).astype(np.int32)
+    radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
+    fit = fit_patches(
+        surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
+    )
+    known = fit[:, 0] > 0
+    y, x = (rc - pixel).T
+    value, dx, dy, dxx, dxy, dyy = fit.T
+    here = np.stack(
+        [
+            value + dx * x + dy * y + dxx * x * x + dxy * x * y + dyy * y * y,
+            dx + 2 * dxx * x + dxy * y,
+            dy + 2 * dyy * y + dxy * x,
+        ],
+        axis=1,
+    )
+    known &= here[:, 0] > 0
+    here[~known] = (1.0, 0.0, 0.0)
+    k = surface.frame.intrinsics
+    normal, _ = normals_from_fit(here, rc[:, 0], rc[:, 1], surface.frame)
+    depth = 1.0 / here[:, 0]
+    points = np.stack([(rc[:, 1] - k.cx) / k.fx * depth, (rc[:, 0] - k.cy) / k.fy * depth, depth], axis=1)
+    return points, normal, known
+
+
+def pairs_on_surface(rc: Int32, reach_px: float, surface: Surface) -> Int32:
+    """Return the pairs (M, 2) of pixels within reach whose straight path stays on the surface."""
     if len(rc) < 2:
         return np.zeros((0, 2), dtype=np.int32)
-    pairs = cKDTree(rc).query_pairs(1.5 * d, output_type="ndarray").astype(np.int32)
+    pairs = cKDTree(rc).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
     visible = path_on_surface(surface.usable, surface.steps, rc, pairs)
     kept: Int32 = pairs[visible]
     return kept
 
 
-def _lengths(edges: Int32, points: Float64, normal: Float64, max_chord_slope: float) -> tuple[Int32, Float64]:
-    """Lengths along the surface, from the chord and its slopes against both tangent planes.
+def lengths_along_surface(
+    edges: Int32, points: Float64, normal: Float64, max_chord_slope: float
+) -> tuple[Int32, Float64]:
+    """Return the pairs that are kept and their lengths along the surface, from chord and tangent planes.
 
     A cubic that leaves its chord at the slopes a and b is longer by the share
     ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which takes the chord). Pairs whose

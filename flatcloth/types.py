@@ -75,15 +75,15 @@ class RgbdFrame:
     offset_rc: tuple[int, int] = (0, 0)
 
     def cropped(self, rows: slice, cols: slice) -> RgbdFrame:
-        """Return a part of the image as a frame of its own; it shares the pixels."""
+        """Return a part of the image as a frame of its own, so that the whole one can be forgotten."""
         k = self.intrinsics
         top, left = rows.indices(k.height)[0], cols.indices(k.width)[0]
-        depth = self.depth_m[rows, cols]
+        depth = self.depth_m[rows, cols].copy()
         return replace(
             self,
-            color=self.color[rows, cols],
+            color=self.color[rows, cols].copy(),
             depth_m=depth,
-            mask=None if self.mask is None else self.mask[rows, cols],
+            mask=None if self.mask is None else self.mask[rows, cols].copy(),
             intrinsics=replace(k, width=depth.shape[1], height=depth.shape[0], cx=k.cx - left, cy=k.cy - top),
             offset_rc=(self.offset_rc[0] + top, self.offset_rc[1] + left),
         )
@@ -155,6 +155,8 @@ class FlattenedView:
     ``quality`` float32 (H, W, 3), NaN where not valid: density of the measurement (image pixels per
     cm2 of cloth), incidence angle (deg, between line of sight and normal), and stretch (the largest
     relative change of length that flattening caused nearby); None where it is not known.
+    ``placement_std_m`` float32 (H, W), NaN where not valid: standard deviation of the pixel's place on
+    the plane, relative to the main piece of the start view; None where it is not known.
     """
 
     rgb: Uint8
@@ -167,6 +169,7 @@ class FlattenedView:
     pixel_size_m: float
     origin_uv_m: tuple[float, float]
     quality: Float32 | None = None
+    placement_std_m: Float32 | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

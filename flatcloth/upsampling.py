@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.geometry import tangent_basis
 from flatcloth.sampling import Samples
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float32, Float64, Int32
@@ -72,7 +73,7 @@ class Carrier:
         return _blend(
             rc, self.nearest, self._surface.xyz_m, self._surface.normal, s.points_rc, s.points_m, s.normal,
             self._uv_m, self._frames, self._stretch, self._first, self._neighbours,
-            2.0 * s.sampling_interval_px,
+            2.0 * s.sampling_interval_px + 1.0,  # beyond the farthest pixel, which else had no weight
         )  # fmt: skip
 
 
@@ -100,14 +101,7 @@ def _plane_from_space(uv_m: Float64, samples: Samples) -> Float64:
 
     The turn of the tangent basis on the plane is the one that fits the sample's own pairs best.
     """
-    n = samples.normal
-    # A tangent basis that varies slowly: the image's right direction, made tangent.
-    right = np.array([1.0, 0.0, 0.0]) - n[:, :1] * n
-    small = np.linalg.norm(right, axis=1) < 0.2
-    right[small] = np.array([0.0, 0.0, 1.0]) - n[small, 2:] * n[small]
-    right /= np.linalg.norm(right, axis=1)[:, None]
-    # Right-handed about the outward normal as u, v are on the plane seen from outside (v down).
-    down = -np.cross(n, right)
+    right, down = tangent_basis(samples.normal)
     a, b = samples.edges[:, 0], samples.edges[:, 1]
     offset, flat = samples.points_m[b] - samples.points_m[a], uv_m[b] - uv_m[a]
     cos, sin = np.zeros(len(uv_m)), np.zeros(len(uv_m))

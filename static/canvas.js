@@ -224,6 +224,27 @@ export class FlatCanvas {
       }
       context.stroke();
     }
+    if (this.pick.grip?.axis_uv) this.drawGrip(x, y, this.pick.grip, style);
+  }
+
+  /** The gripper's axis as a line through the pick, its fingers as bars on both sides of it. */
+  drawGrip(x, y, grip, style) {
+    const context = this.context;
+    const [du, dv] = grip.axis_uv;
+    const half = (grip.opening_m / 2) * this.transform.scale;
+    for (const [color, width] of [["#fff", 5], [style.getPropertyValue("--pick"), 2.5]]) {
+      context.strokeStyle = color;
+      context.lineWidth = width;
+      context.beginPath();
+      for (const side of [-1, 1]) {
+        context.moveTo(x + 15 * side * du, y + 15 * side * dv);
+        context.lineTo(x + 30 * side * du, y + 30 * side * dv);
+        const [fx, fy] = [x - side * half * dv, y + side * half * du];
+        context.moveTo(fx - 8 * du, fy - 8 * dv);
+        context.lineTo(fx + 8 * du, fy + 8 * dv);
+      }
+      context.stroke();
+    }
   }
 
   drawScale(style) {

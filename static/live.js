@@ -38,6 +38,7 @@ export class LiveBar {
   /** Take a state: what does not change with each frame. */
   update(state) {
     this.angles = state.views.map((view) => view.angle_deg);
+    this.camera = state.capture?.camera ?? "";
     this.slider.max = String(this.angles.length - 1);
     if (this.playing !== state.live.playing) this.drawnAt = [];
     this.playing = state.live.playing;
@@ -81,7 +82,7 @@ export class LiveBar {
   }
 
   showPlace(index) {
-    const text = `View ${index} · ${number(this.angles?.[index], 0)}°`;
+    const text = index < 0 ? this.camera : `View ${index} · ${number(this.angles?.[index], 0)}°`;
     setText(byId("live-place"), text);
     this.slider.setAttribute("aria-valuetext", text);
   }

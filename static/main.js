@@ -1,13 +1,16 @@
 // The page: takes the server's states, gives them to its parts, and turns what the operator does into messages.
 
 import { FlatCanvas } from "/static/canvas.js";
+import { CapturePanel } from "/static/capture.js";
 import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
+import { showExports } from "/static/exports.js";
 import { count, number } from "/static/format.js";
 import { LiveBar } from "/static/live.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
 import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
 import { loadScene, startScene } from "/static/scene.js";
+import { Teaching } from "/static/teaching.js";
 import { applyTheme, toggleTheme } from "/static/theme.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
 
@@ -47,6 +50,11 @@ const canvas = new FlatCanvas({
 });
 const toolbar = new Toolbar(run, page);
 const liveBar = new LiveBar({ send, drawn: drawFrame });
+const teaching = new Teaching({
+  actions: () => state.actions, tip: (action) => toolbar.tip(action), name: () => state.recording.name,
+  startView: () => state.start_view, notify, run,
+});
+const capturePanel = new CapturePanel({ send, button: (name) => toolbar.button(name), tip: (action) => toolbar.tip(action) });
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
@@ -69,6 +77,7 @@ const connection = new Connection({
 const HANDLERS = {
   state: (message) => show(message),
   progress: (message) => showProgress(message),
+  capture: (message) => state?.capture && capturePanel.take(message),
   note: (message) => {
     notify(message.level, message.text, message.time_s);
     if (!nudge) canvas.resetPreview(); // what was just refused may have been a move
@@ -97,10 +106,11 @@ function show(next) {
   byId("hint").hidden = isLive();
   setText(byId("hint"), hint());
   toolbar.update(state);
+  capturePanel.update(state);
   showProgress(state.progress);
   showNotes();
-  showProposal(state);
-  showPick(state, copyPick);
+  showProposal(state, send);
+  showPick(state, copyPick, send);
   showPicks(state, send);
   showTimeline(state, chooseView);
   if (isLive()) showLive();
@@ -189,13 +199,14 @@ function decide(action, more = {}) {
 }
 
 function chooseView(view) {
+  if (state.capture) return notify("info", view.why_not);
   if (isLive()) return send({ type: "play", frame: view.index });
   if (view.why_not !== null) return notify("info", view.why_not);
   decide("view", { view_index: view.index });
 }
 
 function run(name, large = false) {
-  if (!state) return;
+  if (!state || teaching.takes(name)) return;
   const action = state.actions.find((a) => a.name === name);
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
@@ -236,12 +247,16 @@ const PAGE_ACTIONS = {
     if (send({ type: "follow", follow: !state.follow })) notify("info", state.follow ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
   copy: copyPick,
+  export: () => showExports(notify, state.recording.name),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(state.actions, state.mode),
   live_play: () => send({ type: "play", playing: !state.live.playing }),
   live_back: () => send({ type: "play", step: -1 }),
   live_forward: () => send({ type: "play", step: 1 }),
+  capture_turned: () => capturePanel.do("capture_turned"),
+  capture_keep: () => capturePanel.do("capture_keep"),
+  capture_repeat: () => capturePanel.do("capture_repeat"),
   live_turn: () => send({ type: "play", forward: !state.live.forward }),
 };
 
@@ -317,6 +332,7 @@ function onKeyDown(event) {
   if (!action) return;
   // The keys of live mode keep the browser's meaning elsewhere, and Space presses the button that was tabbed to.
   if (action.mode === "live" && !isLive()) return;
+  if (action.mode === "capture" && !state.capture) return;
   if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
   // Without a proposal the arrow keys keep their own meaning, such as scrolling.
   if (action.name in MOVES && !state.pending) return;
@@ -350,6 +366,8 @@ window.flatcloth = {
   get phase() { return state?.phase ?? null; },
   get pick() { return state?.pick ?? null; },
   get frame() { return liveBar.frame; },
+  get teaching() { return teaching.status; },
+  get capture() { return capturePanel.status; },
   get fps() { return liveBar.fps; },
   get layerRevision() { return canvas.layerRevision; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },

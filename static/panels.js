@@ -21,6 +21,8 @@ const READOUT = [
   ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
   ["Quality", "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
     (a) => `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`],
+  ["Place ±", "mm on the plane: one standard deviation of where this pixel lies, relative to the start view's main piece",
+    (a) => a.placement_std_mm === null ? "–" : `${number(a.placement_std_mm)} mm`],
 ];
 
 export function showReadout(answer) {
@@ -67,7 +69,7 @@ function unitless(name) {
   return [(unit ? words.slice(0, -1) : words).join(" "), unit ? ` ${unit}` : ""];
 }
 
-export function showProposal(state) {
+export function showProposal(state, send) {
   const section = byId("proposal");
   const pending = state.pending;
   section.hidden = !pending;
@@ -86,9 +88,21 @@ export function showProposal(state) {
     }),
     make("dt", { data: { tip: "What you have moved the proposal by: u, v on the plane, and clockwise" } }, "moved"),
     make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`)),
+    pending.margin === null ? null : make("p", { data: { tip: "How much more sure this place is than the second best" } },
+      `Margin to the second best: ${number(pending.margin, 2)}`),
+    pending.undetermined.length ? make("p", { class: "why" }, `Not determined: ${pending.undetermined.join(", ")}`) : null,
+    pending.waiting_cm2.length ? make("p", { class: "why" },
+      `Waiting for other views: ${pending.waiting_cm2.length} part${pending.waiting_cm2.length > 1 ? "s" : ""}, ${number(pending.waiting_cm2.reduce((a, b) => a + b, 0), 0)} cm²`) : null,
+    pending.hypotheses.length > 1 ? make("div", { class: "places", role: "group", "aria-label": "Places found" },
+      ...pending.hypotheses.map((h, index) => make("button", {
+        type: "button", data: { id: `place-${index}`, tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.` },
+        on: { click: () => send({ type: "choose", view_index: pending.view_index, index }) },
+      }, `${SOURCES[h.source]} ${number(h.score, 2)}`))) : null,
     pending.reason ? make("p", { class: "why" }, pending.reason) : null,
   ].filter(Boolean));
 }
+
+const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };
 
 // --- picks -------------------------------------------------------------------------------------
 
@@ -102,10 +116,51 @@ export function pickText(pick) {
     `view\t${pick.view_index}`,
     `source_row_col\t${pick.source_rc.map((x) => x.toFixed(2)).join(" ")}`,
     `miss_m\t${pick.miss_m.toFixed(5)}`,
+    ...(pick.grip ? [
+      `approach_held\t${pick.grip.approach_held.map((x) => x.toFixed(5)).join(" ")}`,
+      `axis_held\t${pick.grip.axis_held.map((x) => x.toFixed(5)).join(" ")}\t(${AXIS_FROM[pick.grip.axis_from]})`,
+      `opening_m\t${pick.grip.opening_m.toFixed(4)}`,
+    ] : []),
   ].join("\n");
 }
 
-export function showPick(state, copy) {
+const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level: no outline nearby" };
+const OPENING_MM = [5, 300];
+
+const stdMm = (metres) => (metres !== null && metres < 1e-4 ? "< 0.1 mm" : `${number(metres === null ? null : 1000 * metres)} mm`);
+
+/** The grip of a pick: axis on the plane, opening, and how surely it is known. */
+function gripTools(pick, send) {
+  const grip = pick.grip;
+  const change = (field, scale) => (event) => {
+    const value = event.target.valueAsNumber;
+    if (Number.isFinite(value)) send({ type: "grip", id: pick.id, [field]: value * scale });
+  };
+  const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
+  const outline = grip.axis_from === "outline";
+  const away = grip.outline_distance_m === null ? "–" : `${number(1000 * grip.outline_distance_m, 0)} mm away`;
+  const noAxis = grip.axis_deg === null ? "The pick is not on the present shape." : null;
+  return [
+    make("div", { class: "grip", role: "group", "aria-label": "Grip" },
+      make("label", { class: "field", data: { tip: "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers close across it" } },
+        make("span", {}, "Axis °"),
+        make("input", { type: "number", step: 5, min: -180, max: 180, value: grip.axis_deg === null ? null : Math.round(grip.axis_deg), disabled: noAxis !== null,
+          data: { id: "grip-axis" }, on: { change: change("axis_deg", 1) } })),
+      make("button", { type: "button", class: "button small", "aria-pressed": String(outline), data: { id: "grip-outline", tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}` },
+        on: { click: () => send({ type: "grip", id: pick.id, outline: true }) } }, "Outline"),
+      make("label", { class: "field", data: { tip: "Distance of the fingers" } },
+        make("span", {}, "Open mm"),
+        make("input", { type: "number", step: 5, min: OPENING_MM[0], max: OPENING_MM[1], value: Math.round(1000 * grip.opening_m),
+          data: { id: "grip-opening" }, on: { change: change("opening_m", 0.001) } }))),
+    make("dl", { class: "values" },
+      ...row("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
+      ...row("known to", `${stdMm(grip.position_std_m)}  normal ${degrees(grip.normal_std_deg, 0)}  axis ${degrees(grip.axis_std_deg, 0)}`,
+        "One standard deviation, from the scatter of depth, normals and outline nearby"),
+      ...(grip.placement_std_m === null ? [] : row("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane"))),
+  ];
+}
+
+export function showPick(state, copy, send) {
   const pick = state.pick;
   rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
     if (!pick) {
@@ -125,6 +180,7 @@ export function showPick(state, copy) {
         ...row("source", `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`, "View and image pixel (row, column) it was measured in"),
         ...row("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
         ...row("miss", pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth", "Distance between the click and the nearest cloth")),
+      ...(pick.grip ? gripTools(pick, send) : []),
       pick.in_shape ? null : make("p", { class: "why" }, "Its view is not part of the present shape."),
     ].filter(Boolean);
   });
@@ -172,7 +228,7 @@ export function showTimeline(state, choose) {
     const [sign, word] = STATES[view.state];
     const detail = view.detail ? ` (${view.detail})` : "";
     const used = ["start", "accepted", "fixed"].includes(view.state);
-    const act = live ? "\nClick: show this frame." : view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
+    const act = state.capture ? "\nOn disk." : live ? "\nClick: show this frame." : view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
     const about = `View ${view.index}, ${number(view.angle_deg, 0)}°${live ? "" : `: ${word}${detail}`}`;
     return make("button", {
       type: "button", class: `view ${view.state}`, "aria-disabled": String(view.why_not !== null), "aria-label": about,

@@ -5,12 +5,13 @@ import { keyName } from "/static/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "|", "undo", "redo", "|", "auto", "restart"];
-const PAGE = ["log", "theme", "help"];
+const PAGE = ["teach", "export", "log", "theme", "help"];
 export const LAYERS = {
   layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source",
   layer_stretch: "stretch", layer_incidence: "incidence", layer_density: "density",
+  layer_place: "place",
 };
-const QUALITY = ["layer_stretch", "layer_incidence", "layer_density"];
+const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_place"];
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
 
@@ -173,11 +174,12 @@ export class RejectMenu {
 /** Fill the sheet of keys. */
 export function showHelp(actions, mode) {
   const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
+  const capture = { capture: "Capture (with --camera)" };
   const session = { session: `Session${not("session")}`, proposal: `Proposal${not("session")}` };
   const live = { live: `Live mode${not("live")}` };
-  const both = { view: "Views", page: "Page" };
+  const both = { view: "Views", page: "Page", teaching: "Teaching" };
   // What works now comes first.
-  const titles = mode === "live" ? { ...live, ...both, ...session } : { ...session, ...both, ...live };
+  const titles = mode === "live" ? { ...live, ...capture, ...both, ...session } : { ...session, ...both, ...live, ...capture };
   byId("help-body").replaceChildren(...Object.entries(titles).map(([group, title]) =>
     make("section", {}, make("h3", {}, title),
       make("dl", { class: "keys" }, ...actions.filter((a) => a.group === group).flatMap((a) => [

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flatcloth.errors import FlatclothError
-from flatcloth.grasping import grasp_at, pixel_of_point, point_on_ray
+from flatcloth.geometry import held_from_camera, rotation_about
+from flatcloth.grasping import (
+    OPENING_M,
+    GraspPose,
+    Grip,
+    axis_by_hand,
+    grasp_at,
+    grasp_pose,
+    pixel_of_point,
+    point_on_ray,
+    quaternion_wxyz,
+)
+from flatcloth.surroundings import nearest_outline
 from flatcloth.types import FlattenedView, RotationAxis
 
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 1.0]), direction=np.array([0.0, -1.0, 0.0]))
@@ -131,3 +144,202 @@ def test_a_ray_meets_the_front_of_the_cloth_and_not_its_back() -> None:
 def test_among_points_of_one_layer_the_one_nearest_to_the_ray_is_met() -> None:
     points = np.array([[0.004, 0, 0.800], [0.001, 0, 0.805]])
     assert point_on_ray(points, np.zeros(3), np.array([0.0, 0.0, 1.0])) == 1
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+
+def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
+    grasp = grasp_at(view, (u_m, v_m), AXIS, 0.0)
+    pose = grasp_pose(view, grasp.position_held_m, grasp.normal_held, AXIS, grip)
+    assert pose is not None
+    return pose
+
+
+def test_a_pose_stands_on_the_cloth_and_looks_into_it() -> None:
+    pose = picked(cylinder(), 0.10, 0.03)
+    theta = 0.10 / RADIUS_M
+    turn = pose.held_from_grasp.rotation
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    np.testing.assert_allclose(turn[:, 2], [-math.sin(theta), 0, math.cos(theta)], atol=1e-6)
+    np.testing.assert_allclose(
+        pose.held_from_grasp.translation_m,
+        [RADIUS_M * math.sin(theta), 0.03, 1 - RADIUS_M * math.cos(theta)],
+        atol=1e-7,
+    )
+    assert pose.opening_m == OPENING_M
+
+
+@pytest.mark.parametrize(
+    ("place", "direction", "distance_m"),
+    [
+        ((0.03, -0.04), (1.0, 0.0), 0.01),  # near the upper edge, which has the cloth below it
+        ((0.03, 0.08), (-1.0, 0.0), 0.02),  # near the lower edge
+        ((0.19, 0.03), (0.0, 1.0), 0.01),  # near the right one
+        ((-0.19, 0.03), (0.0, -1.0), 0.01),
+    ],
+)
+def test_the_axis_lies_along_the_nearest_outline_with_the_cloth_on_its_right(
+    place: tuple[float, float], direction: tuple[float, float], distance_m: float
+) -> None:
+    pose = picked(cylinder(), *place)
+    theta = place[0] / RADIUS_M
+    along = np.array([math.cos(theta), 0, math.sin(theta)])  # u in space
+    assert pose.axis_from == "outline"
+    np.testing.assert_allclose(pose.direction_uv, direction, atol=1e-6)
+    expected = direction[0] * along + direction[1] * np.array([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], expected, atol=2e-3)
+    # y points from the outline into the cloth: the fingers close across the outline.
+    into = -direction[1] * along + direction[0] * np.array([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 1], into, atol=2e-3)
+    assert pose.outline_distance_m == pytest.approx(distance_m)
+    assert pose.uncertainty.axis_deg < 1e-3
+
+
+def test_a_hole_and_another_piece_of_cloth_are_no_outline() -> None:
+    view = cylinder()
+    beside_the_hole = nearest_outline(view, (10, 21))
+    assert beside_the_hole is not None
+    assert beside_the_hole.distance_m == pytest.approx(0.05)
+    valid = view.valid.copy()
+    valid[:, 30:] = False
+    valid[12, 33:36] = True  # a shred of three pixels, nearer to (12, 29) than the upper edge
+    shred = FlattenedView(**{**view.__dict__, "valid": valid})
+    outline = nearest_outline(shred, (12, 29))
+    assert outline is not None
+    assert outline.distance_m == 0.0
+    np.testing.assert_allclose(outline.direction, [0, 1], atol=1e-6)
+    lonely = np.zeros_like(valid)
+    lonely[12, 33] = True
+    assert nearest_outline(FlattenedView(**{**view.__dict__, "valid": lonely}), (12, 33)) is None
+
+
+def test_a_slanted_outline_gives_its_slant_and_a_corner_is_told_to_be_unsure() -> None:
+    fine = flat_sheet(rows=120, cols=120)
+    rows, cols = np.mgrid[0:120, 0:120]
+    slanted = FlattenedView(**{**fine.__dict__, "valid": rows > 30 + 0.5 * cols})
+    outline = nearest_outline(slanted, (70, 60))
+    assert outline is not None
+    angle_deg = math.degrees(math.atan2(outline.direction[1], outline.direction[0]))
+    assert angle_deg == pytest.approx(math.degrees(math.atan(0.5)), abs=1.5)
+    assert outline.spread_deg < 6
+    corner = nearest_outline(fine, (2, 2))
+    assert corner is not None
+    assert corner.spread_deg > 15
+
+
+def flat_sheet(rows: int, cols: int, noise_m: float = 0.0) -> FlattenedView:
+    """A plane before the camera, 2 mm a pixel, with noise in depth."""
+    v, u = np.mgrid[0:rows, 0:cols] * 0.002
+    depth = 0.8 + noise_m * np.random.default_rng(5).standard_normal(u.shape)
+    return FlattenedView(
+        rgb=np.zeros((rows, cols, 3), np.uint8),
+        xyz_m=np.stack([u, v, depth], axis=-1).astype(np.float32),
+        normal=np.broadcast_to(np.float32([0, 0, -1]), (rows, cols, 3)).copy(),
+        z_angle_deg=np.zeros((rows, cols), np.float32),
+        valid=np.ones((rows, cols), bool),
+        view_index=np.zeros((rows, cols), np.int16),
+        source_rc=np.zeros((rows, cols, 2), np.float32),
+        pixel_size_m=0.002,
+        origin_uv_m=(0.0, 0.0),
+    )
+
+
+@pytest.mark.parametrize("noise_m", [0.0005, 0.002])
+def test_the_uncertainty_is_the_scatter_of_the_depth_nearby(noise_m: float) -> None:
+    told = [picked(flat_sheet(60, 60, noise_m), u, 0.06).uncertainty.position_m for u in (0.03, 0.06, 0.09)]
+    assert np.mean(told) == pytest.approx(noise_m, rel=0.2)
+    assert picked(flat_sheet(60, 60), 0.06, 0.06).uncertainty.position_m < 1e-7
+
+
+def test_curved_cloth_is_not_taken_for_noise_but_its_normals_spread() -> None:
+    about = picked(cylinder(), 0.10, 0.03).uncertainty
+    assert about.position_m < 5e-5
+    assert 1.0 < about.normal_deg < 8.0
+
+
+def test_the_axis_by_hand_is_a_direction_in_space_that_stays_when_the_plane_turns() -> None:
+    view = flat_sheet(60, 60)
+    here = np.array([0.06, 0.06, 0.8])
+    axis = axis_by_hand(view, here, 30.0)
+    np.testing.assert_allclose(axis, [math.cos(math.radians(30)), 0.5, 0], atol=1e-6)
+    turned = FlattenedView(  # the same sheet, laid down a quarter turn further
+        **{
+            **view.__dict__,
+            **{name: np.rot90(getattr(view, name)).copy() for name in ("xyz_m", "normal", "valid")},
+        }
+    )
+    pose = picked_at(turned, here, Grip(axis_held=axis))
+    assert pose.axis_from == "hand"
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], axis, atol=1e-6)
+    np.testing.assert_allclose(pose.direction_uv, [0.5, -math.cos(math.radians(30))], atol=1e-5)
+    assert math.isnan(pose.uncertainty.axis_deg)
+
+
+def picked_at(view: FlattenedView, position_m: np.ndarray, grip: Grip | None = None) -> GraspPose:
+    pose = grasp_pose(view, position_m, np.array([0.0, 0.0, -1.0]), AXIS, grip)
+    assert pose is not None
+    return pose
+
+
+def test_an_axis_that_is_no_axis_is_refused() -> None:
+    view = flat_sheet(60, 60)
+    with pytest.raises(FlatclothError, match="not a number"):
+        axis_by_hand(view, np.array([0.06, 0.06, 0.8]), math.nan)
+    with pytest.raises(FlatclothError, match="too little cloth"):
+        axis_by_hand(view, np.array([0.06, 0.06, 0.9]), 0.0)
+    # One that points along the approach cannot be laid across it: the outline serves instead.
+    assert (
+        picked_at(view, np.array([0.01, 0.06, 0.8]), Grip(axis_held=(0.0, 0.0, 1.0))).axis_from == "outline"
+    )
+
+
+def test_a_pick_that_is_not_on_the_shape_has_a_level_axis_and_no_uncertainty() -> None:
+    pose = picked_at(flat_sheet(60, 60), np.array([0.06, 0.06, 0.9]))
+    assert (pose.axis_from, pose.direction_uv, pose.outline_distance_m) == ("level", None, None)
+    assert pose.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+    assert math.isnan(pose.uncertainty.position_m)
+    assert grasp_pose(empty(), np.zeros(3), np.array([0.0, 0.0, -1.0]), AXIS) is not None
+    from_above = grasp_pose(empty(), np.zeros(3), AXIS.direction, AXIS)
+    assert from_above is not None
+    assert from_above.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("normal", [[math.nan, 0, 0], [0, 0, 0]])
+def test_without_a_normal_there_is_no_pose(normal: list[float]) -> None:
+    assert grasp_pose(flat_sheet(60, 60), np.array([0.06, 0.06, 0.8]), np.array(normal), AXIS) is None
+
+
+def test_the_pose_in_the_camera_frame_turns_with_the_item() -> None:
+    pose = picked(cylinder(), 0.10, 0.03)
+    for angle_deg in (0.0, 40.0, -170.0):
+        moved = pose.camera_from_grasp(AXIS, angle_deg)
+        back = held_from_camera(AXIS, angle_deg) @ moved
+        np.testing.assert_allclose(back.rotation, pose.held_from_grasp.rotation, atol=1e-12)
+        np.testing.assert_allclose(back.translation_m, pose.held_from_grasp.translation_m, atol=1e-12)
+
+
+def test_the_gripper_is_drawn_outside_with_its_fingers_across_the_axis() -> None:
+    pose = picked(cylinder(), 0.10, 0.03, Grip(opening_m=0.07))
+    lines = (pose.gripper_m() - pose.held_from_grasp.translation_m) @ pose.held_from_grasp.rotation
+    assert lines.shape == (6, 2, 3)
+    tips = lines[:2, 0]
+    np.testing.assert_allclose(tips, [[0, -0.035, 0], [0, 0.035, 0]], atol=1e-12)
+    assert lines[..., 2].max() == pytest.approx(0.0, abs=1e-12)  # nothing of it lies behind the cloth
+
+
+def test_the_place_on_the_plane_is_as_sure_as_the_view_says() -> None:
+    assert math.isnan(picked(flat_sheet(60, 60), 0.06, 0.06).uncertainty.placement_m)
+
+    placed = replace(flat_sheet(60, 60), placement_std_m=np.full((60, 60), 0.004, np.float32))
+    assert picked(placed, 0.06, 0.06).uncertainty.placement_m == pytest.approx(0.004)
+
+
+def test_quaternions_are_those_of_the_rotation() -> None:
+    half = math.sqrt(0.5)
+    assert quaternion_wxyz(np.eye(3)) == (1.0, 0.0, 0.0, 0.0)
+    quarter_about_z = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert quaternion_wxyz(quarter_about_z) == pytest.approx((half, 0, 0, half))
+    for angle in (0.3, 3.0, -3.0):  # beyond half a turn the other sign would name the same rotation
+        assert quaternion_wxyz(rotation_about(np.array([0.6, 0.8, 0.0]), angle))[0] >= 0

@@ -31,7 +31,7 @@ SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
 
 
 def integration(**options: object) -> Integration:
-    return Integration(Cylinder(**{**SHEET, **options}))  # type: ignore[arg-type]
+    return Integration(Cylinder(**{**SHEET, **options}), method="paper")  # type: ignore[arg-type]
 
 
 def stepped(made: Integration, state: SessionState, command: Start | Propose) -> SessionState:
@@ -165,7 +165,7 @@ def test_the_policy_goes_by_the_score() -> None:
 def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
     def rotation(overlap_area_m2: float) -> float:
         config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
-        made = Integration(Cylinder(**SHEET), config)  # type: ignore[arg-type]
+        made = Integration(Cylinder(**SHEET), config, "paper")  # type: ignore[arg-type]
         return max(side.rotation_deg for side in made.plan(started(made, 0).document).sides)
 
     assert rotation(0.005) > rotation(0.03)
@@ -207,7 +207,7 @@ def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
 
 def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
     strict = Config(flattening=FlatteningConfig(max_folded_share=-1.0))  # everything counts as folded
-    made = Integration(Cylinder(**SHEET), strict)  # type: ignore[arg-type]
+    made = Integration(Cylinder(**SHEET), strict, "paper")  # type: ignore[arg-type]
     with pytest.raises(FlatteningError, match="without folds"):
         started(made)
     state = apply(started(made, 0), Propose(1))

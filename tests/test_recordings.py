@@ -223,10 +223,10 @@ def test_the_operator_page_is_found() -> None:
 
 
 def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "camera.bag").write_bytes(b"#ROSBAG")
+    (tmp_path / "camera.avi").write_bytes(b"RIFF")
     (tmp_path / "empty").mkdir()
     for source, cause in (
-        (tmp_path / "camera.bag", "not a recording"),
+        (tmp_path / "camera.avi", "not a recording"),
         (tmp_path / "empty", "has no recording.json"),
         (tmp_path / "nowhere", "no such file or folder"),
         ("no\0where", "no such file or folder"),
@@ -240,6 +240,23 @@ def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_pa
     # A folder of recordings names one of them.
     with pytest.raises(RecordingError, match=r"for example .*tiny"):
         open_recording(tmp_path)
+
+
+def test_a_kind_is_told_by_its_content_and_its_reader_imported_only_then(tmp_path: Path) -> None:
+    (tmp_path / "camera.mcap").write_text("text")
+    with pytest.raises(RecordingError, match="not a recording"):
+        open_recording(tmp_path / "camera.mcap")
+    folder = write_recording(tmp_path / "native")
+    (folder / "rgb.txt").touch()
+    (folder / "depth.txt").touch()  # what recording.json says counts
+    assert len(open_recording(folder)) == 3
+    code = (
+        "import sys; from flatcloth.recordings import open_recording\n"
+        f"open_recording({str(folder)!r})[0]\n"
+        "print([m for m in ('rosbags', 'OpenEXR', 'pyrealsense2', 'sqlite3') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_a_fingerprint_survives_a_move_and_notices_another_recording(folder: Path, tmp_path: Path) -> None:

@@ -282,7 +282,7 @@ def test_hover_tells_all_attributes(server):
     assert answer["id"] == 7
     assert set(answer["shape"]) == {
         "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "view_index", "source_rc",
-        "density_px_cm2", "incidence_deg", "stretch",
+        "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm",
     }  # fmt: skip
     assert off["shape"] is None
 

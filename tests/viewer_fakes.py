@@ -106,6 +106,7 @@ class CylinderIntegration:
         self.recording = CylinderRecording()
         self.config = Config()
         self.method = "paper"
+        self.accept_score = self.config.alignment.accept_score
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
         self.notes = ("No masks: <i>a note</i>.",)
@@ -182,7 +183,8 @@ class CylinderIntegration:
         )
         side = SimpleNamespace(side=Side.LEFT, curves=curves)
         plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
-        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan)
+        placing = SimpleNamespace(hypotheses=(), parts=())
+        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placing=placing)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
         self.answers += 1

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from flatcloth.integration import Integration
 
-METHODS = ("paper",)
+METHODS = ("robust", "paper")
 DEFAULT_SAMPLE = "shirt-sleeve-clean"
 
 
@@ -24,12 +25,42 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def integration_of(source: str, method: str) -> Integration:
+def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Declare SOURCE, and the angles of sources that have none: ``--angles`` and ``--step``."""
+    parser.add_argument(
+        "source",
+        nargs="?" if default else None,
+        default=default,
+        metavar="SOURCE",
+        help="recording folder, TUM RGB-D folder, folder with color/ and depth/, RealSense .db3 or .bag, "
+        "ROS .mcap or .bag, or the name of a bundled recording"
+        + (" (default: %(default)s)" if default else ""),
+    )
+    given = parser.add_mutually_exclusive_group()
+    given.add_argument(
+        "--angles",
+        type=Path,
+        metavar="CSV",
+        help="for sources without angles: a table with a line for each view, its angle in degrees, or "
+        "columns file, view or time_s, and angle_deg",
+    )
+    given.add_argument(
+        "--step",
+        type=float,
+        metavar="DEG",
+        help="instead: how far each view is turned from the one before; negative if the side that faces "
+        "the camera moves to the left",
+    )
+
+
+def integration_of(
+    source: str, method: str, *, angles: Path | None = None, step: float | None = None
+) -> Integration:
     """Open a recording and what is derived from it; the heavy modules load here, not for ``--help``."""
     from flatcloth.integration import Integration
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source), method=method)
+    return Integration(open_recording(source, angles=angles, step_deg=step), method=method)
 
 
 class ProgressBar:

@@ -96,6 +96,11 @@ _COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("relative_far_share", ">20mm", "{:.1%}"),
     ("wrong_side_share", "wrong side", "{:.2%}"),
     ("coverage", "coverage", "{:.3f}"),
+    ("firm_share", "firm", "{:.0%}"),
+    ("firm_median_mm", "firm med", "{:.1f}"),
+    ("firm_p95_mm", "p95", "{:.1f}"),
+    ("firm_far_share", ">20mm", "{:.1%}"),
+    ("within_3_std_share", "in 3 std", "{:.1%}"),
 )
 
 

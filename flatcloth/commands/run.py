@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar, add_method, integration_of
+from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of
+from flatcloth.commands.export import add_hand_eye, hand_eye_of
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
@@ -16,30 +17,39 @@ EXAMPLES = """examples:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "source", metavar="SOURCE", help="recording folder, or the name of a bundled recording"
-    )
+    add_source(parser)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="session folder to write; resumed if it exists"
     )
     add_method(parser)
+    add_hand_eye(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
+    from flatcloth.axis_file import settle_axis
     from flatcloth.export import export_shape
+    from flatcloth.grips import read_grips
     from flatcloth.journal import SessionFolder
+    from flatcloth.outcome import earlier_scores, outcome_of, told, write_outcome
     from flatcloth.pipeline import Run
+    from flatcloth.takeaway.session import frames_of
 
-    integration = integration_of(options.source, options.method)
+    base_from_camera = hand_eye_of(options)
+    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
     folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
     try:
+        settle_axis(folder.folder, integration)
         with ProgressBar(integration.recording.name) as bar:
-            state = Run(integration, folder.state, record=folder.record).finish(bar.show)
-        files = export_shape(integration.canonical(state.document).view, folder.picks, options.out)
+            unattended = Run(integration, folder.state, record=folder.record)
+            state = unattended.finish(bar.show)
+        frames = frames_of(integration, state.document, read_grips(options.out), base_from_camera)
+        canonical = integration.canonical(state.document)
+        files = export_shape(canonical.view, folder.picks, options.out, frames, canonical.floating)
+        outcome = outcome_of(integration, unattended, earlier_scores(options.out))
+        files.append(write_outcome(outcome, options.out))
     finally:
         folder.close()
-    used = sorted(state.document.used_views)
-    print(f"{integration.recording.name}: {len(used)} views integrated ({', '.join(map(str, used))}).")
-    print(state.document.finished)
+    for line in told(outcome):
+        print(line)
     print(f"Written to {options.out}: {', '.join(f.name for f in files)}")

@@ -6,7 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
-from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, integration_of
+from flatcloth.commands.camera import add_camera, serve_camera
+from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, add_source, integration_of
 from flatcloth.errors import FlatclothError
 
 NAME = "view"
@@ -15,18 +16,13 @@ EXAMPLES = """examples:
   python app.py                                    the page, on a bundled recording
   python app.py view recordings/trousers-waist-d435
   python app.py view my-recording --port 9000 --session my-session
-  python app.py view recordings/shirt-corner-d435 --live      play it as if the camera saw it now"""
+  python app.py view recordings/shirt-corner-d435 --live      play it as if the camera saw it now
+  python app.py view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "source",
-        nargs="?",
-        default=DEFAULT_SAMPLE,
-        metavar="SOURCE",
-        help="recording folder, or the name of a bundled recording (default: %(default)s)",
-    )
+    add_source(parser, DEFAULT_SAMPLE)
     add_method(parser)
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
@@ -52,22 +48,27 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="with --live: frames a second to begin with (default: 30)",
     )
+    add_camera(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
+    from flatcloth.axis_file import settle_axis
     from flatcloth.journal import SessionFolder, default_session_folder
     from flatcloth.live import LivePlayer
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:
         raise FlatclothError("--fps is the rate of --live; give both, or neither.")
-    integration = integration_of(options.source, options.method)
+    if serve_camera(options):
+        return
+    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
     path = options.session or default_session_folder(
         integration.recording, options.method, integration.config
     )
     folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
+        settle_axis(folder.folder, integration)
         serve(
             integration,
             folder,

@@ -1,4 +1,4 @@
-"""A recording in a folder: ``recording.json`` and image files (``flatcloth-recording/1``)."""
+"""Recordings of image files: a folder with ``recording.json`` (``flatcloth-recording/1``), and others."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.errors import RecordingError
-from flatcloth.recordings import images
-from flatcloth.recordings.manifest import ViewFiles, read_manifest
+from flatcloth.recordings import depth_files, images
+from flatcloth.recordings.manifest import Manifest, ViewFiles, read_manifest
 from flatcloth.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 
 
-class FolderRecording:
-    """A recording folder; opening checks everything but the pixels, reading a view checks those.
+class ImageRecording:
+    """Views in image files; opening checks everything but the pixels, reading a view checks those.
 
     Parameters
     ----------
-    folder : Path
-        The folder that holds ``recording.json``.
+    manifest : Manifest
+        Which files, and what is known of them.
 
     Raises
     ------
     RecordingError
-        If ``recording.json`` is not valid, or an image is missing, unreadable, of the wrong kind
-        or of another size than the camera's; the message names file, cause and remedy.
+        If an image is missing, unreadable, of the wrong kind or of another size than the camera's;
+        the message names file, cause and remedy.
 
     Notes
     -----
@@ -33,11 +33,11 @@ class FolderRecording:
     Nothing is cached; the caller keeps the frames it needs.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._manifest = read_manifest(folder)
-        for view in self._manifest.views:
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+        for view in manifest.views:
             self._check(view.color, images.check_color)
-            self._check(view.depth, images.check_depth)
+            self._check_depth(view.depth)
             if view.mask is not None:
                 self._check(view.mask, images.check_mask)
 
@@ -50,6 +50,11 @@ class FolderRecording:
     def description(self) -> str:
         """One sentence of free text; may be empty."""
         return self._manifest.description
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the operator must know about how it was read."""
+        return self._manifest.notes
 
     @property
     def location(self) -> str:
@@ -110,11 +115,12 @@ class FolderRecording:
         )
 
     def _read_depth(self, view: ViewFiles) -> Float32:
-        self._check(view.depth, images.check_depth)
-        units = self._manifest.lens.undistort(images.decode_raw(view.depth, np.uint16), blend=False)
-        if not units.any():
+        header = self._check_depth(view.depth)
+        depth_m = depth_files.decode_depth_m(view.depth, header, self._manifest.depth_scale_m)
+        depth_m = self._manifest.lens.undistort(depth_m, blend=False)
+        if not depth_m.any():
             raise RecordingError(f"{view.depth}: no depth at all, every pixel is 0. Record the view again.")
-        return units.astype(np.float32) * np.float32(self._manifest.depth_scale_m)
+        return depth_m
 
     def _read_mask(self, view: ViewFiles) -> Bool | None:
         if view.mask is None:
@@ -133,3 +139,30 @@ class FolderRecording:
         header = images.read_header(path)
         check(path, header)
         images.check_size(path, header, self.intrinsics)
+
+    def _check_depth(self, path: Path) -> images.ImageHeader:
+        if self._manifest.any_depth:
+            header = depth_files.read_depth_header(path)
+        else:
+            header = images.read_header(path)
+            images.check_depth(path, header)
+        images.check_size(path, header, self.intrinsics)
+        return header
+
+
+class FolderRecording(ImageRecording):
+    """A recording folder, with its ``recording.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder that holds ``recording.json``.
+
+    Raises
+    ------
+    RecordingError
+        If ``recording.json`` is not valid, or any of its images is not.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(read_manifest(folder))

@@ -28,13 +28,18 @@ MAX_FILE_BYTES = 200_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class ImageHeader:
-    """What an image file announces: size in pixels, channels, bits per channel, ``png`` or ``jpeg``."""
+    """What an image file announces: size in pixels, channels, bits per channel, and its kind.
+
+    ``dtype`` of the pixels and where they begin (``data_start``) are told by some kinds only.
+    """
 
     kind: str
     width: int
     height: int
     channels: int
     bits: int
+    dtype: str = ""
+    data_start: int = 0
 
 
 def read_header(path: Path) -> ImageHeader:
@@ -46,9 +51,9 @@ def read_header(path: Path) -> ImageHeader:
         If the file is missing, not a plain file, not readable or neither PNG nor JPEG.
     """
     if not path.exists():
-        raise RecordingError(f"{path}: missing. Restore the image or correct recording.json.")
+        raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
     if not path.is_file():
-        raise RecordingError(f"{path}: not a file. Name an image file in recording.json.")
+        raise RecordingError(f"{path}: not a file. Name an image file instead.")
     try:
         with path.open("rb") as file:
             start = file.read(33)
@@ -148,24 +153,35 @@ def decode_color(path: Path) -> Uint8:
     return np.ascontiguousarray(bgr[..., ::-1])
 
 
-def decode_raw(path: Path, dtype: type[np.uint8 | np.uint16]) -> NDArray[Any]:
-    """Return the pixels (H, W) or (H, W, 3 as B, G, R) of a PNG whose header was checked, unchanged."""
+def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
+    """Return the pixels (H, W) or (H, W, 3 as B, G, R) of an image whose header was checked, unchanged."""
     import cv2
 
     return _decode(path, cv2.IMREAD_UNCHANGED, dtype)
 
 
-def _decode(path: Path, flags: int, dtype: type[np.uint8 | np.uint16]) -> NDArray[Any]:
-    import cv2
+def read_bytes(path: Path) -> bytes:
+    """Return the content of an image file.
 
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or is larger than any image.
+    """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RecordingError(f"{path}: larger than {MAX_FILE_BYTES // 10**6} MB. Export it again.")
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}). Check that it still exists and its permissions."
         ) from error
+
+
+def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
+    import cv2
+
+    data = read_bytes(path)
     # OpenCV fills what a truncated file lacks with zeros or gray and returns it as if it were whole.
     if not _is_whole(data):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
@@ -179,8 +195,10 @@ def _decode(path: Path, flags: int, dtype: type[np.uint8 | np.uint16]) -> NDArra
 
 
 def _is_whole(data: bytes) -> bool:
-    if not data.startswith(_PNG_SIGNATURE):
+    if data.startswith(b"\xff\xd8"):
         return b"\xff\xd9" in data[-1024:]
+    if not data.startswith(_PNG_SIGNATURE):
+        return True  # a TIFF: the places of its pixels were compared with its length
     position = len(_PNG_SIGNATURE)
     while position + 12 <= len(data):
         length = int.from_bytes(data[position : position + 4], "big")

@@ -1,4 +1,4 @@
-"""Lens distortion: the Brown-Conrady model, undone on images."""
+"""Lens distortion, in OpenCV's meaning of the coefficients, undone on images."""
 
 from __future__ import annotations
 
@@ -10,23 +10,37 @@ from numpy.typing import NDArray
 
 from flatcloth.types import Float64, Intrinsics
 
+COEFFICIENTS = {"brown_conrady": 5, "rational": 8, "fisheye": 4}
+"""The models, and how many numbers each has."""
+
 
 class Lens:
-    """The distortion ``k1 k2 p1 p2 k3`` of a camera, in OpenCV's meaning; all zero does nothing.
+    """The distortion of a camera; all zero does nothing.
 
-    The undistorted images have the same size and the same intrinsics as the camera's own.
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of the camera's images, and of the undistorted ones, which have the same size.
+    coefficients : tuple of float
+        ``k1 k2 p1 p2 k3`` (Brown-Conrady), with ``k4 k5 k6`` after them (rational), or
+        ``k1 k2 k3 k4`` of an equidistant ``fisheye``.
+    fisheye : bool
+        Which of the models it is. A fisheye without coefficients still bends the image.
     """
 
-    def __init__(self, intrinsics: Intrinsics, coefficients: tuple[float, ...]) -> None:
+    def __init__(
+        self, intrinsics: Intrinsics, coefficients: tuple[float, ...], *, fisheye: bool = False
+    ) -> None:
         self._intrinsics = intrinsics
         self._coefficients = np.array(coefficients, dtype=np.float64)
+        self._fisheye = fisheye
         self._maps: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._lock = threading.Lock()
 
     @property
     def is_identity(self) -> bool:
         """Whether the images need no change."""
-        return not self._coefficients.any()
+        return not self._fisheye and not self._coefficients.any()
 
     def folds(self) -> bool:
         """Say whether two places of the scene fall on the same pixel: no real lens does that.
@@ -38,9 +52,24 @@ class Lens:
         k = self._intrinsics
         x = max(k.cx, k.width - 1 - k.cx) / k.fx
         y = max(k.cy, k.height - 1 - k.cy) / k.fy
-        r2: Float64 = np.linspace(0.0, x * x + y * y, 64)
-        k1, k2, _, _, k3 = self._coefficients
-        return bool(np.any(1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0))
+        radius: Float64 = np.linspace(0.0, np.hypot(x, y), 256)
+        return bool(np.any(np.diff(self._distorted(radius)) <= 0))
+
+    def _distorted(self, radius: Float64) -> Float64:
+        """Radius on the distorted image plane, of the radius on the undistorted one."""
+        if self._fisheye:
+            angle = np.arctan(radius)
+            bent: Float64 = angle * (1 + np.polyval([*self._coefficients[::-1], 0.0], angle**2))
+            return bent
+        k1, k2, _, _, k3, *below = self._coefficients
+        r2 = radius**2
+        factor = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        if below:
+            k4, k5, k6 = below
+            divisor = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+            factor = np.where(divisor > 0, factor / np.where(divisor > 0, divisor, 1.0), -np.inf)
+        distorted: Float64 = radius * factor
+        return distorted
 
     def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
         """Return the image (H, W, ...) as a pinhole camera would see it; 0 where nothing is known.
@@ -63,7 +92,10 @@ class Lens:
             if self._maps is None:
                 k = self._intrinsics
                 matrix = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]])
-                self._maps = cv2.initUndistortRectifyMap(
+                rectify = (
+                    cv2.fisheye.initUndistortRectifyMap if self._fisheye else cv2.initUndistortRectifyMap
+                )
+                self._maps = rectify(
                     matrix, self._coefficients, np.eye(3), matrix, (k.width, k.height), cv2.CV_32FC1
                 )
             return self._maps

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from flatcloth.errors import RecordingError
+from flatcloth.recordings.angles import MAX_VIEWS as MAX_VIEWS
+from flatcloth.recordings.angles import repeated
+from flatcloth.recordings.camera import checked_intrinsics, checked_lens
 from flatcloth.recordings.lens import Lens
+from flatcloth.recordings.paths import inside, read_text
+from flatcloth.recordings.text import one_line
+from flatcloth.recordings.text import shortened as _short
 from flatcloth.types import Float64, Intrinsics, RotationAxis
 
 FORMAT = "flatcloth-recording/1"
 HEADER = "recording.json"
-MAX_VIEWS = 10_000
-_MAX_HEADER_BYTES = 16_000_000
-_ANGLE_TOLERANCE_DEG = 0.01
 _MODELS = ("none", "brown_conrady")
 
 
@@ -36,9 +38,11 @@ class ViewFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """The checked content of ``recording.json``, lengths in metres, camera frame.
+    """A recording of image files: what ``recording.json`` says, or what was found in another folder.
 
-    ``truth`` is what a synthetic recording says of itself, unchecked: only the evaluation reads it.
+    Lengths in metres, camera frame. ``truth`` is what a synthetic recording says of itself,
+    unchecked: only the evaluation reads it. ``any_depth`` allows depth in other kinds of files than
+    16-bit PNG; ``notes`` are sentences that the operator must know.
     """
 
     folder: Path
@@ -50,7 +54,9 @@ class Manifest:
     rotation_axis: RotationAxis | None
     held_point_m: Float64 | None
     views: tuple[ViewFiles, ...]
-    truth: Any
+    truth: Any = None
+    any_depth: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -66,21 +72,23 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _load(path: Path) -> Any:
+    if not path.is_file():
+        raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
+    return load_json(path)
+
+
+def load_json(path: Path) -> Any:
+    """Return the content of a JSON file.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or is not JSON.
+    """
     try:
-        if not path.is_file():
-            raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
-        with path.open("rb") as file:
-            data = file.read(_MAX_HEADER_BYTES + 1)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    if len(data) > _MAX_HEADER_BYTES:
-        raise RecordingError(f"{path}: larger than {_MAX_HEADER_BYTES // 10**6} MB. Split the recording.")
-    try:
-        return json.loads(data.decode("utf-8-sig"))
+        return json.loads(read_text(path))
     except RecursionError as error:
         raise RecordingError(f"{path}: nested too deeply. Write it as the format says.") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: not UTF-8 text. Save it as UTF-8.") from error
     except ValueError as error:  # also numbers with thousands of digits
         raise RecordingError(
             f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it there."
@@ -140,17 +148,7 @@ class _Reader:
         table = self._table(data, "intrinsics")
         width, height = (self._size(table.get(k), f"intrinsics.{k}") for k in ("width", "height"))
         fx, fy, cx, cy = (self._number(table.get(k), f"intrinsics.{k}") for k in ("fx", "fy", "cx", "cy"))
-        longer = max(width, height)
-        for name, focal in (("fx", fx), ("fy", fy)):
-            if not 0.1 * longer <= focal <= 100 * longer:
-                self._fail(f"intrinsics.{name} is {focal:g}", f"No camera of {width}x{height} px has it.")
-        if not 0.5 <= fx / fy <= 2:
-            self._fail(f"intrinsics.fx {fx:g} and fy {fy:g} differ too much", "They are in pixels.")
-        # A cropped image may have its principal point outside, but not far.
-        for name, center, size in (("cx", cx, width), ("cy", cy, height)):
-            if not -2 * size <= center <= 3 * size:
-                self._fail(f"intrinsics.{name} is {center:g}", f"It is a pixel of a {width}x{height} image.")
-        intrinsics = Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        intrinsics = checked_intrinsics((width, height), (fx, fy), (cx, cy), self._fail, "intrinsics.")
         return intrinsics, self._lens(table, intrinsics)
 
     def _lens(self, table: dict[str, Any], intrinsics: Intrinsics) -> Lens:
@@ -170,10 +168,7 @@ class _Reader:
             )
         if model == "brown_conrady" and len(numbers) not in (4, 5):
             self._fail(f"intrinsics.distortion has {len(numbers)} numbers", "Write [k1, k2, p1, p2, k3].")
-        lens = Lens(intrinsics, tuple((numbers + [0.0] * 5)[:5]))
-        if lens.folds():
-            self._fail("intrinsics.distortion folds the image over itself", "Calibrate the camera again.")
-        return lens
+        return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
 
     def _axis(self, data: Any) -> tuple[RotationAxis | None, float]:
         """Return the axis, and the sense (1 or -1) in which the file's angles turn about it."""
@@ -208,15 +203,13 @@ class _Reader:
         return views
 
     def _check_angles(self, angles_deg: list[float]) -> None:
-        order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
-        for a, b in zip(order, order[1:] + order[:1], strict=True):
-            apart = (angles_deg[b] - angles_deg[a] + 180) % 360 - 180
-            if a != b and abs(apart) < _ANGLE_TOLERANCE_DEG:
-                first, second = sorted((a, b))
-                self._fail(
-                    f"views[{second}] has the angle of views[{first}] ({abs(angles_deg[first]):g} degrees)",
-                    "Every view needs its own angle, also modulo 360: correct or remove one.",
-                )
+        found = repeated(angles_deg)
+        if found is not None:
+            first, second = found
+            self._fail(
+                f"views[{second}] has the angle of views[{first}] ({abs(angles_deg[first]):g} degrees)",
+                "Every view needs its own angle, also modulo 360: correct or remove one.",
+            )
 
     def _check_masks(self, views: tuple[ViewFiles, ...]) -> None:
         without = [i for i, v in enumerate(views) if v.mask is None]
@@ -242,24 +235,7 @@ class _Reader:
         )
 
     def _file(self, value: Any, where: str) -> Path:
-        if not isinstance(value, str) or not value:
-            self._fail(f"{where} is {_short(value)}", "Name an image file of the folder.")
-        if not value.isprintable() or len(value) > 1024:  # also lone surrogates and NUL
-            self._fail(f"{where} is {_short(value)}", "A file name has printable characters only.")
-        relative = PurePosixPath(value)
-        outside = relative.is_absolute() or ".." in relative.parts or re.match(r"[A-Za-z]:", value)
-        if outside or "\\" in value:
-            self._fail(
-                f"{where} is {_short(value)}", "Paths are relative, with forward slashes, inside the folder."
-            )
-        path = self._folder / relative
-        try:
-            resolved = path.resolve()
-        except (OSError, RuntimeError):  # a loop of links
-            self._fail(f"{where} {_short(value)} cannot be followed", "Replace the link by the file.")
-        if not resolved.is_relative_to(self._folder):
-            self._fail(f"{where} {_short(value)} leads outside the folder", "Copy the file into the folder.")
-        return path
+        return inside(self._folder, value, self._path, where)
 
     def _table(self, value: Any, where: str) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -270,8 +246,7 @@ class _Reader:
         value = table.get(key, "")
         if not isinstance(value, str):
             self._fail(f"{key} is {_kind(value)}", "Expected text.")
-        # Titles and messages are single lines; what a terminal would interpret is dropped.
-        return "".join(c for c in " ".join(value.split()) if c.isprintable())[:500]
+        return one_line(value)
 
     def _number(self, value: Any, where: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -300,12 +275,6 @@ class _Reader:
         if np.abs(point).max() > 100:
             self._fail(f"{where} lies more than 100 m away", "It is in metres, camera frame.")
         return point
-
-
-def _short(value: Any, limit: int = 60) -> str:
-    text = value if isinstance(value, str) else json.dumps(value, default=str)
-    text = json.dumps(text)[1:-1] if not text.isprintable() else text
-    return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
 def _kind(value: Any) -> str:

@@ -29,6 +29,7 @@ REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other"
 DEFAULT_REASON = "wrong place"
 
 IN_LIVE_MODE = "This is live mode, which only plays the recording; start without --live to decide."
+NO_CAMERA = "There is no camera; start with view --camera to capture with one."
 NOT_LIVE = "The program is not in live mode; start it with --live to play the recording."
 
 
@@ -39,7 +40,8 @@ class Action:
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
     first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. ``group``
     is ``session`` (the server decides whether it is allowed), ``proposal`` (needs a pending view),
-    ``live`` (playing), ``view`` or ``page`` (always allowed).
+    ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
+    ``teaching`` (while it is open).
     """
 
     name: str
@@ -50,8 +52,9 @@ class Action:
 
     @property
     def mode(self) -> str:
-        """The mode it belongs to: ``session``, ``live``, or nothing if it is there in both."""
-        return {"session": "session", "proposal": "session", "live": "live"}.get(self.group, "")
+        """The mode it belongs to: ``session``, ``live``, ``capture``, or nothing if it is always there."""
+        modes = {"session": "session", "proposal": "session", "live": "live", "capture": "capture"}
+        return modes.get(self.group, "")
 
 
 ACTIONS: tuple[Action, ...] = (
@@ -118,6 +121,11 @@ ACTIONS: tuple[Action, ...] = (
     Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
     Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),
     Action("live_turn", "Direction", ("d",), "Live mode: play the other way round.", "live"),
+    Action(
+        "capture_turned", "It is there", ("i",), "Capture: the item is at the angle asked for.", "capture"
+    ),
+    Action("capture_keep", "Keep", ("m",), "Capture: keep the view that was taken.", "capture"),
+    Action("capture_repeat", "Repeat", ("j",), "Capture: take the view again.", "capture"),
     Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
     Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
     Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle at which each pixel was seen.", "view"),
@@ -125,6 +133,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("layer_stretch", "Stretch", ("5",), "Show how much the flattening changed lengths.", "view"),
     Action("layer_incidence", "Incidence", ("6",), "Show how obliquely each pixel was seen.", "view"),
     Action("layer_density", "Density", ("7",), "Show how densely the cloth was measured.", "view"),
+    Action("layer_place", "Sureness", ("8",), "Show how sure the place of each pixel is.", "view"),
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
@@ -135,7 +144,18 @@ ACTIONS: tuple[Action, ...] = (
         "Let the 3D camera follow the view: where the real camera stood.",
         "view",
     ),
+    Action(
+        "teach",
+        "Teach",
+        ("h",),
+        "Walk through the method on this recording; nothing is decided. Again: leave.",
+        "page",
+    ),
+    Action("teach_next", "Next", ("PageDown",), "Teaching: the next stage; → does it too.", "teaching"),
+    Action("teach_back", "Back", ("PageUp",), "Teaching: the stage before; ← does it too.", "teaching"),
+    Action("teach_play", "Play stage", ("k",), "Teaching: play or pause what moves.", "teaching"),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
+    Action("export", "Export", ("x",), "Take the session away: page, report, figures, animation.", "page"),
     Action("log", "Messages", ("l",), "Show all messages.", "page"),
     Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
     Action("help", "Keys", ("?",), "Show this sheet.", "page"),
@@ -181,6 +201,8 @@ def why_not(name: str, state: SessionState) -> str | None:
     action = next(a for a in ACTIONS if a.name == name)
     if action.mode == "live":
         return NOT_LIVE
+    if action.mode == "capture":
+        return NO_CAMERA
     if action.group == "session":
         return why_illegal(state, command_of(name, state, {}))
     if action.group == "proposal" and state.document.pending is None:
@@ -208,7 +230,7 @@ def action_table(state: SessionState | None) -> list[dict[str, Any]]:
 
 
 def _why_not_live(action: Action) -> str | None:
-    return IN_LIVE_MODE if action.mode == "session" else None
+    return {"session": IN_LIVE_MODE, "capture": NO_CAMERA}.get(action.mode)
 
 
 def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:

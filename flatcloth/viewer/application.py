@@ -23,6 +23,7 @@ from flatcloth.session import (
     Start,
     apply,
 )
+from flatcloth.types import RotationAxis
 from flatcloth.viewer import messages
 from flatcloth.viewer.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.desk import Audience, PageDesk, Stage
@@ -102,6 +103,8 @@ class Application(PageDesk):
                 overlay = None if self._picture is None else self._picture.overlay
                 center = (0.0, 0.0) if overlay is None else center_uv_m(overlay.view)
                 self._by_hand(Nudge(view, nudge_about(center, theta, u, v)))
+            case messages.Choose(view_index=view, index=index):
+                self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
                 self._publish()
@@ -115,6 +118,36 @@ class Application(PageDesk):
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
+
+    def adjust_axis(self, axis: RotationAxis) -> None:
+        """Take a turning axis that was set by hand; may be called from any thread."""
+        self._put(None, lambda: self._adjust_axis(axis))
+
+    def _adjust_axis(self, axis: RotationAxis) -> None:
+        if self._state.request is not None:
+            raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
+        self._folder.keep_axis(axis)
+        self._desk = replace(self._desk, auto=False)
+        self._back.put(lambda: self._work_on_axis(axis))
+
+    def _turned_about(self, axis: RotationAxis, text: str) -> None:
+        self._picks.turn_about(axis)
+        self._stage.set_axis(axis)
+        self._asked = None
+        self._settle()
+        self._tell(None, "info", text)
+
+    def _choose(self, view: int, index: int) -> None:
+        """Move the proposal to one of its hypotheses."""
+        overlay = None if self._picture is None else self._picture.overlay
+        pending = self._state.document.pending
+        hypotheses = () if overlay is None else overlay.proposal.placing.hypotheses
+        if pending is None or overlay is None or overlay.proposal.view_index != view:
+            raise FlatclothError("The proposal has changed; look again.")
+        if not 0 <= index < len(hypotheses):
+            raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
+        target = hypotheses[index].current_from_new
+        self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
 
     def _by_hand(self, command: Command) -> None:
         # Whoever decides by hand takes over from Auto.
@@ -230,6 +263,15 @@ class Application(PageDesk):
             self._progress_at_s = now_s
             self._audience.tell(None, {"type": "progress", "share": share, "text": text})
 
+    def _work_on_axis(self, axis: RotationAxis) -> None:
+        # After this, what is in the queue is computed with the new axis.
+        self._integration.turn_about(axis)
+        try:
+            text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
+        except FlatclothError as error:
+            text = f"The turning axis was set by hand. {error}"
+        self._put(None, lambda: self._turned_about(axis, text))
+
     def _work_on_picture(self, document: Document) -> None:
         if self._asked is not document:
             return  # decided otherwise in the meantime
@@ -251,4 +293,5 @@ class Application(PageDesk):
             return
         self._picture = picture
         self._stage.show(picture)
+        self._picks.redraw(picture)
         self._settle()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from flatcloth.errors import FlatclothError, IllegalDecisionError
-from flatcloth.types import Float64, Floats
+from flatcloth.types import Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.viewer import messages
 from flatcloth.viewer.picks import PickDesk, PlaceBook
 from flatcloth.viewer.picture import Picture, attributes_at
@@ -25,6 +25,8 @@ from flatcloth.viewer.snapshot import Desk, Note
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
     from flatcloth.integration import Integration
     from flatcloth.journal import SessionFolder
 
@@ -55,8 +57,16 @@ class Stage(Protocol):
     def play(self, picture: Picture | None) -> None:
         """Show a frame of a recording that is played, or an empty scene."""
 
-    def show_pick(self, position_m: Float64 | None, normal: Float64 | None) -> None:
-        """Show the ball and the arrow of the current pick, or hide them."""
+    def set_axis(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+
+    def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
+        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+
+    def show_pick(
+        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None
+    ) -> None:
+        """Show the ball, the arrow and the gripper (S, 2, 3) of the current pick, or hide them."""
 
     def visible_points(self) -> Floats:
         """Return the points (N, 3) that a ray of the eye can hit."""
@@ -85,7 +95,7 @@ class PageDesk(ABC):
         self._folder = folder
         self._stage = stage
         self._audience = audience
-        self._desk = Desk(auto_threshold=integration.config.alignment.accept_score)
+        self._desk = Desk(auto_threshold=integration.accept_score)
         self._picks = PickDesk(folder, integration.axis, stage.show_pick)
         self._places = PlaceBook()
         self._picture: Picture | None = None
@@ -105,6 +115,10 @@ class PageDesk(ABC):
     def last_snapshot(self) -> dict[str, Any]:
         """The state that was sent last; not to be changed."""
         return self._snapshot
+
+    def routes(self) -> list[BaseRoute]:
+        """Return what the web server serves for this mode alone."""
+        return []
 
     @abstractmethod
     def start(self) -> None:
@@ -145,11 +159,15 @@ class PageDesk(ABC):
         FlatclothError
             If nothing is flattened yet.
         """
-        from flatcloth.export import grasps_document
+        from flatcloth.export import GraspFrames, grasps_document
 
-        if self._picture is None:
+        picture = self._picture
+        if picture is None:
             raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
-        return grasps_document(self._picture.view, self._picks.picks)
+        frames = GraspFrames(
+            axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
+        )
+        return grasps_document(picture.view, self._picks.picks, frames)
 
     # --- the page's own thread ---------------------------------------------------------------
 
@@ -172,13 +190,16 @@ class PageDesk(ABC):
         message = messages.parse(text)
         match message:
             case messages.ShowPick(id=pick_id):
-                self._picks.show(pick_id)
+                self._picks.show(pick_id, self._picture)
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
-                self._picks.rename(pick_id, name.strip())
+                self._picks.rename(pick_id, name.strip(), self._picture)
                 self._publish()
             case messages.DeletePick(id=pick_id):
-                self._picks.delete(pick_id)
+                self._picks.delete(pick_id, self._picture)
+                self._publish()
+            case messages.SetGrip(id=pick_id, axis_deg=axis_deg, outline=outline, opening_m=opening_m):
+                self._picks.grip(self._picture, pick_id, axis_deg, outline, opening_m)
                 self._publish()
             case messages.SetFollow(follow=follow):
                 self._set_follow(follow)

@@ -56,7 +56,8 @@ class Guard:
             if scope["type"] == "http" and self._is_token(given):
                 await self._welcome(scope, receive, send)
                 return
-            if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name)):
+            bearer = headers.get("authorization", "").removeprefix("Bearer ")  # of a program, not a browser
+            if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name) or bearer):
                 reason = "This page needs the address with the token that the program printed."
         if reason is None:
             await self._app(scope, receive, send)

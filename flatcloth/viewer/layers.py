@@ -17,8 +17,8 @@ from flatcloth.viewer.colormaps import (
     view_colors,
 )
 
-LAYERS = ("color", "height", "z_angle", "source", "stretch", "incidence", "density")
-"""Names of the layers, in the order of their keys 1 to 7."""
+LAYERS = ("color", "height", "z_angle", "source", "stretch", "incidence", "density", "place")
+"""Names of the layers, in the order of their keys 1 to 8."""
 
 QUALITY_LAYERS = {"density": 0, "incidence": 1, "stretch": 2}
 """Layers of the quality, with their channel in ``FlattenedView.quality``."""
@@ -28,6 +28,7 @@ Z_ANGLE_SPAN_DEG = 90.0
 
 
 STRETCH_SPAN = 0.10
+PLACE_SPAN_M = 0.020
 INCIDENCE_SPAN_DEG = 80.0
 """Fixed as well; grazing surface is not flattened beyond about that."""
 
@@ -59,6 +60,8 @@ def rgba(view: FlattenedView, layer: str, axis: RotationAxis, n_views: int) -> U
             image[valid, :3] = view_colors(n_views)[index]
         case "stretch" | "incidence" | "density":
             image[valid, :3] = _quality_colors(view, layer)
+        case "place":
+            image[valid, :3] = _place_colors(view)
         case _:
             raise FlatclothError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
     return image
@@ -109,6 +112,12 @@ def _quality_colors(view: FlattenedView, layer: str) -> Uint8:
     return colors
 
 
+def _place_colors(view: FlattenedView) -> Uint8:
+    if view.placement_std_m is None:
+        return np.array(_UNKNOWN, dtype=np.uint8)
+    return apply_table(loss_table(), view.placement_std_m[view.valid], 0.0, PLACE_SPAN_M)
+
+
 def legends(view: FlattenedView, axis: RotationAxis, angles_deg: tuple[float, ...]) -> dict[str, Any]:
     """Return what the page needs to explain each layer: ticks with units, colours, names."""
     return {layer: legend(view, layer, axis, angles_deg) for layer in LAYERS}
@@ -120,6 +129,8 @@ def legend(
     """Return what the page needs to explain one layer."""
     if layer in QUALITY_LAYERS and view.quality is None:
         return {"kind": "classes", "title": "Not measured", "classes": []}
+    if layer == "place" and view.placement_std_m is None:
+        return {"kind": "classes", "title": "Not known by this method", "classes": []}
     match layer:
         case "height":
             low, high = height_range_m(view, axis)
@@ -134,6 +145,8 @@ def legend(
             return _ramp("Incidence (deg)", loss_table(), 0.0, INCIDENCE_SPAN_DEG)
         case "density":
             return _ramp("Density (px/cm²)", height_table(), *quality_range(view, "density"))
+        case "place":
+            return _ramp("Std of place (mm)", loss_table(), 0.0, 1000 * PLACE_SPAN_M)
     return {"kind": "none", "title": "Color"}
 
 

@@ -63,7 +63,7 @@ class LiveApplication(PageDesk):
             player,
             integration.recording.angles_deg,
             fps,
-            prepare=integration.cloud,
+            prepare=self._prepare,
             deliver=self._deliver,
             report=lambda text: self._put(None, lambda: self._tell(None, "error", text)),
         )
@@ -72,6 +72,10 @@ class LiveApplication(PageDesk):
         """Begin to play."""
         self._put(None, self._begin)
         self._loop.start()
+
+    def _prepare(self, frame: int) -> object:
+        """Read a frame ahead, on a thread beside."""
+        return self._integration.cloud(frame)
 
     def stop(self) -> None:
         """Stop playing, and both threads."""
@@ -134,7 +138,7 @@ class LiveApplication(PageDesk):
         self._shown, self._picture = shown, shown.picture
         if shown is not self._staged:
             self._staged = shown
-            self._stage.play(shown.picture)
+            self._put_on_stage(shown)
         frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
         for client, layer in tabs.items():
             self._audience.send_frame(client, frames[layer])
@@ -143,9 +147,25 @@ class LiveApplication(PageDesk):
             self._state_at_s = now_s
             self._put(None, self._publish)
 
+    def _put_on_stage(self, shown: Shown) -> None:
+        self._stage.play(shown.picture)
+
     def _frame(self, shown: Shown, layer: str) -> bytes:
-        head, picture, integration = self._loop.head, shown.picture, self._integration
-        about: dict[str, Any] = {
+        picture, integration = shown.picture, self._integration
+        about = self._about(shown, layer)
+        if picture is None:
+            return packed(about, b"")
+        axis, angles_deg = integration.axis, integration.recording.angles_deg
+        about["grid"] = grid(picture.view)
+        about["area_cm2"] = picture.view.area_m2 * 1e4
+        about["legend"] = layers.legend(picture.view, layer, axis, angles_deg)
+        about["pick_uv_m"] = self._pick_uv_m(picture)
+        return packed(about, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
+
+    def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
+        """Return what is told of every frame, also of one that could not be flattened."""
+        head = self._loop.head
+        return {
             "type": "frame",
             "sequence": shown.sequence,
             "view_index": shown.frame,
@@ -158,14 +178,6 @@ class LiveApplication(PageDesk):
             "layer": layer,
             "grid": None,
         }
-        if picture is None:
-            return packed(about, b"")
-        axis, angles_deg = integration.axis, integration.recording.angles_deg
-        about["grid"] = grid(picture.view)
-        about["area_cm2"] = picture.view.area_m2 * 1e4
-        about["legend"] = layers.legend(picture.view, layer, axis, angles_deg)
-        about["pick_uv_m"] = self._pick_uv_m(picture)
-        return packed(about, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
 
     def _pick_uv_m(self, picture: Picture) -> list[float] | None:
         current = self._picks.current

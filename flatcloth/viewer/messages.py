@@ -41,6 +41,14 @@ class Move:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Choose:
+    """Lay the pending view where one of its hypotheses says; ``index`` 0 is the best."""
+
+    view_index: int
+    index: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Hover:
     """Ask for all attributes at a place of the plane; ``id`` comes back with the answer."""
 
@@ -85,6 +93,16 @@ class DeletePick:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SetGrip:
+    """Change how a pick is gripped: ``axis_deg`` on the plane (u towards v) or along the outline; opening."""
+
+    id: int
+    axis_deg: float | None = None
+    outline: bool | None = None
+    opening_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class SetAuto:
     """Switch Auto on or off, or set the score below which it stops."""
 
@@ -111,28 +129,55 @@ class Play:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Capture:
+    """Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish."""
+
+    action: str
+    angle_deg: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ready:
     """Live mode: the tab has drawn what it was sent, and takes the next frame with this layer."""
 
     layer: str
 
 
-Message = Do | Move | Hover | PickAt | ShowPick | RenamePick | DeletePick | SetAuto | SetFollow | Play | Ready
+Message = (
+    Do
+    | Move
+    | Choose
+    | Hover
+    | PickAt
+    | ShowPick
+    | RenamePick
+    | DeletePick
+    | SetGrip
+    | SetAuto
+    | SetFollow
+    | Play
+    | Ready
+    | Capture
+)
 
 KINDS: dict[str, type[Message]] = {
     "do": Do,
     "move": Move,
+    "choose": Choose,
     "hover": Hover,
     "pick": PickAt,
     "show_pick": ShowPick,
     "rename_pick": RenamePick,
     "delete_pick": DeletePick,
+    "grip": SetGrip,
     "auto": SetAuto,
     "follow": SetFollow,
     "play": Play,
     "ready": Ready,
+    "capture": Capture,
 }
 
+CAPTURE_ACTIONS = frozenset({"begin", "keep", "repeat", "turned", "aim", "finish"})
 SESSION_ACTIONS = frozenset({"step", "view", "accept", "reject", "undo", "redo", "cancel", "restart"})
 
 
@@ -201,6 +246,9 @@ def _check(message: Message) -> None:
             raise MessageError(f"The threshold of Auto lies between 0 and 1, not at {threshold:g}.")
         case Play(fps=float(fps)) if not 0 < fps <= MAX_FPS:
             raise MessageError(f"The frame rate lies above 0 and up to {MAX_FPS:g}, not at {fps:g}.")
+        case Capture(action=action, angle_deg=angle):
+            if action not in CAPTURE_ACTIONS or (action == "aim") != (angle is not None):
+                raise MessageError(f"A capture cannot {action!r:.40}; only aiming has an angle.")
         case Ready(layer=layer) if layer not in LAYERS:
             raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip() or len(name) > MAX_NAME_CHARS:

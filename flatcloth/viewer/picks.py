@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flatcloth.errors import FlatclothError
 from flatcloth.geometry import camera_from_held
-from flatcloth.grasping import grasp_at, pixel_of_point, point_on_ray
+from flatcloth.grasping import (
+    LOST_AT_M as LOST_AT_M,
+)
+from flatcloth.grasping import (
+    GraspPose,
+    Grip,
+    axis_by_hand,
+    grasp_at,
+    grasp_pose,
+    pixel_of_point,
+    point_on_ray,
+)
+from flatcloth.grips import GripBook
 from flatcloth.types import Float64, Floats, RotationAxis
 from flatcloth.viewer.picture import Picture, finite
 
 if TYPE_CHECKING:
     from flatcloth.journal import Pick, SessionFolder
-
-LOST_AT_M = 0.010
-"""A pick further than this from the present shape is not drawn on it (its view was taken back)."""
 
 TOO_FAR_M = 0.030
 """A click in 3D further than this from the shape picks nothing; nearer, it picks the nearest of it."""
@@ -44,25 +54,37 @@ class CurrentPick:
 
     pick: Pick
     miss_m: float = 0.0
+    grip: Grip = field(default_factory=Grip)
+
+    def pose(self, picture: Picture, axis: RotationAxis) -> GraspPose | None:
+        """Return its grasp pose on the present shape."""
+        return grasp_pose(picture.view, self.pick.position_held_m, self.pick.normal_held, axis, self.grip)
 
 
 class PickDesk:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
-    ``show(position, normal)`` puts the ball and the arrow into the scene, or hides them.
+    ``show(position, normal, gripper)`` puts the ball, the arrow and the gripper's lines into the
+    scene, or hides them.
     """
 
     def __init__(
         self,
         folder: SessionFolder,
         axis: RotationAxis,
-        show: Callable[[Float64 | None, Float64 | None], None],
+        show: Callable[[Float64 | None, Float64 | None, Float64 | None], None],
     ) -> None:
         self._folder = folder
         self._axis = axis
         self._show = show
+        # A session that is kept in memory keeps its grips there too.
+        self._book = GripBook(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
         self.current: CurrentPick | None = None
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+        self._axis = axis
 
     def add(self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None) -> None:
         """Pick the cloth nearest to a place of the plane, keep the pick and show it."""
@@ -73,7 +95,7 @@ class PickDesk:
             f"Pick {number}", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
         )
         self.picks = (*self.picks, pick)
-        self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m))
+        self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m), picture)
 
     def add_on_ray(
         self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
@@ -93,34 +115,71 @@ class PickDesk:
         self.add(picture, u_m, v_m, miss_m=distance_m)
         return True
 
-    def show(self, pick_id: int | None) -> None:
-        """Make a pick of the list the current one, or none."""
-        self._set(None if pick_id is None else CurrentPick(pick=self._listed(pick_id)))
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """How picks are to be gripped, where the operator chose."""
+        return self._book.grips
 
-    def rename(self, pick_id: int, name: str) -> None:
+    def show(self, pick_id: int | None, picture: Picture | None) -> None:
+        """Make a pick of the list the current one, or none."""
+        if pick_id is None:
+            self._set(None, picture)
+        else:
+            self._set(CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id)), picture)
+
+    def redraw(self, picture: Picture | None) -> None:
+        """Draw the current pick on another shape: its outline may lie elsewhere now."""
+        if self.current is not None:
+            self._set(self.current, picture)
+
+    def grip(
+        self,
+        picture: Picture | None,
+        pick_id: int,
+        axis_deg: float | None = None,
+        along_outline: bool | None = None,
+        opening_m: float | None = None,
+    ) -> None:
+        """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
+        pick, grip = self._listed(pick_id), self._book.get(pick_id)
+        if along_outline:
+            grip = replace(grip, axis_held=None)
+        elif axis_deg is not None:
+            by_hand = axis_by_hand(_shown(picture).view, pick.position_held_m, axis_deg)
+            grip = replace(grip, axis_held=by_hand)
+        if opening_m is not None:
+            grip = replace(grip, opening_m=opening_m)
+        self._book.set(pick_id, grip)
+        if self.current is not None and self.current.pick.id == pick_id:
+            self._set(replace(self.current, grip=grip), picture)
+
+    def rename(self, pick_id: int, name: str, picture: Picture | None) -> None:
         """Give a pick another name."""
         self._listed(pick_id)
         self._folder.rename_pick(pick_id, name)
-        self._reload()
+        self._reload(picture)
 
-    def delete(self, pick_id: int) -> None:
+    def delete(self, pick_id: int, picture: Picture | None) -> None:
         """Take a pick off the list."""
         self._listed(pick_id)
         self._folder.delete_pick(pick_id)
-        self._reload()
+        self._book.forget(pick_id)
+        self._reload(picture)
 
-    def _set(self, current: CurrentPick | None) -> None:
+    def _set(self, current: CurrentPick | None, picture: Picture | None) -> None:
         self.current = current
         if current is None:
-            self._show(None, None)
+            self._show(None, None, None)
         else:
-            self._show(current.pick.position_held_m, current.pick.normal_held)
+            pose = None if picture is None else current.pose(picture, self._axis)
+            gripper = None if pose is None else pose.gripper_m()
+            self._show(current.pick.position_held_m, current.pick.normal_held, gripper)
 
-    def _reload(self) -> None:
+    def _reload(self, picture: Picture | None) -> None:
         self.picks = self._folder.picks
         if self.current is not None:
             found = [p for p in self.picks if p.id == self.current.pick.id]
-            self._set(replace(self.current, pick=found[0]) if found else None)
+            self._set(replace(self.current, pick=found[0]) if found else None, picture)
 
     def _listed(self, pick_id: int) -> Pick:
         for pick in self.picks:
@@ -176,4 +235,26 @@ def numbers(current: CurrentPick, place: Place, picture: Picture, axis: Rotation
         "view_index": pick.view_index,
         "source_rc": list(pick.source_rc),
         "miss_m": current.miss_m,
+        "grip": grip_numbers(current.pose(picture, axis)),
+    }
+
+
+def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
+    """Return the grip of a pose for a page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
+    if pose is None:
+        return None
+    uv, about = pose.direction_uv, pose.uncertainty
+    angle_deg = None if uv is None else math.degrees(math.atan2(float(uv[1]), float(uv[0])))
+    return {
+        "axis_from": pose.axis_from,
+        "axis_deg": None if angle_deg is None else 90.0 - (90.0 - angle_deg) % 180.0,
+        "axis_uv": None if uv is None else uv.tolist(),
+        "axis_held": pose.held_from_grasp.rotation[:, 0].tolist(),
+        "approach_held": pose.held_from_grasp.rotation[:, 2].tolist(),
+        "opening_m": pose.opening_m,
+        "outline_distance_m": finite(pose.outline_distance_m),
+        "position_std_m": finite(about.position_m),
+        "normal_std_deg": finite(about.normal_deg),
+        "axis_std_deg": finite(about.axis_deg),
+        "placement_std_m": finite(about.placement_m),
     }

@@ -114,6 +114,9 @@ def attributes_at(view: FlattenedView, u_m: float, v_m: float, axis: RotationAxi
         "view_index": int(view.view_index[row, col]),
         "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
         **_quality_at(view, row, col),
+        "placement_std_mm": None
+        if view.placement_std_m is None
+        else finite(1000 * float(view.placement_std_m[row, col])),
     }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from flatcloth.geometry import held_from_camera
 from flatcloth.types import Bool, Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.viewer.axis_panel import AxisPanel
 from flatcloth.viewer.panels import Panels
 from flatcloth.viewer.picture import Picture
 
@@ -48,6 +49,8 @@ class Scene:
 
     def __init__(self, axis: RotationAxis, intrinsics: Intrinsics, relay_key: str) -> None:
         self._axis = axis
+        self._axis_span_m = (-0.5, 0.5)
+        self._axis_panel: AxisPanel | None = None
         self._lock = threading.RLock()
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._points: dict[str, Float32] = {}
@@ -75,7 +78,7 @@ class Scene:
             thickness_units="screen",
         )
         self._axis_line = server.scene.add_line_segments(
-            "/axis", self._axis_points(-0.5, 0.5), (140, 140, 140), thickness=1.5, thickness_units="screen"
+            "/axis", self._axis_points(self._axis), (140, 140, 140), thickness=1.5, thickness_units="screen"
         )
         self._ball = server.scene.add_icosphere(
             "/pick/ball", radius=BALL_RADIUS_M, color=_PICK_COLOR, visible=False, cast_shadow=False
@@ -89,6 +92,10 @@ class Scene:
             head_length=0.014,
             visible=False,
         )
+        self._gripper = server.scene.add_line_segments(
+            "/pick/gripper", np.zeros((1, 2, 3)), _PICK_COLOR,
+            thickness=3.0, thickness_units="screen", visible=False,
+        )  # fmt: skip
         self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
 
         @server.scene.on_click()
@@ -133,6 +140,15 @@ class Scene:
                     self._turn_camera(picture)
         self._server.flush()
 
+    def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
+        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+        with self._lock, self._server.atomic():
+            self._fill("/live/cloud", points_m, colors, 0.0022)
+            if len(points_m) and (anew or self._view_from is None):
+                self._shown = None
+                self._frame_view(0.0, 0)
+        self._server.flush()
+
     def _turn_camera(self, picture: Picture) -> None:
         assert self._view_from is not None
         held = held_from_camera(self._axis, picture.angle_deg)
@@ -161,8 +177,10 @@ class Scene:
             self._fill("/proposal/cloud", overlay.view.xyz_m[new], colors, 0.0026)
         self._place_camera(picture)
 
-    def show_pick(self, position_m: Float64 | None, normal: Float64 | None) -> None:
-        """Show the ball and the outward arrow of a pick (held frame), or hide both."""
+    def show_pick(
+        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None = None
+    ) -> None:
+        """Show ball, outward arrow and gripper (S, 2, 3) of a pick (held frame), or hide them."""
         with self._lock, self._server.atomic():
             there = position_m is not None
             if position_m is not None:
@@ -171,10 +189,15 @@ class Scene:
             pointing = there and normal is not None and bool(np.all(np.isfinite(normal)))
             if pointing and normal is not None:
                 self._arrow.wxyz = quaternion_from_z(normal)
+            if gripper_m is not None:
+                lines: Any = gripper_m
+                self._gripper.points = lines
             self._filled["/pick/ball"], self._filled["/pick/arrow"] = there, pointing
+            self._filled["/pick/gripper"] = there and gripper_m is not None
             wanted = self._wanted.get("/pick", True)
             self._ball.visible = there and wanted
             self._arrow.visible = pointing and wanted
+            self._gripper.visible = self._filled["/pick/gripper"] and wanted
         self._server.flush()
 
     def follow(self, on: bool) -> None:
@@ -214,10 +237,14 @@ class Scene:
             picks = self._wanted.get("/pick", True)
             self._ball.visible = picks and self._filled.get("/pick/ball", False)
             self._arrow.visible = picks and self._filled.get("/pick/arrow", False)
+            self._gripper.visible = picks and self._filled.get("/pick/gripper", False)
         self._server.flush()
 
     def _place_camera(self, picture: Picture) -> None:
-        held = held_from_camera(self._axis, picture.angle_deg)
+        self._frame_view(picture.angle_deg, picture.present_view)
+
+    def _frame_view(self, angle_deg: float, present_view: int) -> None:
+        held = held_from_camera(self._axis, angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_from_matrix(held.rotation)
         clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]
@@ -225,16 +252,16 @@ class Scene:
             return
         points = np.concatenate(clouds)
         along = (points - self._axis.point_m) @ self._axis.direction
-        ends: Any = self._axis_points(float(along.min()) - 0.05, float(along.max()) + 0.08)
-        self._axis_line.points = ends
+        self._axis_span_m = (float(along.min()) - 0.05, float(along.max()) + 0.08)
+        self._draw_axis(self._axis)
         center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
         reach = np.abs(points - center)
         half_height = float(np.percentile(reach[:, 1], 99.5))
         half_width = float(np.percentile(np.hypot(reach[:, 0], reach[:, 2]), 99.5))
         self._view_from = (center, held.translation_m, half_width, half_height)
         first = self._shown is None
-        turned = self._shown is not None and self._shown[1] != picture.present_view
-        self._shown = (None, picture.present_view)
+        turned = self._shown is not None and self._shown[1] != present_view
+        self._shown = (None, present_view)
         initial = self._server.initial_camera
         initial.fov, initial.position = self._fov_rad(1.0), held.translation_m
         initial.look_at = center
@@ -262,9 +289,25 @@ class Scene:
             client.camera.look_at = self._view_from[0]
         client.flush()
 
-    def _axis_points(self, low_m: float, high_m: float) -> Float64:
-        ends = [self._axis.point_m + x * self._axis.direction for x in (low_m, high_m)]
-        return np.array([ends])
+    def offer_axis(self, on_apply: Callable[[RotationAxis], None]) -> None:
+        """Offer to set the turning axis by hand; ``on_apply`` is told, from viser's threads."""
+        self._axis_panel = AxisPanel(self._server, self._axis, self._draw_axis, on_apply)
+
+    def set_axis(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+        with self._lock, self._server.atomic():
+            self._axis = axis
+            self._draw_axis(axis)
+            if self._axis_panel is not None:
+                self._axis_panel.set_axis(axis)
+        self._server.flush()
+
+    def _draw_axis(self, axis: RotationAxis) -> None:
+        ends: Any = self._axis_points(axis)
+        self._axis_line.points = ends
+
+    def _axis_points(self, axis: RotationAxis) -> Float64:
+        return np.array([[axis.point_m + x * axis.direction for x in self._axis_span_m]])
 
 
 def _start_viser(relay_key: str) -> viser.ViserServer:

@@ -28,13 +28,15 @@ from flatcloth.errors import FlatclothError, ServerError
 from flatcloth.resources import static_folder
 from flatcloth.viewer import layers, messages
 from flatcloth.viewer.application import Application
-from flatcloth.viewer.desk import PageDesk
+from flatcloth.viewer.desk import Audience, PageDesk, Stage
+from flatcloth.viewer.exports import ExportDesk
 from flatcloth.viewer.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.loop import Player
 from flatcloth.viewer.relay import relay
 from flatcloth.viewer.scene import Scene
+from flatcloth.viewer.teaching import TeachingDesk
 
 if TYPE_CHECKING:
     from flatcloth.integration import Integration
@@ -69,6 +71,8 @@ class PageServer:
         Given for live mode: flattens the frames that are played.
     fps : float
         In live mode, frames a second to begin with.
+    desk : callable, optional
+        Makes the application of another mode, such as that of a camera.
     """
 
     def __init__(
@@ -80,6 +84,7 @@ class PageServer:
         port: int = 8080,
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
+        desk: Callable[[Stage, Audience], PageDesk] | None = None,
     ) -> None:
         self._integration = integration
         self._socket = bind(host, port)
@@ -90,15 +95,21 @@ class PageServer:
         axis = integration.axis
         self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
         self._hub = Hub()
-        self.application: PageDesk = (
-            Application(integration, folder, self._scene, self._hub)
-            if player is None
-            else LiveApplication(integration, folder, self._scene, self._hub, player, fps)
-        )
+        self.application: PageDesk
+        if desk is not None:
+            self.application = desk(self._scene, self._hub)
+        elif player is not None:
+            self.application = LiveApplication(integration, folder, self._scene, self._hub, player, fps)
+        else:
+            self.application = Application(integration, folder, self._scene, self._hub)
         self._hub.on_leave = self.application.leave
         self._scene.on_ray = self.application.click_ray
         self._scene.on_follow = self.application.set_follow
+        if isinstance(self.application, Application):
+            self._scene.offer_axis(self.application.adjust_axis)
         self._pngs = PngCache(self.application, integration)
+        self._teaching = TeachingDesk(integration)
+        self._exports = ExportDesk(integration, folder)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
@@ -133,6 +144,7 @@ class PageServer:
         self._uvicorn.should_exit = True
         self._thread.join(timeout=5.0)
         self.application.stop()
+        self._teaching.stop()
         self._scene.stop()
         self._socket.close()
 
@@ -166,6 +178,9 @@ class PageServer:
             Route("/layers/{revision:int}/{name}.png", self._layer),
             Route("/overlay/{revision:int}.png", self._overlay),
             Route("/export/grasps.json", self._grasps),
+            Route("/export/{name}", self._exports.serve),
+            Route("/teaching/{part}", self._teaching.serve),
+            *self.application.routes(),
             WebSocketRoute("/ws", self._messages),
             Route("/viser/", _viser_page),
             WebSocketRoute("/viser", self._viser_socket),
@@ -333,13 +348,14 @@ def serve(
     port: int = 8080,
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
+    desk: Callable[[Stage, Audience], PageDesk] | None = None,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, player, fps
+    integration, folder, host, port, player, fps, desk
         See :class:`PageServer`.
     open_url
         Called with the page's address once it answers; the default prints it.
@@ -349,7 +365,7 @@ def serve(
     ServerError
         If the address cannot be bound.
     """
-    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps) as server:
+    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps, desk=desk) as server:
         (open_url or _print_url)(server.url)
         try:
             server.join()

@@ -192,6 +192,23 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "nudge": _motion(pending.nudge),
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
+        **_placing(overlay),
+    }
+
+
+def _placing(overlay: Overlay | None) -> dict[str, Any]:
+    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses, parts."""
+    placing = None if overlay is None else overlay.proposal.placing
+    if placing is None or not placing.hypotheses:
+        return {"margin": None, "undetermined": [], "hypotheses": [], "waiting_cm2": []}
+    return {
+        "margin": finite(float(placing.margin)),
+        "undetermined": list(placing.hypotheses[0].undetermined),
+        "hypotheses": [
+            {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
+            for h in placing.hypotheses
+        ],
+        "waiting_cm2": [1e4 * part.area_m2 for part in placing.parts if part.hypothesis is None],
     }
 
 

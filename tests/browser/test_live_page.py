@@ -36,7 +36,7 @@ def pause(tab: Tab) -> int:
 def scene_stands_at(tab: Tab, view: int) -> None:
     """Wait until the camera of the 3D scene is where that of the view stood."""
     recording = open_recording(ROOT / SAMPLE)
-    axis, _ = resolve_axis(recording, recording.__getitem__, Config().surface)
+    axis = resolve_axis(recording, recording.__getitem__, Config().surface).axis
     camera = held_from_camera(axis, recording.angles_deg[view]).translation_m
     tab.scene.wait_for_function(
         "(p) => { const c = window.__viserMutable?.nodePoseData['/camera']?.position;"

@@ -1,0 +1,177 @@
+"""Does the confidence of a proposal tell right from wrong? And how its weights were learned.
+
+For each view of an unattended integration, each part is laid where the method lays it, and at
+places that are wrong on purpose: moved, turned, or laid where another part belongs. Which of them
+are right is judged by the truth: right within 12 mm in the median, wrong beyond 20 mm; between,
+neither.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from flatcloth.agreement import FEATURES, confidence_of, features_of
+from flatcloth.evaluation import bilinear_on_layer, of_interest
+from flatcloth.geometry import fit_rigid2
+from flatcloth.integration import Integration
+from flatcloth.pipeline import Run
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.session import Accept, Command, Document, Event, SessionState
+from flatcloth.types import Float64, Rigid2
+
+RESULTS = Path(__file__).parent / "results"
+RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
+WRONG_PER_PART = 2
+
+
+@dataclass(frozen=True)
+class Laid:
+    """A placement: its score's parts, the error by the truth (m), and whether it was moved on purpose."""
+
+    recording: str
+    parts: dict[str, float]
+    error_m: float
+    moved: bool
+
+
+def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
+    """Return right and wrong placements of one recording."""
+    integration = Integration(open_recording(name))
+    robust = integration.robust
+    assert robust is not None
+    truth = read_truth(integration.recording.location)
+    laid: list[Laid] = []
+    documents: list[tuple[Document, int]] = []
+
+    def watch(event: Command | Event) -> None:
+        if isinstance(event, Accept):
+            documents.append((before[0], event.view_index))
+        before[0] = run.state.document
+
+    run = Run(integration, SessionState(len(integration.recording)), record=watch)
+    before = [run.state.document]
+    run.finish()
+    for document, view in documents:
+        shape, parts = robust.shape(document), robust.parts(document, view)
+        placing = integration.proposal(document).placing
+        found = {p.component: p.hypothesis for p in placing.parts if p.hypothesis is not None}
+        node_truth = _truth_of_nodes(integration, document, truth)
+        for component, part in parts.items():
+            hypothesis = found.get(component)
+            if hypothesis is None:
+                continue
+            true = _truth_at(truth, view, robust.part_rc(view, part))
+            motions = [(hypothesis.current_from_new, False)]
+            motions += [
+                (_disturbed(hypothesis.current_from_new, part.uv_m, random), True)
+                for _ in range(WRONG_PER_PART)
+            ]
+            others = [h for c, h in found.items() if c != component]
+            if others:
+                motions.append((others[0].current_from_new, True))
+            for motion, moved in motions:
+                error = _error_m(motion.apply(part.uv_m), true, shape.all_uv_m, node_truth)
+                if np.isfinite(error):
+                    score = robust.score(document, view, component, motion)
+                    laid.append(Laid(name, score.parts, error, moved))
+    return laid
+
+
+def _disturbed(motion: Rigid2, uv_m: Float64, random: np.random.Generator) -> Rigid2:
+    """Move by 25 to 120 mm, and turn by up to 40 deg about the part's middle."""
+    center = motion.apply(uv_m).mean(axis=0)
+    direction, length = random.uniform(0, 2 * np.pi), random.uniform(0.025, 0.12)
+    turn = np.radians(random.uniform(-40, 40)) * random.integers(0, 2)
+    shift = length * np.array([np.cos(direction), np.sin(direction)])
+    return Rigid2(float(turn), float(shift[0]), float(shift[1])).about(center) @ motion
+
+
+def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
+    true = truth[view]
+    shown = of_interest(true, truth.panel_of_interest)
+    flat = np.where(shown[..., None], true.flat_uv_m, np.nan)
+    return bilinear_on_layer(flat, rc).astype(np.float64)
+
+
+def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
+    robust = integration.robust
+    assert robust is not None
+    shape = robust.shape(document)
+    result = np.full((len(shape.nodes), 2), np.nan)
+    for sighting in shape.sightings:
+        offset = np.array(robust.surfaces(shape)[sighting.view_index].frame.offset_rc)
+        result[sighting.node] = _truth_at(truth, sighting.view_index, sighting.rc + offset)
+    return result
+
+
+def _error_m(placed: Float64, true: Float64, node_uv: Float64, node_truth: Float64) -> float:
+    """Median distance from where the part belongs, beside the cloth that is there: swings cancel."""
+    known = np.isfinite(true[:, 0])
+    nodes = np.isfinite(node_truth[:, 0]) & np.isfinite(node_uv[:, 0])
+    if known.sum() < 10 or nodes.sum() < 10:
+        return float("nan")
+    middle = np.median(true[known], axis=0)
+    apart = np.linalg.norm(node_truth - middle, axis=1)
+    near = nodes & (apart <= max(NEAR_M, float(np.sort(apart[nodes])[9])))
+    motion = fit_rigid2(node_uv[near], node_truth[near])
+    return float(np.median(np.linalg.norm(motion.apply(placed[known]) - true[known], axis=1)))
+
+
+def area_under_roc(right: Float64, wrong: Float64) -> float:
+    """Return the share of (right, wrong) pairs in which the right one scores higher; ties count half."""
+    both = np.concatenate([right, wrong])
+    order = np.argsort(both, kind="stable")
+    _, first, count = np.unique(both[order], return_index=True, return_counts=True)
+    rank = np.empty(both.size)
+    rank[order] = np.repeat(first + 0.5 * (count + 1), count)
+    total = rank[: right.size].sum() - right.size * (right.size + 1) / 2
+    return float(total / (right.size * wrong.size))
+
+
+def learned_weights(laid: list[Laid]) -> Float64:
+    """Return the weights of the logistic regression, lightly held near 0."""
+    used = [x for x in laid if x.error_m <= RIGHT_M or x.error_m >= WRONG_M]
+    x = np.array([features_of(p.parts) for p in used])
+    y = np.array([p.error_m <= RIGHT_M for p in used])
+    balance = np.where(y, 0.5 / y.mean(), 0.5 / (1 - y.mean()))
+
+    def loss(w: Float64) -> float:
+        margin = np.where(y, 1.0, -1.0) * (x @ w)
+        return float((balance * np.logaddexp(0.0, -margin)).mean() + 2e-3 * np.square(w[1:]).sum())
+
+    return np.asarray(minimize(loss, np.zeros(x.shape[1]), method="L-BFGS-B").x)
+
+
+def run(recordings: list[str], *, learn: bool = False) -> None:
+    """Measure, print and write ``results/confidence.json``."""
+    from flatcloth.config import AgreementConfig
+    from flatcloth.resources import sample_recordings
+
+    random = np.random.default_rng(0)
+    names = recordings or sorted(str(path) for path in sample_recordings().values())
+    laid = [placement for name in names for placement in placements_of(name, random)]
+    config = AgreementConfig()
+    if learn:
+        weights = learned_weights(laid)
+        print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
+        config = replace(config, confidence_weights=tuple(float(w) for w in weights))
+    scored = np.array([confidence_of(p.parts, config) for p in laid])
+    error = np.array([p.error_m for p in laid])
+    right, wrong = scored[error <= RIGHT_M], scored[error >= WRONG_M]
+    figures = {
+        "recordings": len(names),
+        "right": int(right.size),
+        "wrong": int(wrong.size),
+        "area_under_roc": round(area_under_roc(right, wrong), 4),
+        "right_accepted": round(float((right >= config.accept_confidence).mean()), 4),
+        "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
+    }
+    print(json.dumps(figures, indent=1))
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / "confidence.json").write_text(json.dumps(figures, indent=1) + "\n")

@@ -1,0 +1,76 @@
+"""A RealSense file that plays in the place of a camera: to try things on, and to test them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from flatcloth.cameras.base import CameraEndedError, CameraFrame
+from flatcloth.recordings.realsense import Pair, RealsensePlayer
+from flatcloth.types import Intrinsics
+
+
+class PlaybackCamera:
+    """Plays a file once, at its own pace; see :class:`flatcloth.cameras.base.Camera`.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.db3`` or ``.bag`` file.
+    align : str
+        ``depth`` or ``color``.
+    real_time : bool
+        Wait until each frame is due, and leave out those whose time is over; else every frame
+        comes as soon as it is asked for.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be played.
+    """
+
+    def __init__(self, path: Path, align: str = "depth", real_time: bool = True) -> None:
+        self._player = RealsensePlayer(path, align)
+        self._real_time = real_time
+        self._frames: Iterator[Pair] | None = None
+        self._began_s = 0.0
+        self.name = path.name
+        self.notes = (f"{path.name} plays in the place of a camera.",)
+        self.intrinsics: Intrinsics = self._player.intrinsics
+        self.depth_scale_m: float = self._player.depth_scale_m
+        self.fps: float = self._player.fps
+
+    def read(self) -> CameraFrame:
+        """Return the next frame.
+
+        Raises
+        ------
+        CameraEndedError
+            After the last one.
+        """
+        if self._frames is None:
+            self._frames = self._player.play()
+        for pair in self._frames:
+            if self._real_time:
+                now_s = time.monotonic()
+                self._began_s = self._began_s or now_s - pair.time_s
+                ahead_s = self._began_s + pair.time_s - now_s
+                if ahead_s < -1.0 / self.fps:
+                    continue  # a camera would have dropped it
+                time.sleep(max(0.0, ahead_s))
+            return CameraFrame(time_s=pair.time_s, color=pair.color, depth_units=pair.depth_units)
+        raise CameraEndedError(
+            f"{self._player.path}: has been played to its end. Begin again to see it anew."
+        )
+
+    def measure(self, on: bool) -> None:
+        """Filter the frames from now on, afresh, or no longer."""
+        self._player.filter.fresh()
+        self._player.filter.active = on
+
+    def close(self) -> None:
+        """Stop playing."""
+        if isinstance(self._frames, Iterator) and hasattr(self._frames, "close"):
+            self._frames.close()
+        self._frames = iter(())

@@ -1,0 +1,128 @@
+"""The command ``export``: what is taken away from a session."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.commands.common import ProgressBar
+from flatcloth.errors import FlatclothError
+
+if TYPE_CHECKING:
+    from flatcloth.geometry import Rigid3
+    from flatcloth.takeaway.session import OpenedSession
+
+NAME = "export"
+SUMMARY = "export a session as offline page, report, figures, animation or grasp poses"
+EXAMPLES = """examples:
+  python app.py export result --html shirt.html --report report.html
+  python app.py export result --figures figures --animation growth.gif
+  python app.py export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
+
+_OUTPUTS = ("html", "report", "figures", "animation", "grasps")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "session", type=Path, metavar="SESSION_DIR", help="session folder, of --out or --session; only read"
+    )
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write one page that works offline")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write a report to print (HTML, A4)")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="write every figure as PNG and SVG")
+    parser.add_argument(
+        "--animation", type=Path, metavar="FILE", help="write the growth as .gif or .mp4, by the name's end"
+    )
+    parser.add_argument("--grasps", type=Path, metavar="FILE", help="write the grasp poses (grasps.json)")
+    add_hand_eye(parser)
+    parser.add_argument(
+        "--rotation",
+        type=_rotation,
+        metavar="DEG",
+        help="rotation of the item for --grasps in camera and robot frame (default: of the last view)",
+    )
+    parser.add_argument(
+        "--recording", type=Path, metavar="SOURCE", help="where the recording is now, if it was moved"
+    )
+    given = parser.add_mutually_exclusive_group()
+    given.add_argument(
+        "--angles", type=Path, metavar="CSV", help="the angles that the session was begun with, if any"
+    )
+    given.add_argument("--step", type=float, metavar="DEG", help="the step that it was begun with, if any")
+
+
+def add_hand_eye(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--hand-eye``."""
+    parser.add_argument(
+        "--hand-eye",
+        type=Path,
+        metavar="FILE",
+        help="base_from_camera (docs/grasps.md): grasp poses in the robot's frame too",
+    )
+
+
+def hand_eye_of(options: argparse.Namespace) -> Rigid3 | None:
+    """Read the hand-eye transform, if one is given."""
+    from flatcloth.hand_eye import read_hand_eye
+
+    return None if options.hand_eye is None else read_hand_eye(options.hand_eye)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write what was asked for."""
+    from flatcloth.takeaway.session import open_session
+
+    wanted = [name for name in _OUTPUTS if getattr(options, name) is not None]
+    if not wanted:
+        listed = ", ".join(f"--{name}" for name in _OUTPUTS)
+        raise FlatclothError(f"{options.session}: nothing to write is named; give one or more of {listed}.")
+    base_from_camera = hand_eye_of(options)
+    with ProgressBar(str(options.session)) as bar:
+        session = open_session(
+            options.session, options.recording, bar.show, angles=options.angles, step_deg=options.step
+        )
+        for name in wanted:
+            _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+    for name in wanted:
+        print(f"Written: {getattr(options, name)}")
+
+
+def _write(
+    name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
+) -> None:
+    from flatcloth.takeaway.files import write_text
+
+    match name:
+        case "html":
+            from flatcloth.takeaway.page import page
+
+            write_text(path, page(session))
+        case "report":
+            from flatcloth.takeaway.report import report
+
+            write_text(path, report(session))
+        case "figures":
+            from flatcloth.takeaway.figures import write_figures
+
+            write_figures(session, path)
+        case "animation":
+            from flatcloth.takeaway.animation import write_animation
+
+            write_animation(session, path)
+        case "grasps":
+            from flatcloth.export import grasps_text
+
+            frames = session.frames(base_from_camera, rotation_deg)
+            write_text(path, grasps_text(session.growth.view, session.story.picks, frames))
+
+
+def _rotation(text: str) -> float:
+    try:
+        angle_deg = float(text)
+    except ValueError:
+        angle_deg = math.nan
+    if not math.isfinite(angle_deg):
+        raise argparse.ArgumentTypeError(f"{text!r} is not an angle; give degrees")
+    return angle_deg

@@ -1,0 +1,85 @@
+"""The command ``import``: any source that can be opened becomes a recording folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.commands.common import ProgressBar
+from flatcloth.errors import RecordingError
+
+if TYPE_CHECKING:
+    from flatcloth.recordings import Recording
+
+NAME = "import"
+SUMMARY = "copy a RealSense file, or any other source, into a recording folder"
+EXAMPLES = """examples:
+  python app.py import turned.db3 --out my-recording --step 10        its stops, 10 degrees apart
+  python app.py import turning.bag --out my-recording --turning-speed 12
+  python app.py import turned.db3 --out my-recording --angles turntable.csv --align color"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("source", metavar="SOURCE", help="RealSense .db3 or .bag, or any other source")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder to write")
+    parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the source's own)")
+    parser.add_argument(
+        "--step",
+        type=float,
+        metavar="DEG",
+        help="angle between views, negative if turned the other way (default for RealSense files: 10)",
+    )
+    parser.add_argument(
+        "--angles",
+        type=Path,
+        metavar="CSV",
+        help="table of the angles; of a RealSense file: seconds since its first frame, degrees",
+    )
+    parser.add_argument(
+        "--turning-speed",
+        type=float,
+        metavar="DEG_PER_S",
+        help="RealSense file of an item that turned all the time: how fast",
+    )
+    parser.add_argument(
+        "--align",
+        choices=("depth", "color"),
+        help="RealSense file: the camera whose pixels are kept (default: depth, which stays as measured)",
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Read the source, write the folder, and say what was found."""
+    from flatcloth.recordings.copying import copy_recording
+
+    with ProgressBar(Path(options.source).name) as bar:
+        recording = _opened(options, bar)
+        count = copy_recording(recording, options.out, options.name, bar.show)
+    for note in getattr(recording, "notes", ()):
+        print(note)
+    angles = recording.angles_deg
+    views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
+    print(f"{views} written to {options.out}. Open it with: python app.py view {options.out}")
+
+
+def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
+    from flatcloth.recordings import open_recording
+    from flatcloth.recordings.realsense import is_realsense
+    from flatcloth.recordings.turned import TurnOptions, open_realsense
+
+    path = Path(options.source).expanduser()
+    if not is_realsense(path):
+        if options.turning_speed is not None or options.align is not None:
+            raise RecordingError(
+                f"{path}: no RealSense file. --turning-speed and --align are for those only."
+            )
+        return open_recording(options.source, angles=options.angles, step_deg=options.step)
+    given = {
+        "align": options.align,
+        "step_deg": options.step,
+        "angles": options.angles,
+        "turning_speed_deg_s": options.turning_speed,
+    }
+    return open_realsense(path, TurnOptions(**{k: v for k, v in given.items() if v is not None}), bar.show)

@@ -1,0 +1,217 @@
+"""The command ``record``: guided capture with a camera, on the command line."""
+
+from __future__ import annotations
+
+import argparse
+import select
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.errors import FlatclothError, IllegalDecisionError
+
+if TYPE_CHECKING:
+    from flatcloth.cameras import Camera, CameraFrame
+    from flatcloth.capture import Capture
+    from flatcloth.guided_capture import GuidedCapture
+
+NAME = "record"
+SUMMARY = "capture a hanging item view by view with a RealSense camera"
+EXAMPLES = """examples:
+  python app.py record --out my-recording --step 10
+  python app.py record --out my-recording --camera 728612070259 --resume
+  python app.py record --out my-recording --camera turned.db3 --yes    a file in the camera's place"""
+
+_LOOK_EVERY_S = 1.0
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to write")
+    parser.add_argument(
+        "--step",
+        type=float,
+        metavar="DEG",
+        help="turn between two views (default: 10); negative if the side that faces the camera "
+        "moves to the left",
+    )
+    add_capture_options(parser)
+    parser.add_argument(
+        "--camera",
+        default="",
+        metavar="SERIAL",
+        help="serial number of the camera if there are several; or a RealSense file that plays as one",
+    )
+    parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the folder's name)")
+    parser.add_argument("--yes", action="store_true", help="keep every view without asking")
+
+
+def add_capture_options(parser: argparse._ActionsContainer) -> None:
+    """Declare what a capture in the page has as well."""
+    parser.add_argument("--frames", type=int, metavar="N", help="frames averaged for each view (default: 10)")
+    parser.add_argument(
+        "--align", choices=("depth", "color"), help="the camera whose pixels are kept (default: depth)"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the recording in the folder")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Lead through the capture until the turn is complete or the operator ends it."""
+    from flatcloth import capture
+    from flatcloth.cameras import open_camera
+    from flatcloth.guided_capture import GuidedCapture, writer_for
+
+    if not options.yes and not sys.stdin.isatty():
+        raise FlatclothError("record asks on the terminal, and there is none; give --yes to keep every view.")
+    camera = open_camera(options.camera, options.align or "depth")
+    try:
+        guided = GuidedCapture(
+            camera,
+            lambda: writer_for(camera, options.out, options.name or options.out.name, options.resume),
+            10.0 if options.step is None else options.step,
+            capture.FRAMES if options.frames is None else options.frames,
+        )
+        try:
+            lead(camera, guided, typed if not options.yes else lambda: None, keeps_itself=options.yes)
+        except KeyboardInterrupt:
+            print()
+        finally:
+            guided.close()
+            count = len(guided.writer)
+            views = "1 view is" if count == 1 else f"{count} views are"
+            print(f"{views} in {options.out}. Open it with: python app.py view {options.out}")
+    finally:
+        camera.close()
+
+
+def lead(
+    camera: Camera, guided: GuidedCapture, answer: Callable[[], str | None], *, keeps_itself: bool
+) -> None:
+    """Read the camera until the capture is done.
+
+    Parameters
+    ----------
+    camera, guided
+        Where frames come from, and where they go.
+    answer : callable
+        Returns what the operator has typed since the last frame, None if nothing.
+    keeps_itself : bool
+        Keep every view without asking.
+    """
+    from flatcloth.cameras import CameraEndedError
+    from flatcloth.capture import Phase
+
+    print(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
+    for note in camera.notes:
+        print(f"Note: {note}")
+    told: tuple[Phase, int] | None = None
+    looker = _Looker(camera)
+    while guided.state.phase is not Phase.DONE:
+        try:
+            frame = camera.read()
+        except CameraEndedError as end:
+            print(f"\n{end}")
+            return
+        state = guided.see(frame)
+        place = (state.phase, len(state.kept_deg))
+        if place != told:
+            _tell(guided, told, asking=not keeps_itself)
+            told = place
+        _show_stillness(state)
+        looker.look(frame, state)
+        if state.phase is Phase.REVIEW and keeps_itself:
+            guided.keep()
+        else:
+            _obey(guided, answer())
+
+
+def _obey(guided: GuidedCapture, text: str | None) -> None:
+    from flatcloth import capture
+    from flatcloth.capture import Phase
+
+    if text is None:
+        return
+    word = text.strip().lower()
+    try:
+        if word == "q":
+            guided.do(capture.finish)
+        elif word == "r":
+            guided.do(capture.repeat)
+        elif word == "" and guided.state.phase is Phase.REVIEW:
+            guided.keep()
+        elif word == "" and guided.state.phase is Phase.TURN:
+            guided.do(capture.turned)
+        elif word != "":
+            guided.do(lambda state: capture.aim(state, float(word)))
+    except ValueError:
+        print(f"\n{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
+    except IllegalDecisionError as error:
+        print(f"\n{error}")
+
+
+def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
+    """Say what is to be done now; what goes on by itself is on the line of the stillness."""
+    from flatcloth.capture import Phase
+
+    state, number = guided.state, len(guided.state.kept_deg)
+    if before is not None and number > before[1]:
+        print(f"\rView {number - 1} is kept.\033[K" if sys.stdout.isatty() else f"View {number - 1} is kept.")
+    if state.phase is Phase.TURN:
+        hint = " (Enter: it is there; q: end)" if asking else ""
+        print(
+            f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}"
+        )
+    elif state.phase is Phase.SETTLE and number == 0 and before is None:
+        print("View 0: let the item hang still.")
+    elif state.phase is Phase.REVIEW and guided.taken is not None:
+        view = guided.taken
+        hint = " (Enter: keep; r: repeat; a number: its true angle; q: end)" if asking else ""
+        print(
+            f"View {number} at {state.target_deg:g} degrees: {view.frames} frames, "
+            f"which agree to {view.noise_mm:.1f} mm.{hint}"
+        )
+        for warning in view.warnings:
+            print(f"  {warning}")
+
+
+def _show_stillness(state: Capture) -> None:
+    from flatcloth.capture import Phase
+
+    if not sys.stdout.isatty() or state.phase is Phase.REVIEW:
+        return
+    speed = "-" if state.speed_px_s is None else f"{state.speed_px_s:.0f}"
+    words = {
+        Phase.TAKE: f"taking frame {state.taken} of {state.frames}",
+        Phase.SETTLE: f"still for {state.still_s:.1f} s" if state.still_s else f"moving, {speed} px/s",
+    }
+    print(f"\r  {words.get(state.phase, f'motion {speed} px/s')}\033[K", end="", flush=True)
+
+
+class _Looker:
+    """Says what is wrong with the sight of the item, when it changes."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._next_s = 0.0
+        self._said: tuple[str, ...] = ()
+
+    def look(self, frame: CameraFrame, state: Capture) -> None:
+        from flatcloth.cameras.checks import look_at
+
+        if frame.time_s < self._next_s or state.taken:
+            return
+        self._next_s = frame.time_s + _LOOK_EVERY_S
+        warnings = look_at(frame.rgbd(self._camera)).warnings
+        kinds = tuple(text.split(":")[0] for text in warnings)
+        if kinds != self._said:
+            self._said = kinds
+            for text in warnings:
+                print(f"\nWarning: {text}" if sys.stdout.isatty() else f"Warning: {text}")
+
+
+def typed() -> str | None:
+    """Return the line that was typed on the terminal, None if there is none yet; its end means ``q``."""
+    if not select.select([sys.stdin], [], [], 0.0)[0]:
+        return None
+    return sys.stdin.readline() or "q"

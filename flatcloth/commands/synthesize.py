@@ -1,0 +1,119 @@
+"""The command ``synthesize``: a recording with truth from a garment mesh."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from flatcloth.commands.common import ProgressBar
+
+NAME = "synthesize"
+SUMMARY = "render a garment mesh to a recording with its truth"
+EXAMPLES = """examples:
+  python app.py synthesize shirt.obj --out my-shirt
+  python app.py synthesize shirt.glb --out my-shirt --panel back --noise d435 --seed 2
+  python app.py synthesize scan.ply --out my-shirt --scale 0.001 --up y --held 12 840 -3 --texture floral"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "mesh", type=Path, metavar="MESH", help="OBJ, PLY or GLB, in the pose in which it hangs"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to make")
+    parser.add_argument("--name", help="title of the recording (default: the folder's name)")
+    _add_hanging(parser.add_argument_group("the item"))
+    _add_camera(parser.add_argument_group("the camera"))
+    _add_errors(parser.add_argument_group("noise and errors"))
+
+
+def _add_hanging(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--up",
+        choices=("x", "y", "z", "-x", "-y", "-z"),
+        help="upward axis of the file (default: GLB y, others z); a downward one as --up=-z",
+    )
+    group.add_argument("--scale", type=float, default=1.0, help="metres per unit of the file (default: 1)")
+    held = group.add_mutually_exclusive_group()
+    held.add_argument(
+        "--held", type=float, nargs=3, metavar=("X", "Y", "Z"),
+        help="point it is held at, in the file's frame and unit (default: the highest vertex)",
+    )  # fmt: skip
+    held.add_argument("--held-vertex", type=int, metavar="N", help="vertex it is held at, counted from 0")
+    group.add_argument(
+        "--balance", action="store_true", help="turn the mesh, stiff, until it hangs below the held point"
+    )
+    group.add_argument("--panel", default="1", help="side of interest: front, back, or 1 or 2 (default: 1)")
+    group.add_argument("--inside-out", action="store_true", help="the faces of the file look inwards")
+    group.add_argument(
+        "--texture", choices=("checker", "floral", "stripes", "plain", "mesh"),
+        help="generated pattern, or the mesh's own colors (default: its own if it has any, else checker)",
+    )  # fmt: skip
+
+
+def _add_camera(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--distance", type=float, default=0.85, metavar="M", help="from the turning axis (default: 0.85)"
+    )
+    group.add_argument("--step", type=float, default=10.0, metavar="DEG", help="between views (default: 10)")
+    group.add_argument(
+        "--size", type=int, nargs=2, default=(480, 848), metavar=("W", "H"), help="pixels (default: 480 848)"
+    )
+    group.add_argument("--focal", type=float, default=425.0, metavar="PX", help="focal length (default: 425)")
+    group.add_argument(
+        "--center", type=float, nargs=2, metavar=("CX", "CY"), help="principal point (default: the middle)"
+    )
+
+
+def _add_errors(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--noise", choices=("none", "d435"), default="none", help="of the sensor (default: none)"
+    )
+    group.add_argument(
+        "--angle-error", type=float, default=0.0, metavar="DEG", help="deviation of the recorded angles"
+    )
+    group.add_argument(
+        "--axis-error", type=float, default=0.0, metavar="MM", help="deviation of the recorded axis"
+    )
+    group.add_argument(
+        "--swing", type=float, default=0.0, metavar="MM", help="how far its lowest point swings between views"
+    )
+    group.add_argument("--seed", type=int, default=0, help="of the pattern and of all errors (default: 0)")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Render, write, and say what was made."""
+    from flatcloth.synthesis.hanging import Looseness
+    from flatcloth.synthesis.recording import Request, camera_of, synthesize
+
+    request = Request(
+        mesh=options.mesh,
+        out=options.out,
+        name=options.name,
+        up=options.up,
+        scale=options.scale,
+        held=tuple(options.held) if options.held else options.held_vertex,
+        balanced=options.balance,
+        inside_out=options.inside_out,
+        panel=options.panel,
+        texture=options.texture,
+        camera=camera_of(tuple(options.size), options.focal, options.center),
+        distance_m=options.distance,
+        step_deg=options.step,
+        noise=options.noise,
+        loose=Looseness(
+            angle_deg=options.angle_error,
+            axis_m=options.axis_error / 1e3,
+            swing_m=options.swing / 1e3,
+        ),
+        seed=options.seed,
+    )
+    with ProgressBar(options.out.name) as bar:
+        made = synthesize(request, bar.show)
+    for warning in made.warnings:
+        print(f"note: {warning}")
+    sides = ", ".join(f"{i} {panel.name}" for i, panel in enumerate(made.panels, start=1))
+    print(
+        f"{made.views} views written to {made.folder}. "
+        f"Panels: {sides}; of interest: {made.panel_of_interest}."
+    )

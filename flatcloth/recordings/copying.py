@@ -1,0 +1,62 @@
+"""Copies a recording of any kind into a recording folder."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.writer import RecordingWriter, Uint16
+from flatcloth.types import Float32, Progress, no_progress
+
+DEPTH_SCALE_M = 0.0001
+"""Averaged depth has fractions of a millimetre; 16 bits of this reach 6.5 m."""
+
+
+def copy_recording(
+    recording: Recording,
+    folder: str | os.PathLike[str],
+    name: str | None = None,
+    progress: Progress = no_progress,
+) -> int:
+    """Write all views of a recording to a folder, and return how many.
+
+    Parameters
+    ----------
+    recording : Recording
+        Any kind; what it knows of axis, held point and masks is kept.
+    folder : path
+        New or empty.
+    name : str, optional
+        Instead of the recording's own.
+    progress : callable
+        Told the share of the work.
+
+    Raises
+    ------
+    RecordingError
+        If a view cannot be read, or the folder cannot be written; the views before it are kept.
+    """
+    first = recording[0]  # before the folder is made: it may be that nothing can be read
+    with RecordingWriter(
+        folder,
+        name=name or recording.name,
+        description=recording.description,
+        intrinsics=recording.intrinsics,
+        depth_scale_m=DEPTH_SCALE_M,
+        rotation_axis=recording.rotation_axis,
+        held_point_m=recording.held_point_m,
+    ) as writer:
+        for n in range(len(recording)):
+            progress(n / len(recording), f"writing view {n}")
+            frame = recording[n] if n else first
+            writer.add(frame.angle_deg, frame.color, depth_units(frame.depth_m), frame.mask)
+        return len(writer)
+
+
+def depth_units(depth_m: Float32) -> Uint16:
+    """Return depth (H, W) in units of ``DEPTH_SCALE_M``, 0 for what is too far for 16 bits."""
+    units = np.round(depth_m.astype(np.float64) / DEPTH_SCALE_M)
+    fits = np.isfinite(units) & (units > 0) & (units <= np.iinfo(np.uint16).max)
+    return np.where(fits, units, 0).astype(np.uint16)

@@ -1,0 +1,198 @@
+"""A mesh hung in front of the camera: units, which way is up, the held point, and every view's pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.synthesis.errors import SynthesisError
+from flatcloth.types import Float64, Intrinsics, RotationAxis
+
+UPWARD = ("x", "y", "z", "-x", "-y", "-z")
+_EXTENT_M = (0.05, 4.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hung:
+    """A hung mesh: ``points_m`` (N, 3) in the camera frame of view 0, and the true turning axis."""
+
+    points_m: Float64
+    held_point_m: Float64
+    axis: RotationAxis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looseness:
+    """How badly the turning is known: standard deviations.
+
+    ``angle_deg`` of each recorded angle; ``axis_m`` of the recorded axis, sideways and in depth;
+    ``swing_m`` by how much the lowest point of the item swings from view to view.
+    """
+
+    angle_deg: float = 0.0
+    axis_m: float = 0.0
+    swing_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turning:
+    """The views: ``camera_from_view0`` true poses, and what the recording says of them."""
+
+    camera_from_view0: tuple[Rigid3, ...]
+    recorded_angles_deg: tuple[float, ...]
+    recorded_axis: RotationAxis
+
+
+def hang(
+    vertices: Float64,
+    *,
+    up: str,
+    scale: float,
+    held: tuple[float, float, float] | int | None,
+    distance_m: float,
+    balanced: bool = False,
+) -> Hung:
+    """Put the held point above the optical axis so that the item is seen in the middle.
+
+    Parameters
+    ----------
+    vertices : (N, 3)
+        In the file's frame and unit.
+    up : str
+        The file's upward axis, one of ``UPWARD``.
+    scale : float
+        Metres per unit of the file.
+    held : three numbers, int or None
+        The held point in the file's frame, the index of a vertex, or None for the highest vertex.
+    distance_m : float
+        Of the camera from the turning axis.
+    balanced : bool
+        Turn the mesh as a rigid body so that its middle hangs below the held point; else it keeps
+        the pose it has in its file.
+
+    Raises
+    ------
+    SynthesisError
+        If the size is not a garment's, the vertex does not exist, or the held point is not on top.
+    """
+    extent = float(np.ptp(vertices, axis=0).max()) * scale
+    if not _EXTENT_M[0] <= extent <= _EXTENT_M[1]:
+        raise SynthesisError(
+            f"It is {extent:g} m large, a garment has {_EXTENT_M[0]:g} to {_EXTENT_M[1]:g} m. "
+            "Give the metres per unit of the file, for example --scale 0.001 for millimetres."
+        )
+    camera_from_file = _camera_axes(up)
+    points = vertices @ camera_from_file.T * scale
+    point = _held_point(points, held, camera_from_file * scale)
+    points = points - point
+    if balanced:
+        points = points @ _balancing(points).T
+    height = float(points[:, 1].max())  # y is down
+    if height < 0.2 * extent:
+        raise SynthesisError(
+            f"The item hangs only {1e3 * height:.0f} mm down from the held point. "
+            "Choose the upward axis with --up, or turn the mesh below its held point with --balance."
+        )
+    held_m = np.array([0.0, round(-height / 2, 4), distance_m])
+    return Hung(
+        points_m=points + held_m,
+        held_point_m=held_m,
+        axis=RotationAxis(point_m=held_m, direction=np.array([0.0, -1.0, 0.0])),
+    )
+
+
+def turn(hung: Hung, angles_deg: tuple[float, ...], loose: Looseness, random: np.random.Generator) -> Turning:
+    """Return the true pose of each view, and the angles and the axis as they are recorded."""
+    length = float((hung.points_m - hung.held_point_m)[:, 1].max())
+    poses, recorded = [], []
+    for n, angle in enumerate(angles_deg):
+        tilt = random.normal(0, loose.swing_m / length, 2) if n > 0 else np.zeros(2)
+        error = random.normal(0, loose.angle_deg) if n > 0 else 0.0
+        swing = rotation_about(np.array([0, 0, 1.0]), tilt[0]) @ rotation_about(
+            np.array([1.0, 0, 0]), tilt[1]
+        )
+        swung = Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m)
+        poses.append(swung @ camera_from_held(hung.axis, angle))
+        recorded.append(round(angle + error, 2))
+    off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
+    return Turning(
+        camera_from_view0=tuple(poses),
+        recorded_angles_deg=_apart(recorded),
+        recorded_axis=RotationAxis(
+            point_m=np.round(hung.axis.point_m + off, 4), direction=hung.axis.direction
+        ),
+    )
+
+
+def share_in_image(hung: Hung, camera: Intrinsics) -> float:
+    """Return the share of the vertices that every view shows (whole turn, so by distance to the axis)."""
+    offset = hung.points_m - hung.held_point_m
+    radius = np.hypot(offset[:, 0], offset[:, 2])
+    depth = hung.held_point_m[2] - radius  # at its nearest
+    row = camera.fy * hung.points_m[:, 1] / np.maximum(depth, 1e-6) + camera.cy
+    reach = camera.fx * radius / hung.held_point_m[2]
+    inside = (depth > 0.05) & (row >= 0) & (row < camera.height)
+    inside &= (camera.cx - reach >= 0) & (camera.cx + reach < camera.width)
+    return float(inside.mean())
+
+
+def _camera_axes(up: str) -> Float64:
+    """Return (3, 3) camera-from-file: y against the upward axis, seen from the axis that follows it."""
+    if up not in UPWARD:
+        raise SynthesisError(f"--up {up}: no such axis. Choose one of {', '.join(UPWARD)}.")
+    place = "xyz".index(up[-1])
+    upward, right = np.zeros(3), np.zeros(3)
+    upward[place] = -1.0 if up[0] == "-" else 1.0
+    right[(place + 2) % 3] = 1.0
+    return np.stack([right, -upward, np.cross(right, -upward)])
+
+
+def _held_point(
+    points: Float64, held: tuple[float, float, float] | int | None, camera_from_file: Float64
+) -> Float64:
+    point: Float64
+    if held is None:
+        point = points[points[:, 1].argmin()]
+        return point
+    if isinstance(held, int):
+        if not 0 <= held < len(points):
+            raise SynthesisError(
+                f"--held-vertex {held}: the mesh has vertices 0 to {len(points) - 1}. Choose one of them."
+            )
+        point = points[held]
+        return point
+    point = camera_from_file @ np.asarray(held, dtype=np.float64)
+    nearest = float(np.linalg.norm(points - point, axis=1).min())
+    if nearest > 0.1:
+        raise SynthesisError(
+            f"--held: the mesh is {1e3 * nearest:.0f} mm away from that point. "
+            "Give it in the file's frame and unit."
+        )
+    return point
+
+
+def _balancing(points: Float64) -> Float64:
+    """Return the least rotation about the origin that brings the middle of the points below it."""
+    middle = points.mean(axis=0)
+    length = float(np.linalg.norm(middle))
+    if length < 1e-9:
+        return np.eye(3)
+    down = np.array([0.0, 1.0, 0.0])
+    cross = np.cross(middle / length, down)
+    sine, cosine = float(np.linalg.norm(cross)), float(middle @ down) / length
+    about = cross / sine if sine > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return rotation_about(about, math.atan2(sine, cosine))
+
+
+def _apart(angles_deg: list[float]) -> tuple[float, ...]:
+    """Move recorded angles that fell on another's, which a recording does not allow, by a hundredth."""
+    taken: list[float] = []
+    for angle in angles_deg:
+        moved = angle
+        while any(abs((moved - other + 180) % 360 - 180) < 0.015 for other in taken):
+            moved = round(moved + 0.02, 2)
+        taken.append(moved)
+    return tuple(taken)

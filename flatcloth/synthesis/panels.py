@@ -1,0 +1,176 @@
+"""The panels of a mesh: which triangles belong together, and how they are connected on the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from flatcloth.synthesis.errors import SynthesisError
+from flatcloth.synthesis.meshes import GarmentMesh
+from flatcloth.types import Bool, Float64, Int32
+
+MOST_PANELS = 15
+
+
+def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
+    """Return the name and the triangles (K,) of each panel, panel 1 first.
+
+    Groups named front and back are panels 1 and 2, other groups follow. Without such groups, the
+    pieces into which the texture coordinates cut the mesh, the largest first; without texture
+    coordinates, or where they cut it into very many, the connected pieces of the mesh.
+    """
+    names = [name.lower() for name in mesh.group_names]
+    front = [i for i, n in enumerate(names) if "front" in n]
+    back = [i for i, n in enumerate(names) if "back" in n and "front" not in n]
+    panels: list[tuple[str, Int32]] = []
+    if front or back:
+        for name, groups in (("front", front), ("back", back)):
+            panels.append((name, np.flatnonzero(np.isin(mesh.group, groups)).astype(np.int32)))
+        rest = np.setdiff1d(mesh.group, front + back)
+        panels += [(mesh.group_names[i], np.flatnonzero(mesh.group == i).astype(np.int32)) for i in rest]
+    else:
+        label = _pieces(mesh)
+        for number, i in enumerate(np.argsort(-np.bincount(label), kind="stable"), start=1):
+            panels.append((f"piece {number}", np.flatnonzero(label == i).astype(np.int32)))
+    return tuple(panels[:MOST_PANELS])
+
+
+def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
+    """Return where two triangles meet.
+
+    Returns
+    -------
+    edge : (M, 2) int32
+        Its vertices.
+    corner : (M, 2, 2) int32
+        For each of the two triangles, the corners (numbers in ``triangles.ravel()``) at these vertices.
+    """
+    k = np.arange(len(triangles), dtype=np.int32)[:, None] * 3
+    first = (k + np.array([0, 1, 2], dtype=np.int32)).ravel()
+    second = (k + np.array([1, 2, 0], dtype=np.int32)).ravel()
+    flat = triangles.ravel()
+    turned = flat[first] > flat[second]
+    low, high = np.where(turned, second, first), np.where(turned, first, second)
+    order = np.lexsort((flat[high], flat[low]))
+    low, high = low[order], high[order]
+    same = (flat[low][1:] == flat[low][:-1]) & (flat[high][1:] == flat[high][:-1])
+    pairs = np.flatnonzero(same)
+    corner = np.stack([np.stack([low[pairs + i], high[pairs + i]], axis=1) for i in (0, 1)], axis=1)
+    return flat[corner[:, 0]], corner
+
+
+def nodes_of(triangles: Int32, joined: Bool, corner: Int32) -> Int32:
+    """Return (T, 3) node numbers: corners are one node if a way over joined edges leads around to it."""
+    pairs = corner[joined].transpose(0, 2, 1).reshape(-1, 2)
+    graph = coo_matrix(
+        (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(triangles.size,) * 2
+    )
+    label = connected_components(graph, directed=False)[1]
+    nodes: Int32 = label.reshape(-1, 3).astype(np.int32)
+    return nodes
+
+
+def signed_areas(corner_uv: Float64) -> Float64:
+    """Return twice the areas (T,) of triangles (T, 3, 2), positive from u towards v."""
+    first, second = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    area: Float64 = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    return area
+
+
+def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
+    """Cut a connected piece along the shortest ways between its openings.
+
+    Parameters
+    ----------
+    triangles : (T, 3) int32
+        Vertices of the piece.
+    points_m : (N, 3) float64
+        Their places.
+    name : str
+        Of the panel, for messages.
+
+    Returns
+    -------
+    (T, 3) int32
+        Nodes: a vertex on a cut is two.
+
+    Raises
+    ------
+    SynthesisError
+        If it is closed or has handles, so that such cuts do not let it lie on a plane.
+    """
+    edge, corner = shared_edges(triangles)
+    loops = _openings(triangles, edge)
+    count = int(loops.max()) + 1 if loops.size else 0
+    vertices = np.unique(triangles)
+    boundary = 3 * len(triangles) - 2 * len(edge)
+    euler = len(vertices) - (len(edge) + boundary) + len(triangles)
+    if count == 0 or euler != 2 - count:
+        cause = "is closed" if count == 0 else "has handles, or more than two triangles at an edge"
+        raise SynthesisError(
+            f"The surface of panel {name} {cause}, and cannot be laid on a plane. "
+            "Give the mesh groups named front and back, or texture coordinates that cut it."
+        )
+    cut = np.zeros(len(edge), dtype=bool)
+    length = np.linalg.norm(points_m[edge[:, 0]] - points_m[edge[:, 1]], axis=1)
+    n = len(points_m)
+    graph = coo_matrix((length + 1e-12, (edge[:, 0], edge[:, 1])), shape=(n, n)).tocsr()
+    number = {tuple(pair): i for i, pair in enumerate(edge.tolist())}
+    reached = loops == 0
+    of_loop = np.flatnonzero(loops >= 0)
+    for _ in range(count - 1):
+        sources = np.flatnonzero(reached)
+        distance, before, _ = dijkstra(
+            graph, directed=False, indices=sources, return_predecessors=True, min_only=True
+        )
+        others = of_loop[~reached[of_loop]]
+        at = int(others[distance[others].argmin()])
+        reached |= loops == loops[at]
+        while before[at] >= 0:
+            step = (min(at, int(before[at])), max(at, int(before[at])))
+            cut[number[step]] = True
+            at = int(before[at])
+            reached[at] = True
+    return nodes_of(triangles, ~cut, corner)
+
+
+def _openings(triangles: Int32, inner_edges: Int32) -> Int32:
+    """Return the numbers of the openings: (N,) the opening a vertex lies on, -1 for the others."""
+    n = int(triangles.max()) + 1
+    every = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    ).astype(np.int64)
+    code = every[:, 0] * n + every[:, 1]
+    inner = inner_edges[:, 0].astype(np.int64) * n + inner_edges[:, 1]
+    rim = every[~np.isin(code, inner)]
+    if len(rim) == 0:
+        return np.full(0, -1, dtype=np.int32)
+    graph = coo_matrix((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    result = np.full(n, -1, dtype=np.int32)
+    on_rim = np.unique(rim)
+    result[on_rim] = np.unique(label[on_rim], return_inverse=True)[1]
+    return result
+
+
+def _pieces(mesh: GarmentMesh) -> Int32:
+    """Return the number of the piece of each triangle, by the texture coordinates' cuts if they are few."""
+    _, corner = shared_edges(mesh.triangles)
+    everywhere = np.ones(len(corner), dtype=bool)
+    joins = [everywhere]
+    if mesh.corner_uv is not None:
+        uv = mesh.corner_uv.reshape(-1, 2)
+        grain = 1e-5 * max(float(np.ptp(uv, axis=0).max()), 1e-12)
+        near = np.abs(uv[corner[:, 0]] - uv[corner[:, 1]]).max(axis=(1, 2)) < grain
+        # A back that was drawn on top of its front meets it at the seam, mirrored.
+        side = np.sign(signed_areas(mesh.corner_uv))[corner[:, :, 0] // 3]
+        joins.insert(0, near & (side[:, 0] == side[:, 1]))
+    for joined in joins:
+        pair = corner[joined][:, :, 0] // 3
+        graph = coo_matrix((np.ones(len(pair)), (pair[:, 0], pair[:, 1])), shape=(len(mesh.triangles),) * 2)
+        count, label = connected_components(graph, directed=False)
+        if count <= MOST_PANELS:
+            break
+    pieces: Int32 = label.astype(np.int32)
+    return pieces

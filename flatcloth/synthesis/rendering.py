@@ -1,0 +1,205 @@
+"""One view of a hung mesh by ray casting: depth, color and truth, without noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.geometry import Rigid3
+from flatcloth.synthesis.flat import FlatPanel
+from flatcloth.synthesis.meshes import GarmentMesh
+from flatcloth.synthesis.native import load_open3d
+from flatcloth.synthesis.textures import mesh_rgb, pattern_rgb
+from flatcloth.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
+
+Uint16 = NDArray[np.uint16]
+
+MESH_COLORS = "mesh"
+_BACKGROUND = np.array([33.0, 36.0, 39.0]) / 255
+_LIGHT = np.array([-0.35, -0.45, -1.0]) / np.linalg.norm([-0.35, -0.45, -1.0])
+"""Towards the light, camera frame: above and left of the camera, and turning with it."""
+_AMBIENT = 0.30
+_SUBPIXELS = 2
+_TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendered:
+    """A view: ``depth_m`` (H, W), 0 beside the item; ``rgb`` (H, W, 3); ``panel`` (H, W), 0 none;
+    ``outer`` (H, W) whether its outer face is seen; ``flat_uv_m`` (H, W, 2), NaN beside the item.
+    """  # fmt: skip
+
+    depth_m: Float32
+    rgb: Uint8
+    panel: Uint8
+    outer: Bool
+    flat_uv_m: Float32
+
+    def truth_bgr(self) -> Uint16:
+        """Return the truth image of the recording format: panel and face, v, u."""
+        code = self.panel + np.where(self.outer & (self.panel > 0), _TRUTH_OUTER, 0)
+        values = np.rint((np.nan_to_num(self.flat_uv_m) + _TRUTH_OFFSET_M) * _TRUTH_UNITS_PER_M)
+        values = np.where((self.panel > 0)[..., None], values, 0)
+        return np.dstack([code, values[..., 1], values[..., 0]]).astype(np.uint16)
+
+
+class Scene:
+    """A mesh ready to be rendered in any pose.
+
+    Parameters
+    ----------
+    mesh : GarmentMesh
+        Its triangles and colors.
+    points_m : (N, 3) float64
+        Its vertices, in the frame from which ``view`` starts.
+    panels : sequence of FlatPanel
+        Panel 1 first.
+    texture : str
+        A generated pattern, or ``"mesh"`` for the mesh's own colors.
+    seed : int
+        Of the generated pattern.
+    """
+
+    def __init__(
+        self,
+        mesh: GarmentMesh,
+        points_m: Float64,
+        panels: tuple[FlatPanel, ...],
+        texture: str,
+        seed: int,
+    ) -> None:
+        self._mesh, self._points, self._texture, self._seed = mesh, points_m, texture, seed
+        self._panel = np.zeros(len(mesh.triangles), dtype=np.uint8)
+        self._flat = np.full((len(mesh.triangles), 3, 2), np.nan)
+        for number, panel in enumerate(panels, start=1):
+            self._panel[panel.members] = number
+            self._flat[panel.members] = panel.corner_uv_m
+        self._normals = _vertex_normals(points_m, mesh.triangles)
+
+    def view(self, camera: Intrinsics, camera_from_points: Rigid3) -> Rendered:
+        """Render one view; about a third of a second for 480x848 px and 25 000 triangles."""
+        points = camera_from_points.apply(self._points)
+        caster = _Caster(points, self._mesh.triangles)
+        rows, cols = _window(points, camera)
+        hit = caster.cast(camera, rows, cols, 1)
+        shape = (camera.height, camera.width)
+        result = Rendered(
+            depth_m=np.zeros(shape, dtype=np.float32),
+            rgb=np.empty((*shape, 3), dtype=np.uint8),
+            panel=np.zeros(shape, dtype=np.uint8),
+            outer=np.zeros(shape, dtype=bool),
+            flat_uv_m=np.full((*shape, 2), np.nan, dtype=np.float32),
+        )
+        result.rgb[:] = np.rint(_BACKGROUND * 255).astype(np.uint8)
+        if rows.stop <= rows.start or cols.stop <= cols.start:
+            return result
+        seen = hit.depth_m > 0
+        result.depth_m[rows, cols] = hit.depth_m
+        result.outer[rows, cols] = hit.outer
+        result.panel[rows, cols][seen] = self._panel[hit.triangle[seen]]
+        flat = (self._flat[hit.triangle[seen]] * hit.weights[seen][..., None]).sum(axis=1)
+        result.flat_uv_m[rows, cols][seen] = flat
+        result.rgb[rows, cols] = self._shaded(caster.cast(camera, rows, cols, _SUBPIXELS), camera_from_points)
+        return result
+
+    def _shaded(self, hit: _Hit, camera_from_points: Rigid3) -> Uint8:
+        """Average the colors of the subpixels."""
+        seen = hit.depth_m > 0
+        triangle, weights = hit.triangle[seen], hit.weights[seen]
+        normals = camera_from_points.turn(self._normals)
+        normal = (normals[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+        facing = normal @ _LIGHT * np.where(hit.outer[seen], 1.0, -1.0)
+        rgb = self._colors(triangle, weights) * (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1))[:, None]
+        rgb *= np.where(hit.outer[seen], 1.0, 0.85)[:, None]
+        fine = np.tile(_BACKGROUND, (*seen.shape, 1))
+        fine[seen] = rgb
+        h, w = seen.shape[0] // _SUBPIXELS, seen.shape[1] // _SUBPIXELS
+        coarse = fine.reshape(h, _SUBPIXELS, w, _SUBPIXELS, 3).mean(axis=(1, 3))
+        rgb8: Uint8 = np.clip(np.rint(coarse * 255), 0, 255).astype(np.uint8)
+        return rgb8
+
+    def _colors(self, triangle: Int32, weights: Float64) -> Float64:
+        if self._texture == MESH_COLORS:
+            own = mesh_rgb(self._mesh, triangle, weights)
+            if own is not None:
+                return own
+        flat = np.nan_to_num((self._flat[triangle] * weights[..., None]).sum(axis=1))
+        rgb = np.full((len(triangle), 3), 0.5)
+        panel = self._panel[triangle]
+        for number in np.unique(panel[panel > 0]):
+            own_pixels = panel == number
+            rgb[own_pixels] = pattern_rgb(self._texture, flat[own_pixels], int(number), self._seed)
+        return rgb
+
+
+@dataclass(frozen=True)
+class _Hit:
+    """What rays met: ``depth_m`` (h, w), 0 nothing; ``triangle``, corner ``weights``, ``outer`` face."""
+
+    depth_m: Float32
+    triangle: Int32
+    weights: Float64
+    outer: Bool
+
+
+class _Caster:
+    """Open3D's ray casting for one pose."""
+
+    def __init__(self, points_m: Float64, triangles: Int32) -> None:
+        self._o3d: Any = load_open3d()
+        self._scene = self._o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            np.ascontiguousarray(points_m, dtype=np.float32), triangles.astype(np.uint32)
+        )
+
+    def cast(self, camera: Intrinsics, rows: slice, cols: slice, subpixels: int) -> _Hit:
+        """Cast ``subpixels`` squared rays through each pixel of a window."""
+        # Subpixel centres lie around the pixel's, whose coordinate is an integer.
+        y, x = (
+            (np.arange((s.stop - s.start) * subpixels) + 0.5) / subpixels - 0.5 + s.start
+            for s in (rows, cols)
+        )
+        rays = np.zeros((len(y), len(x), 6), dtype=np.float32)
+        rays[..., 3] = (x - camera.cx) / camera.fx
+        rays[..., 4] = ((y - camera.cy) / camera.fy)[:, None]
+        rays[..., 5] = 1.0
+        answer = self._scene.cast_rays(self._o3d.core.Tensor(rays))
+        depth = answer["t_hit"].numpy()
+        seen = np.isfinite(depth)
+        uv = answer["primitive_uvs"].numpy().astype(np.float64)
+        outer = (answer["primitive_normals"].numpy() * rays[..., 3:]).sum(axis=-1) < 0
+        return _Hit(
+            np.where(seen, depth, 0).astype(np.float32),
+            np.where(seen, answer["primitive_ids"].numpy(), 0).astype(np.int32),
+            np.concatenate([1 - uv.sum(axis=-1, keepdims=True), uv], axis=-1),
+            outer & seen,
+        )
+
+
+def _window(points_m: Float64, camera: Intrinsics, margin_px: int = 2) -> tuple[slice, slice]:
+    """Rows and columns in which the points can appear."""
+    depth = np.maximum(points_m[:, 2], 0.02)
+    spans = []
+    for axis, focal, center, size in (
+        (1, camera.fy, camera.cy, camera.height),
+        (0, camera.fx, camera.cx, camera.width),
+    ):
+        at = focal * points_m[:, axis] / depth + center
+        low, high = np.floor(at.min()) - margin_px, np.ceil(at.max()) + margin_px + 1
+        spans.append(slice(int(np.clip(low, 0, size)), int(np.clip(high, 0, size))))
+    return spans[0], spans[1]
+
+
+def _vertex_normals(points_m: Float64, triangles: Int32) -> Float64:
+    """Outward normals (N, 3), the mean of the triangles' weighted by their areas."""
+    a, b, c = (points_m[triangles[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    normals = np.zeros_like(points_m)
+    for k in range(3):
+        np.add.at(normals, triangles[:, k], face)
+    length: Float64 = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+    return normals / length[:, None]

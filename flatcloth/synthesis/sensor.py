@@ -1,0 +1,187 @@
+"""What a stereo depth camera like the D435 makes of a true depth image.
+
+Everything happens in disparity, as in the sensor: matching looks at windows, which widens what is
+near, joins layers across depth edges by ramps, correlates the noise of neighbours, and fails where
+a window sees two depths at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from flatcloth.types import Bool, Float32, Float64, Uint8
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthSensor:
+    """The figures of the noise; the defaults are a D435's at its 480x848 px mode, focal length 425 px.
+
+    ``disparity_noise_px`` standard deviation, of which ``grain_share`` (of the variance) is not
+    correlated; ``correlation_px`` sigma of the Gaussian that correlates the rest; ``jitter_px`` how
+    far the matched place wanders; ``fatten_px`` how far near surfaces reach over far ones, and
+    ``outline_px`` the mean and the deviation of how far the outline moves outwards; ``ramp_px``
+    sigma of the smoothing across edges, and ``join_m`` of the depth steps that are smoothed over;
+    ``unsure_m`` depth step from which the place beside it may be lost; ``hole_share`` of places
+    lost without a cause; ``unit_m`` of the depth images.
+    """
+
+    baseline_m: float = 0.050
+    disparity_noise_px: float = 0.057
+    grain_share: float = 0.06
+    correlation_px: float = 1.65
+    jitter_px: float = 0.60
+    fatten_px: float = 1.2
+    outline_px: tuple[float, float] = (0.95, 1.0)
+    ramp_px: float = 2.0
+    join_m: float = 0.06
+    unsure_m: float = 0.065
+    hole_share: float = 0.003
+    unit_m: float = 0.001
+
+
+def measure_depth(
+    depth_m: Float32, focal_px: float, random: np.random.Generator, sensor: DepthSensor
+) -> Float32:
+    """Return what the sensor measures.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        True depth along the optical axis, 0 where there is nothing.
+    focal_px : float
+        Focal length.
+    random : Generator
+        Of the noise.
+    sensor : DepthSensor
+        Its figures.
+
+    Returns
+    -------
+    (H, W) float32
+        Metres, 0 where nothing was measured; not yet rounded to depth units.
+    """
+    scale = focal_px * sensor.baseline_m
+    measured = np.zeros_like(depth_m)
+    if not depth_m.any():
+        return measured
+    window = _window(depth_m > 0)
+    inside = depth_m[window]
+    true = np.where(inside > 0, scale / np.where(inside > 0, inside, 1), 0).astype(np.float32)
+    moved = _jittered(true, random, sensor)
+    wide = _fattened(moved, scale, random, sensor)
+    ramped = _ramped(wide, scale, sensor)
+    noise = _noise(true.shape, random, sensor)
+    lost = _lost(wide, scale, random, sensor)
+    seen = (ramped > 0) & ~lost
+    disparity = np.where(seen, np.maximum(ramped + noise, 1e-3), 1)
+    measured[window] = np.where(seen, scale / disparity, 0)
+    return measured
+
+
+def measure_color(rgb: Uint8, random: np.random.Generator, noise_levels: float = 2.0) -> Uint8:
+    """Return the color image (H, W, 3), slightly out of focus and with noise of a few grey levels."""
+    blurred = cv2.GaussianBlur(rgb, (0, 0), 0.5).astype(np.float32)
+    noisy = blurred + random.normal(0, noise_levels, rgb.shape).astype(np.float32)
+    seen: Uint8 = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return seen
+
+
+def _window(seen: Bool, margin_px: int = 12) -> tuple[slice, slice]:
+    """Return rows and columns that show something, with room for what reaches beyond it."""
+    spans = []
+    for axis in (1, 0):
+        at = np.flatnonzero(seen.any(axis=axis))
+        spans.append(slice(max(int(at[0]) - margin_px, 0), int(at[-1]) + margin_px + 1))
+    return spans[0], spans[1]
+
+
+def _smooth_field(shape: tuple[int, ...], random: np.random.Generator, sigma_px: float) -> Float32:
+    """Return Gaussian noise of unit deviation, correlated over a few pixels."""
+    white = random.normal(size=shape).astype(np.float32)
+    blurred = cv2.GaussianBlur(white, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT_101)
+    field: Float32 = (blurred / max(float(blurred.std()), 1e-9)).astype(np.float32)
+    return field
+
+
+def _jittered(disparity: Float32, random: np.random.Generator, sensor: DepthSensor) -> Float32:
+    rows, cols = np.indices(disparity.shape, dtype=np.float32)
+    wander = [sensor.jitter_px * _smooth_field(disparity.shape, random, 2.0) for _ in range(2)]
+    # Linear within a surface, nearest across an edge: jitter moves an edge and does not blur it.
+    at = cols + wander[0], rows + wander[1]
+    nearest = cv2.remap(disparity, *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    linear = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    moved: Float32 = np.where(np.abs(linear - nearest) < 0.25, linear, nearest)
+    return moved
+
+
+def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Float32:
+    # A window follows the nearer part of what it sees: slopes come out nearer by about a pixel ...
+    wide = cv2.dilate(disparity, np.ones((3, 3), np.uint8)).astype(np.float32)
+    # ... and a near layer reaches over a far one, by a width that wavers.
+    depth = scale / np.maximum(disparity, 1e-6)
+    width = sensor.fatten_px + 0.6 * _smooth_field(disparity.shape, random, 2.0)
+    for reach in (1, 2, 3):
+        size = 2 * reach + 1
+        near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+        over = (depth - scale / np.maximum(near, 1e-6) > 0.012) & (width > reach - 0.5)
+        wide = np.where(over, np.maximum(wide, near), wide).astype(np.float32)
+    # The outline wavers about the true one, and is wider by about a pixel.
+    seen = disparity > 0
+    outside = ndimage.distance_transform_edt(~seen) - ndimage.distance_transform_edt(seen)
+    outline = sensor.outline_px[0] + sensor.outline_px[1] * _smooth_field(disparity.shape, random, 1.4)
+    beyond = outside - 0.5 * np.sign(outside) > outline
+    near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
+    widened: Float32 = np.where(beyond, 0, np.where(seen, wide, near)).astype(np.float32)
+    return widened
+
+
+def _ramped(disparity: Float32, scale: float, sensor: DepthSensor) -> Float32:
+    """Smooth over depth steps that are joined, not over larger ones nor into nothing."""
+    radius = int(np.ceil(2.5 * sensor.ramp_px))
+    depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
+    total, weight = np.zeros_like(disparity), np.zeros_like(disparity)
+    padded_d = np.pad(disparity, radius)
+    padded_z = np.pad(depth, radius)
+    rows, cols = disparity.shape
+    for i in range(-radius, radius + 1):
+        for j in range(-radius, radius + 1):
+            w = float(np.exp(-(i * i + j * j) / (2 * sensor.ramp_px**2)))
+            if w < 0.04:
+                continue
+            part = np.s_[radius + i : radius + i + rows, radius + j : radius + j + cols]
+            other, z = padded_d[part], padded_z[part]
+            joined = np.where(other > 0, w * np.exp(-0.5 * ((z - depth) / sensor.join_m) ** 2), 0)
+            total += joined * other
+            weight += joined
+    smooth: Float32 = np.where(disparity > 0, total / np.maximum(weight, 1e-6), 0).astype(np.float32)
+    return smooth
+
+
+def _noise(shape: tuple[int, ...], random: np.random.Generator, sensor: DepthSensor) -> Float64:
+    smooth = _smooth_field(shape, random, sensor.correlation_px)
+    grain = random.normal(size=shape)
+    share = sensor.grain_share
+    noise: Float64 = sensor.disparity_noise_px * (np.sqrt(1 - share) * smooth + np.sqrt(share) * grain)
+    return noise
+
+
+def _lost(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Bool:
+    """Places without a depth: between far apart layers, along the outline, and a few anywhere."""
+    depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
+    # A far pixel beside a near layer is what only one of the two eyes sees.
+    far = cv2.dilate(depth, np.ones((3, 3), np.uint8))
+    near = cv2.erode(np.where(depth > 0, depth, 99).astype(np.float32), np.ones((5, 5), np.uint8))
+    step = np.where(depth > 0, np.maximum(depth - near, 0.75 * (far - depth)), 0)
+    doubt = np.clip((step - sensor.unsure_m) / sensor.unsure_m, 0, 1.5)
+    field = _smooth_field(disparity.shape, random, 1.5)
+    lost: Bool = (doubt > 0) & (ndimage.gaussian_filter(doubt, 0.5) * 1.6 + 0.7 * field > 1.0)
+    holes = _smooth_field(disparity.shape, random, 2.8)
+    # The outermost pixel of the outline comes and goes.
+    rim = (disparity > 0) & (cv2.erode((disparity > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    lost |= rim & (_smooth_field(disparity.shape, random, 1.2) > 1.2)
+    lost |= holes > np.quantile(holes, 1 - sensor.hole_share)
+    return lost

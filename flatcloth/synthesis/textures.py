@@ -1,0 +1,135 @@
+"""The colors of the cloth: generated patterns in metres of cloth, or what the mesh brings."""
+
+from __future__ import annotations
+
+import colorsys
+
+import cv2
+import numpy as np
+
+from flatcloth.synthesis.meshes import GarmentMesh
+from flatcloth.types import Float64, Int32, Int64, Uint8
+
+PATTERNS = ("checker", "floral", "stripes", "plain")
+_FLOWER_CELL_M = 0.026
+
+
+def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
+    """Return the colors (N, 3), 0 to 1, of a generated pattern at places (N, 2) of a panel.
+
+    The seed chooses the colors and the layout; every panel has its own shade.
+    """
+    random = np.random.default_rng([seed, panel, PATTERNS.index(kind)])
+    hue = np.random.default_rng([seed, PATTERNS.index(kind)]).uniform()  # related between panels
+    shade = _color((hue + 0.45 * (panel - 1)) % 1.0, 0.75, 0.65)
+    light = _color(random.uniform(), 0.10, 0.92)
+    if kind == "checker":
+        return _checker(uv_m, shade, light)
+    if kind == "stripes":
+        return _stripes(uv_m, shade, light, random)
+    if kind == "floral":
+        return _floral(uv_m, _color((hue + 0.3 * panel) % 1.0, 0.18, 0.88), seed + 97 * panel)
+    return _plain(uv_m, _color((hue + 0.02 * panel) % 1.0, 0.30, 0.48), random)
+
+
+def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64 | None:
+    """Return the mesh's own colors (N, 3), 0 to 1, at places in triangles; None if it has none.
+
+    ``triangle`` (N,) and ``weights`` (N, 3) of its corners.
+    """
+    if mesh.image is None and mesh.vertex_rgb is None:
+        return None
+    rgb = np.full((len(triangle), 3), 0.6)
+    if mesh.vertex_rgb is not None:
+        corners = mesh.vertex_rgb[mesh.triangles[triangle]] / 255.0
+        rgb = (corners * weights[..., None]).sum(axis=1)
+    if mesh.image is not None and mesh.corner_uv is not None:
+        uv = (mesh.corner_uv[triangle] * weights[..., None]).sum(axis=1)
+        for n, image in enumerate(mesh.images):
+            own = mesh.image[triangle] == n
+            rgb[own] = _looked_up(image, uv[own])
+    return rgb
+
+
+def _looked_up(image: Uint8, uv: Float64) -> Float64:
+    """Colors (N, 3) of an image that repeats, v up."""
+    if len(uv) == 0:
+        return np.zeros((0, 3))
+    rows, cols = image.shape[:2]
+    at = np.mod(uv, 1.0) * (cols, rows)
+    x = (at[:, 0] - 0.5).astype(np.float32)
+    y = (rows - at[:, 1] - 0.5).astype(np.float32)
+    width = 16384  # remap takes images of at most 32767
+    padded = -len(x) % width
+    x, y = (np.pad(v, (0, padded)).reshape(-1, width) for v in (x, y))
+    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    rgb: Float64 = found.reshape(-1, 3)[: len(uv)].astype(np.float64) / 255.0
+    return rgb
+
+
+def _color(hue: float, saturation: float, value: float) -> Float64:
+    return np.array(colorsys.hsv_to_rgb(hue, saturation, value))
+
+
+def _checker(uv_m: Float64, shade: Float64, light: Float64, square_m: float = 0.03) -> Float64:
+    cell = np.floor(uv_m / square_m).astype(np.int64)
+    odd = (cell.sum(axis=1) % 2).astype(bool)
+    rgb = np.where(odd[:, None], shade, light)
+    # A thin line each five squares breaks the symmetry, as a seam or a weaving fault does.
+    beside = np.abs((uv_m + 0.0615) % (5 * square_m)).min(axis=1) < 0.002
+    return np.where(beside[:, None], 0.12, rgb)
+
+
+def _stripes(uv_m: Float64, shade: Float64, light: Float64, random: np.random.Generator) -> Float64:
+    angle = random.uniform(-0.4, 0.4)
+    along = uv_m @ np.array([np.cos(angle), np.sin(angle)])
+    widths = random.uniform(0.006, 0.022, 7)
+    edges = np.cumsum(widths)
+    band = np.searchsorted(edges, np.mod(along, edges[-1]), side="right").clip(0, 6)
+    mix = np.array([0.0, 1.0, 0.15, 0.8, 0.05, 0.55, 1.0])[band]
+    rgb: Float64 = light + mix[:, None] * (shade - light)
+    return rgb
+
+
+def _plain(uv_m: Float64, shade: Float64, random: np.random.Generator) -> Float64:
+    """Return a weave's slight unevenness: a few per cent, over 5 to 60 mm."""
+    level = np.zeros(len(uv_m))
+    for wave_m in (0.06, 0.03, 0.015, 0.008):
+        for _ in range(4):
+            turn, phase = random.uniform(0, 2 * np.pi, 2)
+            way = np.array([np.cos(turn), np.sin(turn)]) * 2 * np.pi / wave_m
+            level += np.sin(uv_m @ way + phase)
+    return shade * (1 + 0.016 * level[:, None])
+
+
+def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
+    """Five-petalled flowers, each cell of a grid holding one at its own place, size, turn and hue."""
+    rgb = np.tile(ground, (len(uv_m), 1))
+    cell = np.floor(uv_m / _FLOWER_CELL_M).astype(np.int64)
+    for i in (-1, 0, 1):
+        for j in (-1, 0, 1):
+            own = cell + np.array([i, j])
+            chance = [_chance(own, seed, k) for k in range(5)]
+            center = (own + 0.5 + 0.35 * (np.stack(chance[:2], axis=1) * 2 - 1)) * _FLOWER_CELL_M
+            radius = 0.006 + 0.006 * chance[2]
+            offset = uv_m - center
+            angle = np.arctan2(offset[:, 1], offset[:, 0]) + 6.28 * chance[3]
+            reach = np.linalg.norm(offset, axis=1) / radius
+            petal = reach < 0.72 + 0.28 * np.cos(5 * angle)
+            dye = _DYES[(chance[4] * len(_DYES)).astype(int)]
+            rgb = np.where(petal[:, None], dye, rgb)
+            rgb = np.where((reach < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
+    return rgb
+
+
+_DYES = np.array([(0.75, 0.15, 0.20), (0.20, 0.25, 0.60), (0.85, 0.55, 0.08), (0.15, 0.45, 0.28)])
+
+
+def _chance(cell: Int64, seed: int, number: int) -> Float64:
+    """Return a number in [0, 1) that each cell has always, the same whatever is drawn."""
+    x = cell[:, 0].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    x ^= cell[:, 1].astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)
+    x += np.uint64((seed * 0x165667B19E3779F9 + number * 0x27D4EB2F165667C5) % 2**64)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
+    return ((x ^ (x >> np.uint64(31))) >> np.uint64(11)).astype(np.float64) / 2**53

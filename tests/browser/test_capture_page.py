@@ -1,0 +1,93 @@
+"""Guided capture in a real browser, with a scene as the camera."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import Tab
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from scene_camera import SceneCamera, opened
+
+from flatcloth.recordings import open_recording
+from flatcloth.viewer.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.server import PageServer
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def camera() -> SceneCamera:
+    return SceneCamera()
+
+
+@pytest.fixture
+def tab(chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Tab]:
+    feed, integration, session = opened(camera, tmp_path / "session")
+    settings = CaptureSettings(folder=tmp_path / "coat")
+    desk = capture_desk(integration, session, feed, settings)
+    with PageServer(integration, session, port=0, desk=desk) as server:
+        page = chromium.new_page(viewport={"width": 1280, "height": 720})
+        tab = Tab(page, server.url)
+        yield tab
+        tab.shoot(f"last-{request.node.name}-0")
+        page.close()
+    session.close()
+    assert tab.errors == []
+
+
+def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path: Path) -> None:
+    tab.until("flatcloth.capture && flatcloth.frame !== null")
+    tab.scene_shows("/live/cloud")
+    tab.close_viser_notice()
+    page = tab.page
+    assert page.locator("#capture-task").inner_text() == "Hang the item in sight, then begin."
+    tab.shoot("capture-idle")
+    page.get_by_role("button", name="Begin capture").click()
+    tab.until("flatcloth.capture.phase === 'review'")
+    page.wait_for_function("document.querySelector('.capture-picture')?.naturalWidth === 480")
+    assert "Keep view 0 at 0°?" in page.locator("#capture-task").inner_text()
+    tab.shoot("capture-review")
+
+    page.keyboard.press("j")
+    tab.until("flatcloth.capture.phase !== 'review'")
+    tab.until("flatcloth.capture.phase === 'review' && flatcloth.capture.view.number === 2")
+    page.keyboard.press("m")
+    tab.until("flatcloth.capture.phase === 'turn'")
+    assert open_recording(tmp_path / "coat").angles_deg == (0.0,)  # on disk before the next
+    assert page.locator("#capture-task").inner_text() == "Turn by 10°, to 10°."
+    assert "to the right" in page.locator("#capture-way").inner_text()
+    tab.shoot("capture-turn")
+
+    camera.turn_to(12.0)
+    tab.until("flatcloth.capture.phase === 'review'")
+    page.locator("#capture-view input").fill("12")
+    page.keyboard.press("Enter")
+    tab.until("flatcloth.capture.target_deg === 12")
+    page.get_by_role("button", name="Keep").click()
+    tab.until("flatcloth.state.views.length === 2 && flatcloth.capture.phase === 'turn'")
+    assert page.locator("#timeline .view").count() == 2
+    page.get_by_role("button", name="Finish").click()
+    tab.until("flatcloth.capture.phase === 'done'")
+    assert open_recording(tmp_path / "coat").angles_deg == (0.0, 12.0)
+    tab.shoot("capture-done")
+
+
+def test_warnings_and_the_end_of_the_camera_are_shown(tab: Tab, camera: SceneCamera) -> None:
+    tab.until("flatcloth.frame !== null && flatcloth.frame.grid !== null")
+    camera.empty = True
+    tab.until("flatcloth.capture.warnings.length === 1")
+    tab.page.locator("#capture-warnings li", has_text="Nothing is measured").wait_for()
+    camera.empty = False
+    tab.until("flatcloth.capture.warnings.length === 0")
+    camera.unplug()
+    toast = tab.page.locator(".toast.error")
+    toast.wait_for()
+    assert "gives no pictures any more" in toast.inner_text()
+    assert "The camera has ended." in tab.page.locator("#capture-task").inner_text()
+    assert not tab.page.get_by_role("button", name="Begin capture").is_visible()
+    tab.shoot("capture-ended")

@@ -1,0 +1,288 @@
+"""The teaching mode in a real browser: all stages by keyboard, the sliders, and nothing decided."""
+
+from __future__ import annotations
+
+import pytest
+
+pytestmark = pytest.mark.browser
+
+STAGES = 15
+MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 8, 9, 10, 14
+
+
+class Lesson:
+    """The teaching mode of a tab."""
+
+    def __init__(self, tab):
+        self.tab, self.page = tab, tab.page
+
+    def status(self):
+        return self.page.evaluate("flatcloth.teaching")
+
+    def until(self, expression):
+        self.page.wait_for_function(f"() => {{ const t = flatcloth.teaching; return {expression}; }}")
+
+    def drawn(self, stage):
+        """Wait until a stage is drawn, with nothing under way."""
+        self.until(f"t.stage === {stage} && t.shown?.stage === {stage} && !t.busy && !t.playing")
+
+    def open(self):
+        self.page.keyboard.press("h")
+        self.drawn(1)
+        return self
+
+    def go(self, stage):
+        self.page.locator(".teaching-stage").nth(stage - 1).click()
+        self.drawn(stage)
+
+    def fact(self, name):
+        return self.page.locator(f'#teaching-facts dt[data-name="{name}"] + dd').inner_text()
+
+    def slide(self, name, key):
+        """Move a slider by a key, and wait until what it leads to is drawn."""
+        slider = self.page.locator(f'[data-slider="{name}"] input')
+        before = slider.input_value()
+        slider.press(key)
+        value = slider.input_value()
+        assert value != before
+        self.until(f"!t.busy && t.shown.parameters['{name}'] === {value}")
+        return float(value)
+
+    def ink(self):
+        """How many colors the drawing has: a blank sheet has one or two."""
+        return self.page.evaluate(
+            """() => { const c = document.getElementById('teaching-canvas');
+                 const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+                 const seen = new Set();
+                 for (let i = 0; i < d.length; i += 4 * 37) seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]);
+                 return seen.size; }"""
+        )
+
+    def cut_off(self):
+        """What of this stage a learner cannot see without scrolling."""
+        return self.page.evaluate(
+            """() => [...document.querySelectorAll(
+                   '#teaching .button, #teaching input, .teaching-stage, #teaching-math, #teaching-facts')]
+                 .filter((e) => e.checkVisibility())
+                 .filter((e) => { const r = e.getBoundingClientRect();
+                   return r.left < 0 || r.top < 0 || r.right > innerWidth || r.bottom > innerHeight
+                     || e.scrollWidth > e.clientWidth + 2 && e.id; })
+                 .map((e) => e.id || e.textContent)"""
+        )
+
+
+@pytest.fixture
+def open_lesson(open_tab):
+    def open_one(width=1280, height=720, scheme="light", motion="reduce"):
+        tab = open_tab(width, height, scheme)
+        tab.page.emulate_media(reduced_motion=motion, color_scheme=scheme)
+        tab.until("flatcloth.phase === 'live' || flatcloth.phase === 'ready' && flatcloth.layerRevision > 0")
+        return Lesson(tab)
+
+    return open_one
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"), [(1280, 720, "light"), (2560, 1440, "dark")], ids=["small", "large"]
+)
+def test_all_stages_by_keyboard(open_lesson, width, height, scheme):
+    lesson = open_lesson(width, height, scheme).open()
+    page = lesson.page
+    names = []
+    for stage in range(1, STAGES + 1):
+        lesson.drawn(stage)
+        names.append(lesson.status()["name"])
+        assert page.locator("#teaching-name").inner_text() == f"{stage}. {names[-1]}"
+        assert len(page.locator("#teaching-words").inner_text()) > 80
+        assert page.locator("#teaching-math math").count() >= 1
+        assert page.locator("#teaching-facts dt").count() >= 3
+        assert lesson.ink() > 12, f"stage {stage} is blank"
+        assert lesson.cut_off() == [], f"stage {stage}"
+        lesson.tab.shoot(f"teaching-{scheme}-{stage:02d}")
+        page.keyboard.press("PageDown")
+    assert len(set(names)) == STAGES
+    lesson.drawn(STAGES)  # there is nothing after the last
+    page.keyboard.press("PageUp")
+    lesson.drawn(STAGES - 1)
+    page.keyboard.press("ArrowLeft")
+    lesson.drawn(STAGES - 2)
+    page.keyboard.press("ArrowRight")
+    lesson.drawn(STAGES - 1)
+
+
+def test_the_minimisation_plays_beside_its_energy(open_lesson):
+    lesson = open_lesson(motion="no-preference").open()
+    lesson.page.locator(".teaching-stage").nth(MINIMISATION - 1).click()
+    lesson.until("t.playing && t.time > 0.2")
+    lesson.page.keyboard.press("k")
+    lesson.until("!t.playing")
+    lesson.drawn(MINIMISATION)
+    paused = lesson.status()["time"]
+    begun = float(lesson.fact("H now").split()[0])
+    assert lesson.page.get_by_role("button", name="Play", exact=False).first.is_visible()
+    lesson.page.keyboard.press("k")
+    lesson.until(f"!t.playing && t.time > {paused}")
+    first, last = (float(x) for x in lesson.fact("H, first to last").removesuffix("mm²").split("→"))
+    assert first > begun > last
+    assert float(lesson.fact("H now").split()[0]) == pytest.approx(last, rel=0.02)
+    slider = lesson.page.get_by_label("Place in the animation")
+    slider.press("Home")
+    lesson.until("t.time === 0")
+    assert lesson.fact("Iteration").startswith("0 of")
+
+
+def test_nothing_moves_by_itself_if_that_is_not_wanted(open_lesson):
+    lesson = open_lesson(motion="reduce").open()
+    lesson.go(MINIMISATION)
+    assert lesson.status()["time"] == 0
+
+
+def test_the_sliders_change_what_is_drawn_and_reset_brings_it_back(open_lesson):
+    lesson = open_lesson().open()
+    samples = int(lesson.fact("Samples"))
+    assert lesson.slide("sampling_interval_px", "ArrowRight") == 14
+    assert int(lesson.fact("Samples")) < samples
+    lesson.page.get_by_role("button", name="Reset", exact=True).click()
+    lesson.until("!t.busy && t.shown.parameters.sampling_interval_px === 12")
+    assert int(lesson.fact("Samples")) == samples
+
+    lesson.go(Z_ANGLE)
+    within = lesson.fact("Within the limit")
+    assert lesson.slide("z_angle_limit_deg", "ArrowLeft") == 45
+    assert lesson.fact("Within the limit") < within
+    lesson.go(ROTATION)
+    place = lesson.fact("u_b, A_0")
+    assert lesson.slide("overlap_cm2", "ArrowRight") == 325
+    assert lesson.fact("u_b, A_0") != place
+
+
+def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tmp_path):
+    lesson = open_lesson()
+    page = lesson.page
+    before = lesson.tab.state()
+    journal = (tmp_path / "session" / "journal.jsonl").read_text()
+    page.locator('[data-action="teach"]').focus()
+    page.keyboard.press("Enter")
+    lesson.drawn(1)
+    for key in "saruyegnob1":
+        page.keyboard.press(key)
+    page.keyboard.press("ArrowRight")
+    lesson.drawn(2)
+    page.keyboard.press("Escape")
+    lesson.until("!t.open")
+    assert page.evaluate("document.activeElement.dataset.action") == "teach"
+    assert page.evaluate("document.querySelectorAll('[inert]').length") == 0
+    assert lesson.tab.state() == before
+    assert (tmp_path / "session" / "journal.jsonl").read_text() == journal
+    lesson.page.keyboard.press("h")
+    lesson.drawn(2)  # where it was left
+    page.keyboard.press("h")
+    lesson.until("!t.open")
+    lesson.tab.step()  # and the session goes on
+
+
+def test_keys_of_the_teaching_mode_say_where_they_belong(open_lesson):
+    lesson = open_lesson()
+    lesson.page.keyboard.press("PageDown")
+    toast = lesson.page.locator(".toast")
+    toast.wait_for()
+    assert "Open the teaching mode first (H)." in toast.inner_text()
+
+
+def test_the_link_from_a_flattened_pixel_to_the_image(open_lesson):
+    lesson = open_lesson().open()
+    lesson.go(FLATTENED)
+    place = lesson.fact("x, y, z")
+    assert place != "–"
+    lesson.page.locator("#teaching-canvas").focus()
+    lesson.page.keyboard.press("ArrowDown")
+    lesson.page.wait_for_function(
+        "(p) => document.querySelector('#teaching-facts dt[data-name=\"x, y, z\"] + dd').textContent !== p",
+        arg=place,
+    )
+    lesson.page.get_by_role("button", name="Normal").click()
+    lesson.tab.shoot("teaching-normal")
+
+
+def test_a_pane_is_zoomed_and_fitted_again(open_lesson):
+    lesson = open_lesson().open()
+    lesson.go(FLATTENED)
+    image = "document.getElementById('teaching-canvas').toDataURL()"
+    whole = lesson.page.evaluate(image)
+    for key, same in (("+", False), ("f", True)):
+        drawn = lesson.status()["drawn"]
+        lesson.page.keyboard.press(key)
+        lesson.until(f"t.drawn > {drawn}")
+        assert (lesson.page.evaluate(image) == whole) is same
+
+
+def test_a_long_computation_is_shown_and_can_be_cancelled(open_lesson):
+    lesson = open_lesson()
+    page = lesson.page
+    page.route("**/teaching/flattening*", lambda route: None)  # an answer that never comes
+    page.keyboard.press("h")
+    page.locator("#teaching-progress").wait_for()
+    assert "Waiting" in page.locator("#teaching-progress-text").inner_text()
+    page.keyboard.press("Escape")
+    page.locator("#teaching-trouble").wait_for()
+    assert "Cancelled" in page.locator("#teaching-trouble-text").inner_text()
+    assert lesson.status()["open"]
+    lesson.tab.shoot("teaching-cancelled")
+    page.unroute("**/teaching/flattening*")
+    page.get_by_role("button", name="Try again").click()
+    lesson.drawn(1)
+    assert not page.locator("#teaching-trouble").is_visible()
+
+
+def test_cancelling_a_change_returns_to_the_values_that_are_shown(open_lesson):
+    lesson = open_lesson().open()
+    page = lesson.page
+    page.route("**/teaching/*", lambda route: None)
+    slider = page.locator('[data-slider="sampling_interval_px"] input')
+    slider.press("ArrowRight")
+    assert slider.input_value() == "14"
+    page.get_by_role("button", name="Cancel").click()
+    lesson.drawn(1)
+    assert slider.input_value() == "12"
+    assert lesson.status()["parameters"]["sampling_interval_px"] == 12
+
+
+def test_what_cannot_be_shown_says_why(open_lesson):
+    lesson = open_lesson().open()
+    page = lesson.page
+    page.route("**/teaching/planning*", lambda route: route.fulfill(status=400, body="A_w: no."))
+    page.locator(".teaching-stage").nth(CURVES - 1).click()
+    page.locator('[data-slider="z_angle_limit_deg"] input').press("ArrowRight")
+    page.locator("#teaching-trouble").wait_for()
+    assert page.locator("#teaching-trouble-text").inner_text() == "A_w: no."
+    page.unroute("**/teaching/planning*")
+    page.route("**/teaching/planning*", lambda route: route.abort())
+    page.get_by_role("button", name="Try again").click()
+    page.wait_for_function("() => /no connection/.test(flatcloth.teaching.error ?? '')")
+    page.unroute("**/teaching/planning*")
+    page.locator("#teaching-defaults").click()
+    lesson.drawn(CURVES)
+
+
+def test_the_search_is_followed(open_lesson):
+    lesson = open_lesson().open()
+    lesson.go(SEARCH)
+    before, after = (float(x) for x in lesson.fact("Score").split("→"))
+    assert after > before
+    assert int(lesson.fact("Places tried")) > 5000
+
+
+@pytest.mark.parametrize("program", ["recordings/shirt-sleeve-clean --live"], indirect=True, ids=["live"])
+def test_it_opens_in_live_mode_and_the_recording_stays_as_it_was(open_lesson):
+    lesson = open_lesson()
+    page = lesson.page
+    page.keyboard.press("Space")
+    lesson.tab.until("!flatcloth.state.live.playing")
+    lesson.open()
+    page.keyboard.press("Space")
+    page.keyboard.press(".")
+    page.keyboard.press("PageDown")
+    lesson.drawn(2)
+    page.keyboard.press("Escape")
+    lesson.until("!t.open")
+    assert not lesson.tab.state()["live"]["playing"]
