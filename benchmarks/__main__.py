@@ -1,11 +1,11 @@
-"""``python -m benchmarks [size] [flattening] [page] [confidence]``: measure; some write ``results``."""
+"""``python -m benchmarks [size] [flattening] [page] [confidence] [fused] [growth]``: most write results."""
 
 from __future__ import annotations
 
 import argparse
 import os
 
-BENCHMARKS = ("size", "flattening", "page", "confidence")
+BENCHMARKS = ("size", "flattening", "page", "confidence", "fused", "growth")
 
 
 def pin_to_one_core() -> None:
@@ -43,6 +43,14 @@ def main() -> None:
         from benchmarks import confidence
 
         confidence.run(arguments.recordings, learn=arguments.learn)
+    if "fused" in (arguments.name or BENCHMARKS):
+        from benchmarks import fused
+
+        fused.run(arguments.recordings)
+    if "growth" in (arguments.name or BENCHMARKS):
+        from benchmarks import growth
+
+        growth.run(arguments.recordings)
 
 
 if __name__ == "__main__":

@@ -257,6 +257,7 @@ FEATURES = (
     "other_cloth_share",
     "twice_share",
     "log10_overlap_cm2",
+    "apart_cm",
 )
 """What the confidence is made of, in the order of its weights."""
 
@@ -264,7 +265,12 @@ FEATURES = (
 def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
     """Return the values of ``FEATURES`` for the parts of a score."""
     overlap = math.log10(max(parts["overlap_cm2"], 0.1))
-    return (1.0, *(parts[name] for name in FEATURES[1:-1]), overlap)
+    apart = parts["place_median_mm"]
+    apart_cm = 0.1 * min(apart, _FAR_MM) if math.isfinite(apart) else 0.1 * _FAR_MM
+    return (1.0, *(parts[name] for name in FEATURES[1:-2]), overlap, apart_cm)
+
+
+_FAR_MM = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -96,7 +96,7 @@ class RegistrationConfig:
     """... and shifted."""
     most_apart_deg: float = 65.0
     """Views that look from farther apart than this show little of the same cloth."""
-    most_partners: int = 8
+    most_partners: int = 6
     """A view is compared with at most so many."""
     points_per_view: int = 1200
     """About so many points of a view are compared."""
@@ -104,7 +104,7 @@ class RegistrationConfig:
     """Smoothing of the normals where the depth is noisy."""
     reach_m: float = 0.02
     """Points farther from the other surface than this are no pair; less from round to round, ..."""
-    least_reach_m: float = 0.004
+    least_reach_m: float = 0.005
     """... but not less than this."""
     rounds: int = 6
     """Steps with half of the points to register a pair of views, ..."""
@@ -119,13 +119,13 @@ class RegistrationConfig:
     most_surprise: float = 40.0
     """A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
     same_normal_cos: float = 0.9
-    least_facing_cos: float = 0.5
+    least_facing_cos: float = 0.45
     """Surface that either camera sees more steeply than this does not count, ..."""
     full_facing_cos: float = 0.8
     """... less steeply than this fully."""
     distance_std_m: float = 0.0003
     """Distance of equal cloth in two views without noise."""
-    texture_size_m: float = 0.010
+    texture_size_m: float = 0.007
     """Texture is the color less its mean over this size."""
     shading_std: float = 0.15
     """By this share the brightness may differ between views besides: folds are shaded by the lamp."""
@@ -171,7 +171,7 @@ class JointConfig:
     """A view whose best pair is at most so many times ``pair_std_m`` off has no noise to speak of."""
     large_part: int = 40
     """Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
-    least_trust: float = 2.0
+    least_trust: float = 4.0
     """... so many pairs without noise, or more with."""
     outgrown: float = 1.3
     """Another piece that has so many times the nodes of the main one becomes the main one."""
@@ -214,7 +214,7 @@ class AgreementConfig:
     """Distance in space of equal cloth, besides the noise of the views."""
     twice_m: float = 0.015
     """The same cloth that lies farther apart on the plane than this is there twice."""
-    texture_size_m: float = 0.010
+    texture_size_m: float = 0.007
     """Texture is the intensity less its mean over this size."""
     color_std: float = 20.0
     """Difference of equal color in two views, grey levels."""
@@ -224,9 +224,9 @@ class AgreementConfig:
     """Refinement begins with cloth that is apart by about this in space."""
     correlated_samples: float = 20.0
     """So many samples count as one independent measurement."""
-    confidence_weights: tuple[float, ...] = (-4.0, 8.0, 2.0, 2.0, -4.0, -4.0, 1.0)
+    confidence_weights: tuple[float, ...] = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
     """Logistic regression of a right placement: constant, place, color and outline agreement, shares of
-    other cloth and of cloth that is there twice, log10 of the overlap in cm2."""
+    other cloth and of cloth that is there twice, log10 of the overlap in cm2, median distance in cm."""
     accept_confidence: float = 0.5
     """Unattended, a proposal below this is refused."""
     samples: int = 500

@@ -326,7 +326,7 @@ class Robust:
     def part_rc(self, view_index: int, part: Part) -> Float64:
         """Return where a part's points (K, 2) lie in the recorded image."""
         offset = self._views.flattening(view_index).surface.frame.offset_rc
-        recorded: Float64 = part.rc + np.asarray(offset, dtype=np.float64)
+        recorded: Float64 = part.rc.astype(np.float64) + np.asarray(offset)
         return recorded
 
     def contradiction(self, document: Document) -> float:

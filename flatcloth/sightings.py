@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -57,6 +58,9 @@ class Sighting:
     edge_length_m: Float64
     edge_std_m: Float64
     offset: Complex128
+
+
+_NEAREST = 5
 
 
 def no_nodes() -> Nodes:
@@ -135,6 +139,9 @@ def sight(
     if len(recognised.rc):
         distance, _ = cKDTree(recognised.rc).query(fresh)
         fresh = fresh[distance > config.new_node_distance * d]
+    if not surface.noisy:
+        known = np.concatenate([recognised.rc, fresh])
+        fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known, config)])
     # Cloth that is known already is not measured again where it is seen too steeply.
     steep = recognised.incidence_deg > limit
     node = np.concatenate([recognised.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
@@ -163,6 +170,24 @@ def sight(
     return _averaged(nodes, sighting, held_from_camera), sighting
 
 
+def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: JointConfig) -> Float64:
+    """Return places (N, 2) at half the interval where the surface is narrower than the interval.
+
+    Strips and necks that the grid would miss join what lies on either side of them.
+    """
+    size = 2 * interval_px + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    narrow = usable & (cv2.morphologyEx(usable.astype(np.uint8), cv2.MORPH_OPEN, disc) == 0)
+    half = interval_px // 2
+    grid = np.zeros_like(usable)
+    grid[half // 2 :: half, half // 2 :: half] = True
+    places = np.argwhere(grid & narrow).astype(np.float64)
+    if len(known) and len(places):
+        distance, _ = cKDTree(known).query(places)
+        places = places[distance > config.new_node_distance * half]
+    return places
+
+
 def _pixels_inside(rc: Float64, shape: tuple[int, ...]) -> tuple[Int32, Bool]:
     inside: Bool = np.asarray(((rc > -0.5) & (rc < np.array(shape) - 0.5)).all(axis=1))
     pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int32)
@@ -186,7 +211,14 @@ def _pairs(
     flattening: FlatteningConfig,
     config: JointConfig,
 ) -> tuple[Int32, Float64, Float64, Complex128]:
-    edges = pairs_on_surface(np.rint(rc).astype(np.int32), 1.5 * interval_px, surface)
+    pixel = np.rint(rc).astype(np.int32)
+    edges = pairs_on_surface(pixel, 1.5 * interval_px, surface)
+    if len(rc) > _NEAREST and not surface.noisy:
+        # Where nodes lie closer than the interval, pairs need not reach as far.
+        near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
+        reach = 1.5 * np.maximum(near[:, -1], interval_px // 2)
+        apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
+        edges = edges[apart_px <= reach[edges].max(axis=1)]
     edges, length = lengths_along_surface(edges, points, normal, flattening.max_chord_slope)
     apart = length > config.least_pair_m
     edges, length = edges[apart], length[apart]

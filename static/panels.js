@@ -19,10 +19,10 @@ const READOUT = [
   ["Height z", "mm along the axis", (a) => `${number(a.height_mm)} mm`],
   ["Normal", "outward, held frame", (a) => vector(a.normal, 3)],
   ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
-  ["Quality", "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
-    (a) => `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`],
   ["Place ±", "mm on the plane: one standard deviation of where this pixel lies, relative to the start view's main piece",
     (a) => a.placement_std_mm === null ? "–" : `${number(a.placement_std_mm)} mm`],
+  ["Quality", "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
+    (a) => `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`],
 ];
 
 export function showReadout(answer) {
@@ -154,8 +154,9 @@ function gripTools(pick, send) {
           data: { id: "grip-opening" }, on: { change: change("opening_m", 0.001) } }))),
     make("dl", { class: "values" },
       ...row("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
-      ...row("known to", `${stdMm(grip.position_std_m)}  normal ${degrees(grip.normal_std_deg, 0)}  axis ${degrees(grip.axis_std_deg, 0)}`,
-        "One standard deviation, from the scatter of depth, normals and outline nearby"),
+      ...row("known to", stdMm(grip.position_std_m), "One standard deviation in space, from the scatter of depth nearby"),
+      ...row("normal, axis", `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
+        "One standard deviation of each, from the scatter of normals and outline nearby"),
       ...(grip.placement_std_m === null ? [] : row("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane"))),
   ];
 }

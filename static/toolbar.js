@@ -29,7 +29,7 @@ export class Toolbar {
     else this.build(byId("actions"), SESSION);
     byId("actions").setAttribute("aria-label", state.mode === "live" ? "Playing" : "Session");
     this.build(byId("page-actions"), PAGE);
-    this.buildLayers();
+    this.buildLayers(state.mode === "live");
     this.buildOverlay();
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const button of document.querySelectorAll("[data-action]")) {
@@ -95,10 +95,11 @@ export class Toolbar {
       }));
   }
 
-  buildLayers() {
+  buildLayers(live) {
     const names = Object.keys(LAYERS);
+    const quality = QUALITY.filter((name) => !live || name !== "layer_place");  // a single view has no placement
     rebuild(byId("layers"), ["layers"], () => names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)));
-    rebuild(byId("quality-layers"), ["layers"], () => QUALITY.map((name) => this.button(name)));
+    rebuild(byId("quality-layers"), ["layers", live], () => quality.map((name) => this.button(name)));
   }
 
   buildOverlay() {

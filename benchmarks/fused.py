@@ -1,0 +1,281 @@
+"""The peer that fuses first and unwraps then: TSDF volume (Open3D), LSCM and ARAP (libigl), no flatcloth.
+
+It is given the masked views, the recorded angles and the axis that flatcloth uses. Its unwrapped
+mesh is drawn on a grid as flatcloth's result is, and compared with the same truth.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from benchmarks.flattening import RESULTS, say
+from benchmarks.problems import signed_areas
+from benchmarks.unattended import sources, unattended
+from flatcloth.evaluation import compare
+from flatcloth.geometry import camera_from_held, project, z_angle_deg
+from flatcloth.integration import Integration
+from flatcloth.surface import item_mask
+from flatcloth.synthesis.native import load_open3d
+from flatcloth.types import Bool, FlattenedView, Float64, Int32, Int64
+
+VOXEL_M = 0.0035
+TRUNCATION_VOXELS = 3.0
+"""Of the signed distance; layers of cloth nearer to each other than this are fused."""
+TRIANGLES = 12_000
+"""The mesh is simplified to these, sides of about 10 mm: on finer ones ARAP stalls far from its minimum."""
+ITERATIONS = 1000
+AGREES_M = 0.006
+"""A view shows a point of the mesh where its depth is the point's, but for this."""
+LEAST_FACING_COS = 0.2
+DEGENERATE_SHARE = 1e-3
+"""Triangles with a smaller area than this share of a squared voxel break the Laplacian."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """A triangle mesh, held frame: ``points_m`` (N, 3); ``triangles`` (T, 3), anticlockwise from outside."""
+
+    points_m: Float64
+    triangles: Int32
+
+
+def run(recordings: Sequence[str]) -> None:
+    """Measure, print and write ``results/fused.{json,md}`` after every recording."""
+    rows: list[dict[str, Any]] = []
+    for source in sources(recordings):
+        rows += rows_of(source)
+        RESULTS.mkdir(exist_ok=True)
+        (RESULTS / "fused.json").write_text(json.dumps(rows, indent=1) + "\n")
+        (RESULTS / "fused.md").write_text(page(rows))
+    print(page(rows))
+
+
+def rows_of(source: str) -> list[dict[str, Any]]:
+    """Return the figures of ``robust`` and of the peer, with its views and with all, for one recording."""
+    started = time.perf_counter()
+    integration, document, truth = unattended(source)
+    view = integration.canonical(document).view
+    recording = integration.recording
+    say(f"{recording.name}: integrated")
+    used = sorted(document.used_views)
+    results: list[tuple[str, list[int], FlattenedView, float, dict[str, int]]] = [
+        ("robust", used, view, time.perf_counter() - started, {})
+    ]
+    for name, views in (("fused", used), ("fused, all views", list(range(len(recording))))):
+        started = time.perf_counter()
+        mesh = cleaned(*fuse(integration, views))
+        uv_m = unwrap(mesh)
+        flat = flattened(mesh, uv_m, integration, views)
+        size = {
+            "triangles": len(mesh.triangles),
+            "mirrored_triangles": int((signed_areas(uv_m, mesh.triangles) > 0).sum()),
+            "boundaries": boundaries(mesh),
+        }
+        results.append((name, views, flat, time.perf_counter() - started, size))
+        say(f"{recording.name}: {name}")
+    return [
+        {
+            "recording": recording.name,
+            "method": name,
+            "views": len(views),
+            "seconds": round(seconds, 1),
+            **size,
+            **asdict(compare(result, truth, recording).evaluation),
+        }
+        for name, views, result, seconds, size in results
+    ]
+
+
+def fuse(integration: Integration, views: Iterable[int]) -> tuple[Float64, Int64]:
+    """Return the surface of the TSDF volume of the masked views: points (N, 3), held frame, and triangles."""
+    o3d = load_open3d()
+    core, number = o3d.core, o3d.core.float32
+    grid = o3d.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight"), (number, number), ((1,), (1,)), VOXEL_M, 8, 20_000, core.Device("CPU:0")
+    )
+    k = integration.recording.intrinsics
+    camera = core.Tensor(np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]]))
+    for n in views:
+        frame = integration.frame(n)
+        item = item_mask(frame, integration.axis, integration.config.surface)
+        masked = np.where(item, frame.depth_m, 0.0).astype(np.float32)
+        depth = o3d.t.geometry.Image(core.Tensor(masked[..., None]))
+        motion = camera_from_held(integration.axis, frame.angle_deg)
+        extrinsic = np.eye(4)
+        extrinsic[:3, :3], extrinsic[:3, 3] = motion.rotation, motion.translation_m
+        placed = (camera, core.Tensor(extrinsic), 1.0, 10.0, TRUNCATION_VOXELS)
+        grid.integrate(grid.compute_unique_block_coordinates(depth, *placed), depth, *placed)
+    mesh = grid.extract_triangle_mesh(weight_threshold=0.5).to_legacy()
+    mesh.merge_close_vertices(0.05 * VOXEL_M)  # where the surface grazes a voxel's corner: slivers
+    mesh.remove_degenerate_triangles()
+    mesh.remove_duplicated_triangles()
+    mesh.remove_non_manifold_edges()
+    mesh = mesh.simplify_quadric_decimation(TRIANGLES)
+    mesh.remove_degenerate_triangles()
+    mesh.remove_non_manifold_edges()
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+
+
+def cleaned(points_m: Float64, triangles: Int64) -> Mesh:
+    """Return the largest connected piece as a manifold, without slivers."""
+    import igl
+
+    sides = points_m[triangles[:, 1:]] - points_m[triangles[:, :1]]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    triangles = triangles[area > DEGENERATE_SHARE * VOXEL_M**2]
+    triangles, original = igl.split_nonmanifold(triangles)
+    points_m = points_m[np.asarray(original).ravel()]
+    a, b = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    graph = coo_matrix((np.ones(a.size), (a, b)), shape=(len(points_m), len(points_m)))
+    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    kept, corner = np.unique(triangles[piece == np.bincount(piece).argmax()], return_inverse=True)
+    return Mesh(
+        points_m=np.ascontiguousarray(points_m[kept]), triangles=corner.reshape(-1, 3).astype(np.int32)
+    )
+
+
+def boundaries(mesh: Mesh) -> int:
+    """Return how many boundary curves the mesh has: one for a disc, one more for each hole."""
+    import igl
+
+    return len(igl.boundary_loop_all(mesh.triangles.astype(np.int64)))
+
+
+def unwrap(mesh: Mesh) -> Float64:
+    """Return places (N, 2) on the plane, u right and v down seen from outside: LSCM, then ARAP."""
+    import igl
+
+    points, triangles = mesh.points_m, mesh.triangles.astype(np.int64)
+    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
+    apart = np.linalg.norm(points - points[first], axis=1)
+    ends = np.array([first, apart.argmax()])
+    start, _ = igl.lscm(points, triangles, ends, np.array([[0.0, 0.0], [apart.max(), 0.0]]))
+    sides = points[triangles[:, 1:]] - points[triangles[:, :1]]
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
+    start *= np.sqrt(doubled / np.abs(signed_areas(start, mesh.triangles)).sum())
+    data = igl.ARAPData()
+    data.max_iter = ITERATIONS
+    fixed = np.array([first], dtype=np.int32)
+    igl.arap_precomputation(points, triangles, 2, fixed, data)
+    uv_m: Float64 = igl.arap_solve(start[fixed], data, start)[:, :2] * [1.0, -1.0]
+    return uv_m
+
+
+def flattened(
+    mesh: Mesh, uv_m: Float64, integration: Integration, views: Sequence[int], pixel_size_m: float = 0.002
+) -> FlattenedView:
+    """Draw the unwrapped mesh; each pixel's source is the view that sees its point most frontally."""
+    origin = uv_m.min(axis=0)
+    at = (uv_m - origin) / pixel_size_m
+    shape = tuple((np.floor(at.max(axis=0)).astype(int) + 1)[::-1])
+    xyz, normal = _drawn(mesh, at, shape)
+    valid = np.isfinite(xyz[..., 0])
+    points, normals = xyz[valid], normal[valid]
+    best = np.full(len(points), LEAST_FACING_COS)
+    index = np.full(len(points), -1, dtype=np.int16)
+    source = np.full((len(points), 2), np.nan, dtype=np.float32)
+    rgb = np.zeros((len(points), 3), dtype=np.uint8)
+    for n in views:
+        frame = integration.frame(n)
+        motion = camera_from_held(integration.axis, frame.angle_deg)
+        there = motion.apply(points)
+        facing = -(motion.turn(normals) * there).sum(axis=1) / np.linalg.norm(there, axis=1)
+        rc = project(there, frame.intrinsics)
+        row, col = np.rint(rc).astype(int).T
+        inside = (row >= 0) & (row < frame.intrinsics.height) & (col >= 0) & (col < frame.intrinsics.width)
+        row, col = np.where(inside, row, 0), np.where(inside, col, 0)
+        item = item_mask(frame, integration.axis, integration.config.surface)
+        seen: Bool = inside & item[row, col] & (facing > best)
+        seen &= np.abs(frame.depth_m[row, col] - there[:, 2]) < AGREES_M
+        best[seen], index[seen], source[seen] = facing[seen], n, rc[seen]
+        rgb[seen] = frame.color[row[seen], col[seen]]
+    angles = np.asarray(integration.recording.angles_deg)[index]
+    known = index >= 0
+    z_angle = np.where(known, z_angle_deg(normals, integration.axis) + angles, np.nan)
+
+    def spread(values: Any, empty: Any) -> Any:
+        full = np.full((*shape, *values.shape[1:]), empty, dtype=values.dtype)
+        full[valid] = np.where(known.reshape(-1, *[1] * (values.ndim - 1)), values, empty)
+        return full
+
+    return FlattenedView(
+        rgb=spread(rgb, 0),
+        xyz_m=spread(points.astype(np.float32), np.nan),
+        normal=spread(normals.astype(np.float32), np.nan),
+        z_angle_deg=spread(z_angle.astype(np.float32), np.nan),
+        valid=spread(known, False),
+        view_index=spread(index, -1),
+        source_rc=spread(source, np.nan),
+        pixel_size_m=pixel_size_m,
+        origin_uv_m=(float(origin[0]), float(origin[1])),
+    )
+
+
+def _drawn(mesh: Mesh, at: Float64, shape: Sequence[int]) -> tuple[Float64, Float64]:
+    """Return place and normal (H, W, 3) of the mesh whose points lie at grid positions (N, 2), (col, row)."""
+    corners, solid = at[mesh.triangles], mesh.points_m[mesh.triangles]
+    normals = np.cross(solid[:, 1] - solid[:, 0], solid[:, 2] - solid[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    xyz, normal = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
+    doubled = signed_areas(at, mesh.triangles)
+    low = np.ceil(corners.min(axis=1)).astype(int)
+    extent = np.floor(corners.max(axis=1)).astype(int) - low
+    extent[doubled == 0] = -1
+    # Triangles are a few pixels large: all of them at once, pixel by pixel of their bounding boxes.
+    for down in range(int(extent[:, 1].max()) + 1):
+        for right in range(int(extent[extent[:, 1] >= down, 0].max()) + 1):
+            t = np.flatnonzero((extent >= (right, down)).all(axis=1))
+            pixel = low[t] + (right, down)
+            share = np.stack([_doubled(corners[t], pixel, i) for i in range(3)], axis=1) / doubled[t, None]
+            hit = (share >= -1e-9).all(axis=1)
+            col, row = pixel[hit].T
+            xyz[row, col] = (share[hit, :, None] * solid[t[hit]]).sum(axis=1)
+            normal[row, col] = normals[t[hit]]
+    return xyz, normal
+
+
+def _doubled(corners: Float64, pixel: Int64, i: int) -> Float64:
+    """Return twice the signed areas (T,) of triangles (T, 3, 2) with corner i moved to a pixel (T, 2)."""
+    a, b = corners[:, (i + 1) % 3] - pixel, corners[:, (i + 2) % 3] - pixel
+    area: Float64 = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return area
+
+
+_COLUMNS = (
+    ("absolute_median_mm", "abs. median mm", "{:.1f}"),
+    ("absolute_p95_mm", "p95", "{:.1f}"),
+    ("relative_median_mm", "rel. median mm", "{:.1f}"),
+    ("relative_p95_mm", "p95", "{:.1f}"),
+    ("relative_far_share", "> 20 mm", "{:.1%}"),
+    ("wrong_side_share", "wrong side", "{:.1%}"),
+    ("coverage", "coverage", "{:.3f}"),
+    ("seconds", "s", "{:.1f}"),
+)
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """Return the table, in Markdown."""
+    heads = ["recording", "method", "views", *[head for _, head, _ in _COLUMNS]]
+    lines = [
+        "# Against fusing first",
+        "",
+        f"`fused`: TSDF volume of the masked views (Open3D, voxels of {1e3 * VOXEL_M:.1f} mm), its largest",
+        f"piece, simplified to {TRIANGLES} triangles, unwrapped by LSCM and {ITERATIONS} iterations of ARAP",
+        "(libigl). It is given the recorded angles and the views that `robust` chose, or all of them. Both are",
+        "compared with the same truth; the peer's seconds begin when its views have been chosen and read.",
+        "",
+        f"| {' | '.join(heads)} |",
+        "|" + "---|" * len(heads),
+    ]
+    for row in rows:
+        cells = [form.format(row[key]) for key, _, form in _COLUMNS]
+        lines.append(f"| {' | '.join([row['recording'], row['method'], str(row['views']), *cells])} |")
+    return "\n".join(lines) + "\n"
