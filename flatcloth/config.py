@@ -94,6 +94,12 @@ class RegistrationConfig:
     """How a pair of views may be turned otherwise, ..."""
     any_shift_std_m: float = 0.0001
     """... and shifted."""
+    loose_turn_deg: float = 0.4
+    """The known rotation is kept unless the views say that angles, ..."""
+    loose_axis_m: float = 0.0025
+    """... axis ..."""
+    loose_swing_deg: float = 0.5
+    """... or swing are off by more than this."""
     most_apart_deg: float = 65.0
     """Views that look from farther apart than this show little of the same cloth."""
     most_partners: int = 6

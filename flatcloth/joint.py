@@ -21,7 +21,7 @@ from flatcloth.config import FlatteningConfig, JointConfig
 from flatcloth.connection import hanging_together
 from flatcloth.geometry import Rigid3, fit_rigid2
 from flatcloth.minimisation import minimise
-from flatcloth.sightings import Complex128, Nodes, Recognised, Sighting, no_nodes, recognise, sight
+from flatcloth.sightings import Complex128, Nodes, Recognised, Sighting, averaged, no_nodes, recognise, sight
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32
 
@@ -177,6 +177,16 @@ def extend_joint(
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
     )
     return _solved(grown, config)
+
+
+def reposed(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
+    """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
+    if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
+        return shape
+    nodes = no_nodes()
+    for sighting, held in zip(shape.sightings, held_from_camera, strict=True):
+        nodes = averaged(nodes, sighting, held)
+    return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
 
 
 def floating_pieces(shape: JointShape) -> list[Float64]:

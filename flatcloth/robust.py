@@ -18,7 +18,7 @@ from flatcloth.alignment import Alignment
 from flatcloth.config import Config
 from flatcloth.errors import AlignmentError, FlatclothError
 from flatcloth.flattening import Flattening
-from flatcloth.geometry import Rigid3, fit_rigid2, held_from_camera
+from flatcloth.geometry import Rigid3, fit_rigid2
 from flatcloth.hypotheses import (
     Hypothesis,
     PartPlace,
@@ -29,13 +29,15 @@ from flatcloth.hypotheses import (
     coarse_view,
     judged,
 )
-from flatcloth.joint import JointShape, begin_joint, extend_joint, floating_pieces
+from flatcloth.joint import JointShape, begin_joint, extend_joint, floating_pieces, reposed
 from flatcloth.matching import AlignmentScore
 from flatcloth.memory import Memory
 from flatcloth.merging import Canonical
 from flatcloth.mosaic import draw_shape
 from flatcloth.outlook import Prospect, prospects
 from flatcloth.planning import Plan
+from flatcloth.registration import Registered, begin_registration, extend_registration
+from flatcloth.scans import Scan, scan
 from flatcloth.session import Accepted, Document, Side
 from flatcloth.sightings import Recognised, recognise
 from flatcloth.surface import Surface
@@ -48,6 +50,7 @@ class Views(Protocol):
 
     config: Config
     axis: RotationAxis
+    held_point_m: Float64
 
     def flattening(self, view_index: int) -> Flattening:
         """Return a view's flattened view with its surface."""
@@ -72,6 +75,8 @@ class Robust:
         self._drawn: Memory[Canonical] = Memory(16)
         self._grounds: Memory[Ground] = Memory(4)
         self._looks: Memory[Look] = Memory(48)
+        self._scans: Memory[Scan] = Memory(48)
+        self._registrations: Memory[Registered] = Memory(64)
         self._labels: Memory[Int32] = Memory(48)
 
     # ---------------------------------------------------------------- shapes
@@ -99,23 +104,45 @@ class Robust:
         """Return the surfaces of a shape's views."""
         return {view: self._views.flattening(view).surface for view in shape.views}
 
+    def registered(self, views: tuple[int, ...]) -> Registered:
+        """Return where the cameras of views, accepted in this order, stand (remembered)."""
+        if not views:
+            c = self._config.registration
+            return begin_registration(self._views.axis, self._views.held_point_m, c)
+
+        def make() -> Registered:
+            return extend_registration(self.registered(views[:-1]), self._scan(views[-1]))
+
+        return self._registrations.get(views, make)
+
+    def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
+        """Return ``held_from_camera`` of each view: as known, unless the views say that this is not so."""
+        registered, c = self.registered(views), self._config.registration
+        turn_deg, axis_m, swing_deg = registered.looseness
+        if turn_deg > c.loose_turn_deg or axis_m > c.loose_axis_m or swing_deg > c.loose_swing_deg:
+            return registered.held_from_camera
+        return registered.known
+
+    def _scan(self, view_index: int) -> Scan:
+        return self._scans.get(
+            view_index, lambda: scan(self._views.flattening(view_index).surface, self._config.registration)
+        )
+
     def _begin(self, start: int) -> JointShape:
         flattening = self._views.flattening(start)
         uv, _ = flattening.carrier.place_all()
         uv[self._label(start) != 0] = np.nan
         return begin_joint(
-            flattening.surface, self._held(start), uv, self._config.flattening, self._config.joint
+            flattening.surface, self.poses((start,))[0], uv, self._config.flattening, self._config.joint
         )
 
     def _extend(self, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
-        held = self._held(added.view_index)
+        *before, held = self.poses((*shape.views, added.view_index))
+        shape = reposed(shape, tuple(before))
         recognised = recognise(shape.nodes, surface, held, self._config.joint)
         recognised = self._trusted(shape, recognised, added)
         return extend_joint(shape, surface, held, self._config.flattening, self._config.joint, recognised)
-
-    def _held(self, view_index: int) -> Rigid3:
-        return held_from_camera(self._views.axis, self._angles_deg[view_index])
 
     def _trusted(self, shape: JointShape, recognised: Recognised, added: Accepted) -> Recognised:
         """Keep the nodes whose place on the plane fits the accepted placement, part by part.
@@ -352,7 +379,8 @@ class Robust:
     def _parts(self, shape: JointShape, view_index: int) -> dict[int, Part]:
         """Return the parts of a view that are worth placing, thinned out."""
         flattening = self._views.flattening(view_index)
-        held = self._held(view_index)
+        *before, held = self.poses((*shape.views, view_index))
+        shape = reposed(shape, tuple(before))
         recognised = recognise(shape.nodes, flattening.surface, held, self._config.joint)
         label = self._label(view_index)
         pixel = np.rint(recognised.rc).astype(np.int32)

@@ -167,7 +167,7 @@ def sight(
         edge_std_m=std,
         offset=offset,
     )
-    return _averaged(nodes, sighting, held_from_camera), sighting
+    return averaged(nodes, sighting, held_from_camera), sighting
 
 
 def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: JointConfig) -> Float64:
@@ -236,7 +236,7 @@ def _pairs(
     return edges, length, std, offset
 
 
-def _averaged(nodes: Nodes, sighting: Sighting, held_from_camera: Rigid3) -> Nodes:
+def averaged(nodes: Nodes, sighting: Sighting, held_from_camera: Rigid3) -> Nodes:
     """Nodes at the mean of what the views say; frontal views, which measure best, count most."""
     added = int(sighting.is_new.sum())
     xyz = np.concatenate([nodes.xyz_m, np.zeros((added, 3))])

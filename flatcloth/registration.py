@@ -1,0 +1,442 @@
+"""Where the views' cameras stand, refined in 3D: the known rotation is only about right.
+
+Angles are read off a turntable, the axis is measured once, and the cloth swings. The views are
+registered in pairs, and one small adjustment explains all pairs together: the axis moved and
+tilted, every view turned a little about it, and swung a little about the held point; further, by
+how many pixels the sensor makes what is near larger, which would pull convex cloth apart. How
+loose a recording is, nobody says: it is weighed by the evidence, so exact poses stay exact.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from flatcloth.config import RegistrationConfig
+from flatcloth.geometry import Rigid3, held_from_camera
+from flatcloth.scan_pairs import PairFit, fit_pair, motion
+from flatcloth.scans import UNKNOWNS, Scan, scan
+from flatcloth.types import Float64, RotationAxis
+
+__all__ = ["Registered", "Registration", "begin_registration", "extend_registration", "register_all", "scan"]
+
+_COMMON, _OWN = 5, 3
+"""Unknowns: axis (2 shifts, 2 tilts) and fattening of all views; turn and swing (2) of each."""
+_SHARED, _EACH = np.arange(_COMMON), np.arange(_OWN)
+_LEAST_CHANCE = 1e-3
+_STEPS = 3
+_FREEDOM = 6.0
+"""Degrees of freedom of Student's distribution: how seriously a pair that contradicts the others is taken."""
+_RIDGE = 1e-6 * np.eye(UNKNOWNS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration:
+    """Where a view's camera stands, what was changed, and how sure that is.
+
+    ``held_from_camera`` is the refined motion; ``turned_deg`` how much farther the item was turned
+    than recorded, ``swung_deg`` how much it was tilted about the held point, ``moved_m`` how far the
+    middle of the view's surface moved against the known motion, of it all, the axis included.
+    ``std_deg`` and ``std_m`` (3,): standard deviations of turn and place of that middle (held
+    frame: x, y, z) against the views it was compared with, or against the known motion if there are
+    none. ``views`` are those, ``points`` the points compared, ``distance_m`` their typical distance
+    before and after.
+    """
+
+    view_index: int
+    held_from_camera: Rigid3
+    turned_deg: float
+    swung_deg: float
+    moved_m: float
+    std_deg: Float64
+    std_m: Float64
+    views: tuple[int, ...]
+    points: int
+    distance_m: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registered:
+    """All accepted views, registered together. Immutable: undo by keeping the one before.
+
+    ``axis``, ``held_point_m`` as known; ``scans`` and ``known`` (held from camera) in order of
+    acceptance; ``pairs`` what was found of each pair. ``common`` (5,): shift (m) and tilt (rad) of
+    the axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``covariance`` of
+    both, in this order; ``posterior`` (G,): how likely each grade of looseness is.
+    """
+
+    axis: RotationAxis
+    held_point_m: Float64
+    config: RegistrationConfig
+    scans: tuple[Scan, ...] = ()
+    known: tuple[Rigid3, ...] = ()
+    jacobians: tuple[Float64, ...] = ()
+    pairs: tuple[PairFit, ...] = ()
+    common: Float64
+    own: Float64
+    covariance: Float64
+    posterior: Float64
+
+    @property
+    def refined_axis(self) -> RotationAxis:
+        """The axis as the views tell it."""
+        return _moved_axis(self.axis, self.common)
+
+    @property
+    def looseness(self) -> tuple[float, float, float]:
+        """How loose the recording seems: standard deviations of turn (deg), axis (m) and swing (deg)."""
+        turn, axis, swing = np.sqrt(self.posterior @ np.square(_grid(self.config)))
+        return math.degrees(turn), float(axis), math.degrees(swing)
+
+    @property
+    def fattening_px(self) -> float:
+        """By how many pixels the sensor makes what is near larger."""
+        return float(self.common[4])
+
+    @cached_property
+    def held_from_camera(self) -> tuple[Rigid3, ...]:
+        """Where the camera of each view stands."""
+        side, front = _across(self.axis)
+        axis, poses = self.refined_axis, []
+        for seen, (turn, aside, ahead) in zip(self.scans, self.own, strict=True):
+            swing = motion(np.concatenate([aside * side + ahead * front, np.zeros(3)]), self.held_point_m)
+            poses.append(swing @ held_from_camera(axis, seen.angle_deg + math.degrees(turn)))
+        return tuple(poses)
+
+    @cached_property
+    def views(self) -> tuple[Registration, ...]:
+        """Each view's report, in order of acceptance."""
+        return tuple(_report(self, n) for n in range(len(self.scans)))
+
+
+def begin_registration(axis: RotationAxis, held_point_m: Float64, config: RegistrationConfig) -> Registered:
+    """Return the registration of no view yet.
+
+    Parameters
+    ----------
+    axis : RotationAxis
+        As known, camera frame of view 0.
+    held_point_m : (3,) float64
+        Where the item is held, camera frame of view 0: about it, it swings.
+    config : RegistrationConfig
+        How loose recordings may be.
+    """
+    return Registered(
+        axis=axis,
+        held_point_m=np.asarray(held_point_m, dtype=np.float64),
+        config=config,
+        common=np.zeros(_COMMON),
+        own=np.zeros((0, _OWN)),
+        covariance=np.diag(_variances(0, _grid(config)[-1], config)),
+        posterior=_chances(config),
+    )
+
+
+def register_all(
+    scans: Sequence[Scan], axis: RotationAxis, held_point_m: Float64, config: RegistrationConfig
+) -> Registered:
+    """Register views in order; see :func:`begin_registration` and :func:`extend_registration`."""
+    registered = begin_registration(axis, held_point_m, config)
+    for seen in scans:
+        registered = extend_registration(registered, seen)
+    return registered
+
+
+def extend_registration(registered: Registered, new: Scan) -> Registered:
+    """Add a view; the poses of all views are found anew.
+
+    Parameters
+    ----------
+    registered : Registered
+        The views so far.
+    new : Scan
+        The view to add.
+
+    Returns
+    -------
+    Registered
+        A view that has too little in common with the others stays where the axis and its recorded
+        angle put it.
+
+    Notes
+    -----
+    Only the new pairs are compared, and the old ones that have moved or whose fattening has changed
+    since. Costs 10 ms for a garment and four pairs.
+    """
+    config, n = registered.config, len(registered.scans)
+    known = held_from_camera(registered.axis, new.angle_deg)
+    own = np.concatenate([registered.own, np.zeros((1, _OWN))])
+    grown = replace(
+        registered,
+        scans=(*registered.scans, new),
+        known=(*registered.known, known),
+        jacobians=(*registered.jacobians, _jacobian(registered.axis, registered.held_point_m, new.angle_deg)),
+        own=own,
+    )
+    fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
+    grown = _solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None))))
+    for _ in range(config.refits):
+        stale = [p for p in grown.pairs if _stale(grown, p)]
+        if not stale:
+            break
+        renewed = {(p.first, p.second): _fitted(grown, p.first, p.second, p) for p in stale}
+        pairs = [renewed.get((p.first, p.second), p) for p in grown.pairs]
+        grown = _solved(replace(grown, pairs=tuple(p for p in pairs if p is not None)))
+    return grown
+
+
+def _partners(registered: Registered, n: int) -> list[int]:
+    """Return the views that look from near enough, nearest first."""
+    looks = np.array([held.rotation[:, 2] for held in registered.known])
+    cos = looks[:n] @ looks[n]
+    order = np.argsort(-cos, kind="stable")[: registered.config.most_partners]
+    return [int(i) for i in order if cos[i] >= math.cos(math.radians(registered.config.most_apart_deg))]
+
+
+def _fitted(registered: Registered, first: int, second: int, before: PairFit | None) -> PairFit | None:
+    one, other = registered.scans[first], registered.scans[second]
+    held = registered.known[first], registered.known[second]
+    if before is None:
+        center: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
+    else:
+        center = before.center_m
+    poses = registered.held_from_camera[first], registered.held_from_camera[second]
+    return fit_pair(
+        (one, other),
+        held,
+        (first, second),
+        _pair_covariance(registered, first, second, center),
+        registered.config,
+        center_m=center,
+        fattening_px=registered.fattening_px,
+        twist=_twist((poses[1] @ held[1].inverse()).inverse() @ poses[0] @ held[0].inverse(), center),
+        before=before,
+    )
+
+
+def _middle(seen: Scan, held: Rigid3) -> Float64:
+    return held.apply(np.median(seen.points_m, axis=0))
+
+
+def _stale(registered: Registered, pair: PairFit) -> bool:
+    """Whether a pair's quadratic form was found too far from where it is used."""
+    config = registered.config
+    return abs(registered.fattening_px - pair.fattening_px) > config.refit_fattening_px
+
+
+# ------------------------------------------------------------------ motions
+
+
+def _twist(moved: Rigid3, center_m: Float64) -> Float64:
+    """Return the inverse of :func:`motion`, for turns below a right angle."""
+    r = moved.rotation
+    axis = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    turn = axis * (math.asin(min(1.0, sine)) / sine) if sine > 1e-12 else axis
+    return np.concatenate([turn, moved.apply(center_m) - center_m])
+
+
+def _across(axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Two unit vectors across the axis: sideways, and towards the camera."""
+    x, y, _ = axis.direction
+    side = np.array([y, -x, 0.0]) / math.hypot(x, y)
+    return side, _cross(axis.direction) @ side
+
+
+def _cross(a: Float64) -> Float64:
+    """Return the matrix (3, 3) of the cross product with a."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
+    side, front = _across(axis)
+    direction = axis.direction + common[2] * side + common[3] * front
+    return replace(
+        axis,
+        point_m=axis.point_m + common[0] * side + common[1] * front,
+        direction=direction / np.linalg.norm(direction),
+    )
+
+
+def _jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
+    """Return the derivative (6, 7) of a view's twist about the origin of the held frame.
+
+    Columns: turn, swing sideways and to the front, shift and tilt of the axis, each both ways.
+    """
+    back = held_from_camera(axis, angle_deg).rotation
+    columns = [_about(-axis.direction, axis.point_m)]
+    columns += [_about(way, held_point_m) for way in _across(axis)]
+    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in _across(axis)]
+    for way in _across(axis):
+        tilt = _cross(axis.direction) @ way
+        columns.append(_about(tilt - back @ tilt, axis.point_m))
+    return np.stack(columns, axis=1)
+
+
+def _about(turn: Float64, point_m: Float64) -> Float64:
+    """Twist about the origin of a small turn about a point."""
+    return np.concatenate([turn, _cross(point_m) @ turn])
+
+
+def _at(jacobian: Float64, center_m: Float64) -> Float64:
+    """Return the same derivative, of the twist about another center."""
+    there = jacobian.copy()
+    there[3:] -= _cross(center_m) @ jacobian[:3]
+    return there
+
+
+# ------------------------------------------------------------------ what is likely beforehand
+
+
+def _grid(config: RegistrationConfig) -> Float64:
+    """All combinations (G, 3) of how loose a recording may be; the first is the exact one."""
+    levels = [
+        np.radians(config.turn_stds_deg),
+        np.array(config.axis_stds_m),
+        np.radians(config.swing_stds_deg),
+    ]
+    return np.array(list(itertools.product(*levels)))
+
+
+def _chances(config: RegistrationConfig) -> Float64:
+    """How likely (G,) each is, before anything is compared."""
+    chance = np.full(len(_grid(config)), 1.0)
+    chance[1:] = (1.0 - config.exact_chance) / max(len(chance) - 1, 1)
+    chance[0] = config.exact_chance
+    return chance
+
+
+def _variances(n: int, looseness: Float64, config: RegistrationConfig) -> Float64:
+    """Variances (5 + 3 n,) of the unknowns beforehand."""
+    turn, axis, swing = np.square(looseness)
+    tilt = axis / config.axis_length_m**2
+    return np.concatenate(
+        [[axis, axis, tilt, tilt, config.fattening_std_px**2], np.tile([turn, swing, swing], n)]
+    )
+
+
+def _pair_covariance(registered: Registered, first: int, second: int, center_m: Float64) -> Float64:
+    """Of the twist of a pair beforehand, if the recording is as loose as any."""
+    config = registered.config
+    variances = _variances(1, _grid(config)[-1], config)
+    one, other = (_at(registered.jacobians[i], center_m) for i in (first, second))
+    own = variances[_COMMON:]
+    axis = one[:, _OWN:] - other[:, _OWN:]
+    covariance = (one[:, :_OWN] * own) @ one[:, :_OWN].T + (other[:, :_OWN] * own) @ other[:, :_OWN].T
+    covariance += (axis * variances[:4]) @ axis.T
+    rigid = np.repeat(np.square([math.radians(config.any_turn_std_deg), config.any_shift_std_m]), 3)
+    return covariance + np.diag(rigid)
+
+
+# ------------------------------------------------------------------ all pairs together
+
+
+def _solved(registered: Registered) -> Registered:
+    """Find the unknowns that explain all pairs, averaged over how loose the recording may be."""
+    config, n = registered.config, len(registered.scans)
+    grid, chance = _grid(config), _chances(config)
+    shares = _shares(registered)
+    posterior = registered.posterior
+    for step in range(_STEPS):  # Gauss-Newton; all grades of looseness are weighed in the last only
+        last = step == _STEPS - 1
+        used = np.arange(len(grid)) if last else np.flatnonzero(posterior)
+        root = np.sqrt([_variances(n, grid[k], config) for k in used])
+        x = np.concatenate([registered.common, registered.own.ravel()])
+        matrix, right = _assembled(registered, shares, trusting=step == 0)
+        right = right + matrix @ x
+        # Evidence of a linear Gaussian model: with D the prior's variances, M = I + D^1/2 A D^1/2,
+        # log p = (b' D^1/2 M^-1 D^1/2 b - log det M) / 2.
+        scaled = root[:, :, None] * matrix * root[:, None, :] + np.eye(len(x))
+        solved = np.linalg.solve(scaled, (root * right)[..., None])[..., 0]
+        log = 0.5 * ((root * right * solved).sum(axis=1) - np.linalg.slogdet(scaled)[1]) + np.log(
+            chance[used]
+        )
+        own = np.exp(log - log.max())
+        own[own < _LEAST_CHANCE * own.sum()] = 0.0
+        posterior = np.zeros(len(grid))
+        posterior[used] = own / own.sum()
+        means = root * solved
+        x = posterior[used] @ means
+        registered = replace(
+            registered, common=x[:_COMMON], own=x[_COMMON:].reshape(n, _OWN), posterior=posterior
+        )
+    covariance = np.zeros_like(matrix)
+    for k in np.flatnonzero(posterior):
+        inside = root[k][:, None] * np.linalg.inv(scaled[k]) * root[k]
+        off = means[k] - x
+        covariance += posterior[k] * (inside + np.outer(off, off))
+    return replace(registered, covariance=covariance)
+
+
+def _shares(registered: Registered) -> Float64:
+    """Weights (P,) of the pairs: k views of the same cloth make k (k - 1) / 2 pairs, but k measurements."""
+    sees = np.ones(len(registered.scans))
+    for p in registered.pairs:
+        for view in (p.first, p.second):
+            sees[view] += min(1.0, 0.5 * p.count / len(registered.scans[view].points_m))
+    return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in registered.pairs])
+
+
+def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tuple[Float64, Float64]:
+    """Matrix (M, M) and right side (M,) of a step from the present state, from all pairs.
+
+    Unless trusting, a pair that contradicts the others loses its weight (Student's t).
+    """
+    size = _COMMON + _OWN * len(registered.scans)
+    matrix, right = np.zeros((size, size)), np.zeros(size)
+    poses = registered.held_from_camera
+    corrections = [now @ known.inverse() for now, known in zip(poses, registered.known, strict=True)]
+    rows = np.zeros((UNKNOWNS, _COMMON + 2 * _OWN))
+    rows[6, 4] = 1.0
+    for p, share in zip(registered.pairs, shares, strict=True):
+        twist = _twist(corrections[p.second].inverse() @ corrections[p.first], p.center_m)
+        off = np.append(twist - p.twist, registered.fattening_px - p.fattening_px)
+        one, other = (_at(registered.jacobians[i], p.center_m) for i in (p.first, p.second))
+        rows[:6, :4] = one[:, _OWN:] - other[:, _OWN:]
+        rows[:6, _COMMON : _COMMON + _OWN] = one[:, :_OWN]
+        rows[:6, _COMMON + _OWN :] = -other[:, :_OWN]
+        at = np.concatenate([_SHARED, *(_COMMON + _OWN * i + _EACH for i in (p.first, p.second))])
+        pull = p.gradient + p.matrix @ off
+        if not trusting:
+            surprise = share * float(pull @ np.linalg.solve(p.matrix + _RIDGE, pull))
+            share *= min(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
+        weighed = share * rows.T
+        matrix[np.ix_(at, at)] += weighed @ p.matrix @ rows
+        right[at] -= weighed @ pull
+    return matrix, right
+
+
+def _report(registered: Registered, n: int) -> Registration:
+    seen, known, pose = registered.scans[n], registered.known[n], registered.held_from_camera[n]
+    own, middle = registered.own[n], _middle(registered.scans[n], registered.known[n])
+    pairs = [p for p in registered.pairs if n in (p.first, p.second)]
+    partners = [p.second if p.first == n else p.first for p in pairs]
+    counts = np.array([float(p.count) for p in pairs])
+    rows = np.zeros((6, len(registered.covariance)))
+    for view, share in [(n, 1.0), *zip(partners, -counts / max(counts.sum(), 1.0), strict=True)]:
+        jacobian = _at(registered.jacobians[view], middle)
+        rows[:, :4] += share * jacobian[:, _OWN:]
+        at = _COMMON + _OWN * view
+        rows[:, at : at + _OWN] += share * jacobian[:, :_OWN]
+    std = np.sqrt(np.maximum(np.diag(rows @ registered.covariance @ rows.T), 0.0))
+    typical = [math.nan, math.nan]
+    if pairs:
+        typical = [float(counts @ [p.distance_m[i] for p in pairs] / counts.sum()) for i in (0, 1)]
+    return Registration(
+        view_index=seen.view_index,
+        held_from_camera=pose,
+        turned_deg=math.degrees(own[0]),
+        swung_deg=math.degrees(math.hypot(own[1], own[2])),
+        moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
+        std_deg=np.degrees(std[:3]),
+        std_m=std[3:],
+        views=tuple(registered.scans[i].view_index for i in partners),
+        points=int(counts.sum()),
+        distance_m=(typical[0], typical[1]),
+    )
