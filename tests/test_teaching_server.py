@@ -6,7 +6,10 @@ import asyncio
 import json
 import struct
 import threading
+from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +25,14 @@ from flatcloth.viewer.teaching import PARTS, TeachingDesk
 
 CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
 DTYPES = {"int8": 1, "uint8": 1, "int16": 2, "int32": 4, "float32": 4}
+
+
+def run_apart(work: Coroutine[Any, Any, None]) -> None:
+    """Run a coroutine in a thread of its own: Playwright keeps a loop running in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, work).result()
+
+
 WAIT_S = 30
 
 
@@ -47,7 +58,7 @@ class Page:
         path, _, text = address.partition("?")
         text = "&".join([text, *(f"{name}={value}" for name, value in query.items())]).strip("&")
         self.sent = []
-        asyncio.run(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
+        run_apart(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
         body = b"".join(message.get("body", b"") for message in self.sent)
         return self.sent[0]["status"], body
 
