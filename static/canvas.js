@@ -1,33 +1,38 @@
-// The flattened view: layers, proposal, marks and scale bar; pan, zoom, pick and drag of the proposal.
+// The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
+import { drawMark, drawPick, drawScale } from "/static/canvas_marks.js";
 import { byId } from "/static/dom.js";
 import { contains, grown, Transform, union } from "/static/geometry.js";
-import { length, niceLength } from "/static/format.js";
 import { Picture } from "/static/picture.js";
 
 const CLICK_PX = 4;
-const BLINK_MS = 450;
 const MARGIN_PX = 34;
 const SLACK_M = 0.05;
 
+const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
+
 export class FlatCanvas {
-  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(). */
+  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag().
+   *
+   * `scenery` paints shape and proposal, and tells where the proposal can be taken hold of. `tools`
+   * are offered each press of the pointer first; one that takes it gets what follows: `press(at)`
+   * returns whether it does, then `drag(at)` and `release(at)`. `drawers` draw over the pictures.
+   */
   constructor(handlers) {
     this.handlers = handlers;
     this.canvas = byId("canvas");
     this.context = this.canvas.getContext("2d");
     this.transform = new Transform();
     this.layer = new Picture(() => this.layerReady());
-    this.overlay = new Picture(() => this.overlayReady());
+    this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
     this.boxes = new Map(); // of live mode: where each view lay when it was shown last
     this.reach = null; // what all of them need together
     this.marks = [];
     this.pick = null;
-    this.showOverlay = true;
-    this.opacity = 0.7;
-    this.blink = false;
-    this.blinkOn = true;
+    this.scenery = SHAPE_ALONE;
+    this.tools = [];
+    this.drawers = [];
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
     this.dirty = false;
@@ -40,18 +45,20 @@ export class FlatCanvas {
     return this.layer.shown?.revision ?? 0;
   }
 
-  /** Take what a state says about the pictures, and show the named layer. */
-  update(state, layerName) {
+  /** Take what a state says about the pictures, and show the named layer; `look` is how, for an address. */
+  update(state, layerName, look = "") {
     const layers = state.layers;
     if (!layers) {
       this.layer.clear();
       this.overlay.clear();
     } else {
-      this.layer.show(`/layers/${layers.revision}/${layerName}.png`, layers.revision, layers, false);
+      this.layer.show(`/layers/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
       const overlay = state.pending ? layers.overlay : null;
       if (overlay && overlay.view_index === state.pending.view_index) {
         this.center = overlay.center_uv_m;
-        this.overlay.show(`/overlay/${overlay.revision}.png`, overlay.revision, overlay, true);
+        // In the colours of the shape, which span another range when the shape changes.
+        const address = `/overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
+        this.overlay.show(address, overlay.revision, overlay, true);
       } else {
         this.overlay.clear();
       }
@@ -89,8 +96,8 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  overlayReady() {
-    this.resetPreview();
+  overlayReady(anew) {
+    if (anew) this.resetPreview();
     if (this.fitted) this.fit();
     this.redraw();
   }
@@ -119,24 +126,18 @@ export class FlatCanvas {
     this.redraw();
   }
 
+  /** Turn and flip what is seen; the data stay as they are. */
+  turnTo(angle, flipped) {
+    this.transform.turn(angle, flipped, this.width / 2, this.height / 2);
+    if (this.fitted) this.fit();
+    this.redraw();
+  }
+
   /** Place of the plane in the page's CSS pixels. */
   toScreen(u, v) {
     const at = this.canvas.getBoundingClientRect();
     const { x, y } = this.transform.toPane(u, v);
     return { x: at.left + x, y: at.top + y };
-  }
-
-  setBlink(on) {
-    this.blink = on;
-    this.blinkOn = true;
-    clearInterval(this.blinkTimer);
-    if (on) {
-      this.blinkTimer = setInterval(() => {
-        this.blinkOn = !this.blinkOn;
-        if (this.overlay.shown) this.redraw();
-      }, BLINK_MS);
-    }
-    this.redraw();
   }
 
   /** Move the proposal's preview; the server is told by the caller. */
@@ -145,6 +146,12 @@ export class FlatCanvas {
     this.preview.u += by.u;
     this.preview.v += by.v;
     this.redraw();
+  }
+
+  /** A turn (clockwise) and a step (metres right and down) as they are seen, as a motion on the plane. */
+  asSeen(turn, right, down) {
+    const { scale, flipped } = this.transform;
+    return { theta: flipped ? -turn : turn, ...this.transform.toPlaneVector(scale * right, scale * down) };
   }
 
   redraw() {
@@ -162,113 +169,52 @@ export class FlatCanvas {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     const style = getComputedStyle(this.canvas);
+    this.scenery.paint(this);
+    for (const draw of this.drawers) draw(this, context, style);
+    if (!this.layer.shown) return;
+    for (const mark of this.marks) drawMark(this, mark, style);
+    if (this.pick) drawPick(this, this.pick, style);
+    drawScale(this, style);
+  }
+
+  drawShape() {
     if (this.layer.shown) this.drawPicture(this.layer.shown, this.layer.shown.image);
+  }
+
+  /** The proposal where it is, or is being moved to; `outlined` also its outline, which is never pale. */
+  drawProposal(opacity = 1, outlined = false) {
     const proposal = this.overlay.shown;
-    if (proposal && this.showOverlay && this.blinkOn) {
-      context.save();
-      this.turnToPreview();
-      context.globalAlpha = this.blink ? 1 : this.opacity;
-      this.drawPicture(proposal, proposal.image);
-      context.globalAlpha = 1;
-      this.drawPicture(proposal, proposal.outline);
-      context.restore();
-    }
-    if (this.layer.shown) {
-      for (const mark of this.marks) this.drawMark(mark, style);
-      if (this.pick) this.drawCurrent(style);
-      this.drawScale(style);
-    }
+    if (!proposal) return;
+    this.context.globalAlpha = opacity;
+    this.drawPicture(proposal, proposal.image, true);
+    this.context.globalAlpha = 1;
+    if (outlined) this.drawPicture(proposal, proposal.outline, true);
   }
 
-  turnToPreview() {
-    const { theta, u, v } = this.preview;
-    const c = this.transform.toPane(this.center[0], this.center[1]);
-    const s = this.transform.scale;
-    this.context.translate(c.x + s * u, c.y + s * v);
-    this.context.rotate(theta);
-    this.context.translate(-c.x, -c.y);
-  }
-
-  drawPicture(shown, image) {
-    const from = this.transform.toPane(shown.box.left, shown.box.top);
-    const to = this.transform.toPane(shown.box.right, shown.box.bottom);
+  /** Draw a picture where it lies on the plane; `moved`: with the proposal, when that is being moved. */
+  drawPicture({ box, grid }, image, moved = false) {
+    const context = this.context;
+    context.save();
+    this.transform.apply(context);
+    if (moved) this.applyPreview();
     // A pixel of cloth is a measurement: zoomed in, it is shown as the square it stands for.
-    this.context.imageSmoothingEnabled = this.transform.scale * shown.grid.pixel_size_m * devicePixelRatio < 2;
-    this.context.imageSmoothingQuality = "high";
-    this.context.drawImage(image, from.x, from.y, to.x - from.x, to.y - from.y);
+    context.imageSmoothingEnabled = this.transform.scale * grid.pixel_size_m * devicePixelRatio < 2;
+    context.imageSmoothingQuality = "high";
+    context.drawImage(image, box.left, box.top, box.right - box.left, box.bottom - box.top);
+    context.restore();
   }
 
-  drawMark(mark, style) {
-    const { x, y } = this.transform.toPane(...mark.uv_m);
-    const context = this.context;
-    context.beginPath();
-    context.arc(x, y, 4, 0, 2 * Math.PI);
-    context.fillStyle = style.getPropertyValue("--pick");
-    context.strokeStyle = "#fff";
-    context.lineWidth = 1.5;
-    context.fill();
-    context.stroke();
+  applyPreview() {
+    const { theta, u, v } = this.preview;
+    const [cu, cv] = this.center;
+    this.context.translate(cu + u, cv + v);
+    this.context.rotate(theta);
+    this.context.translate(-cu, -cv);
   }
 
-  drawCurrent(style) {
-    const { x, y } = this.transform.toPane(...this.pick.uv_m);
-    const context = this.context;
-    for (const [color, width] of [["#fff", 4.5], [style.getPropertyValue("--pick"), 2]]) {
-      context.strokeStyle = color;
-      context.lineWidth = width;
-      context.beginPath();
-      context.arc(x, y, 9, 0, 2 * Math.PI);
-      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-        context.moveTo(x + 5 * dx, y + 5 * dy);
-        context.lineTo(x + 14 * dx, y + 14 * dy);
-      }
-      context.stroke();
-    }
-    if (this.pick.grip?.axis_uv) this.drawGrip(x, y, this.pick.grip, style);
-  }
-
-  /** The gripper's axis as a line through the pick, its fingers as bars on both sides of it. */
-  drawGrip(x, y, grip, style) {
-    const context = this.context;
-    const [du, dv] = grip.axis_uv;
-    const half = (grip.opening_m / 2) * this.transform.scale;
-    for (const [color, width] of [["#fff", 5], [style.getPropertyValue("--pick"), 2.5]]) {
-      context.strokeStyle = color;
-      context.lineWidth = width;
-      context.beginPath();
-      for (const side of [-1, 1]) {
-        context.moveTo(x + 15 * side * du, y + 15 * side * dv);
-        context.lineTo(x + 30 * side * du, y + 30 * side * dv);
-        const [fx, fy] = [x - side * half * dv, y + side * half * du];
-        context.moveTo(fx - 8 * du, fy - 8 * dv);
-        context.lineTo(fx + 8 * du, fy + 8 * dv);
-      }
-      context.stroke();
-    }
-  }
-
-  drawScale(style) {
-    const context = this.context;
-    const mm = niceLength((1000 * Math.min(150, 0.3 * this.width)) / this.transform.scale);
-    const width = (mm / 1000) * this.transform.scale;
-    const x = 14;
-    const y = this.height - 16;
-    context.font = "12px system-ui, sans-serif";
-    context.textBaseline = "bottom";
-    const label = length(mm);
-    context.globalAlpha = 0.85;
-    context.fillStyle = style.getPropertyValue("--panel");
-    context.fillRect(x - 8, y - 24, Math.max(width, context.measureText(label).width) + 16, 34);
-    context.globalAlpha = 1;
-    context.fillStyle = context.strokeStyle = style.getPropertyValue("--text");
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(x, y - 5);
-    context.lineTo(x, y);
-    context.lineTo(x + width, y);
-    context.lineTo(x + width, y - 5);
-    context.stroke();
-    context.fillText(label, x + 4, y - 4);
+  get isMoved() {
+    const { theta, u, v } = this.preview;
+    return theta !== 0 || u !== 0 || v !== 0;
   }
 
   // --- the pointer ---------------------------------------------------------------------------
@@ -298,20 +244,22 @@ export class FlatCanvas {
 
   overProposal(x, y) {
     const { u, v } = this.transform.toPlane(x, y);
-    return this.showOverlay && this.handlers.mayDrag() && this.overlay.covers(u - this.preview.u, v - this.preview.v);
+    return this.scenery.holds(x, y) && this.handlers.mayDrag() && this.overlay.covers(u - this.preview.u, v - this.preview.v);
   }
 
   press(event) {
     if (event.button > 2) return;
     const { x, y } = this.inPane(event);
     this.canvas.setPointerCapture(event.pointerId);
-    const kind = event.button === 0 && this.overProposal(x, y) ? (event.shiftKey ? "turn" : "drag") : "pan";
-    this.gesture = { kind, button: event.button, x, y, lastX: x, lastY: y, moved: false, by: { theta: 0, u: 0, v: 0 } };
+    const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
+    const kind = tool ? "tool" : event.button === 0 && this.overProposal(x, y) ? (event.shiftKey ? "turn" : "drag") : "pan";
+    this.gesture = { kind, tool, button: event.button, x, y, lastX: x, lastY: y, moved: false, by: { theta: 0, u: 0, v: 0 } };
   }
 
   move(event) {
     const { x, y } = this.inPane(event);
     const gesture = this.gesture;
+    if (gesture?.tool) return gesture.tool.drag(this.at(x, y, event));
     if (!gesture) {
       this.canvas.style.cursor = this.overProposal(x, y) ? "move" : "crosshair";
       const { u, v } = this.transform.toPlane(x, y);
@@ -329,7 +277,7 @@ export class FlatCanvas {
       this.redraw();
     } else {
       const by = gesture.kind === "drag"
-        ? { theta: 0, u: dx / this.transform.scale, v: dy / this.transform.scale }
+        ? { theta: 0, ...this.transform.toPlaneVector(dx, dy) }
         : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
       if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
       if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
@@ -340,15 +288,25 @@ export class FlatCanvas {
     gesture.lastY = y;
   }
 
+  /** The direction from the proposal's centre, on the plane. */
   angleAt(x, y) {
-    const c = this.transform.toPane(this.center[0] + this.preview.u, this.center[1] + this.preview.v);
-    return Math.atan2(y - c.y, x - c.x);
+    const { u, v } = this.transform.toPlane(x, y);
+    return Math.atan2(v - this.center[1] - this.preview.v, u - this.center[0] - this.preview.u);
+  }
+
+  /** A place of the pane, as tools get it. */
+  at(x, y, event) {
+    return { x, y, ...this.transform.toPlane(x, y), shift: event.shiftKey };
   }
 
   release(event) {
     const gesture = this.gesture;
     this.gesture = null;
     if (!gesture) return;
+    if (gesture.tool) {
+      const { x, y } = this.inPane(event);
+      return gesture.tool.release(this.at(x, y, event));
+    }
     if (!gesture.moved && gesture.button === 0) {
       const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
       if (this.layer.shown) this.handlers.pick(u, v);

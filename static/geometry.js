@@ -1,18 +1,45 @@
-// Between the flattened plane (metres) and the pane (CSS pixels).
+// Between the flattened plane (metres) and the pane (CSS pixels); the pane may be turned and flipped for looking.
 
 export class Transform {
   constructor() {
     this.scale = 1000; // CSS pixels per metre
     this.x = 0;
     this.y = 0;
+    this.angle = 0; // radians, clockwise as seen
+    this.flipped = false; // left and right exchanged, before the turn
+  }
+
+  get axes() {
+    const [cos, sin] = [this.scale * Math.cos(this.angle), this.scale * Math.sin(this.angle)];
+    const side = this.flipped ? -1 : 1;
+    return { ux: side * cos, uy: side * sin, vx: -sin, vy: cos };
   }
 
   toPane(u, v) {
-    return { x: this.x + this.scale * u, y: this.y + this.scale * v };
+    const at = this.toPaneVector(u, v);
+    return { x: this.x + at.x, y: this.y + at.y };
   }
 
   toPlane(x, y) {
-    return { u: (x - this.x) / this.scale, v: (y - this.y) / this.scale };
+    return this.toPlaneVector(x - this.x, y - this.y);
+  }
+
+  /** A step on the plane as a step in the pane. */
+  toPaneVector(u, v) {
+    const { ux, uy, vx, vy } = this.axes;
+    return { x: ux * u + vx * v, y: uy * u + vy * v };
+  }
+
+  toPlaneVector(x, y) {
+    const { ux, uy, vx, vy } = this.axes;
+    const square = this.scale * this.scale;
+    return { u: (ux * x + uy * y) / square, v: (vx * x + vy * y) / square };
+  }
+
+  /** Draw in metres of the plane from now on. */
+  apply(context) {
+    const { ux, uy, vx, vy } = this.axes;
+    context.transform(ux, uy, vx, vy, this.x, this.y);
   }
 
   pan(dx, dy) {
@@ -28,13 +55,25 @@ export class Transform {
     this.scale = scale;
   }
 
+  /** Turn and flip to these, and keep what is under (x, y) there. */
+  turn(angle, flipped, x, y) {
+    const { u, v } = this.toPlane(x, y);
+    this.angle = angle;
+    this.flipped = flipped;
+    const moved = this.toPane(u, v);
+    this.pan(x - moved.x, y - moved.y);
+  }
+
   /** Fit a box of the plane into the pane, with a margin (CSS pixels). */
   fit(box, width, height, margin) {
-    const across = Math.max(1e-6, box.right - box.left);
-    const down = Math.max(1e-6, box.bottom - box.top);
-    this.scale = Math.max(50, Math.min((width - 2 * margin) / across, (height - 2 * margin) / down));
-    this.x = width / 2 - (this.scale * (box.left + box.right)) / 2;
-    this.y = height / 2 - (this.scale * (box.top + box.bottom)) / 2;
+    const [across, down] = [box.right - box.left, box.bottom - box.top];
+    const [cos, sin] = [Math.abs(Math.cos(this.angle)), Math.abs(Math.sin(this.angle))];
+    const wide = Math.max(1e-6, cos * across + sin * down);
+    const high = Math.max(1e-6, sin * across + cos * down);
+    this.scale = Math.max(50, Math.min((width - 2 * margin) / wide, (height - 2 * margin) / high));
+    const middle = this.toPaneVector((box.left + box.right) / 2, (box.top + box.bottom) / 2);
+    this.x = width / 2 - middle.x;
+    this.y = height / 2 - middle.y;
   }
 }
 

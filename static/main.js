@@ -2,6 +2,7 @@
 
 import { FlatCanvas } from "/static/canvas.js";
 import { CapturePanel } from "/static/capture.js";
+import { Comparison, MODES, showBoth } from "/static/compare.js";
 import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { showExports } from "/static/exports.js";
@@ -27,10 +28,10 @@ let nudge = null;
 let askedLayer = null; // in live mode: what the next frame was asked for with
 
 const page = {
-  layer: "color", overlay: true, blink: false, opacity: 0.7, increment: 2,
+  layer: "color", increment: 2,
   increments: [[0.5, 0.2], [1, 0.5], [2, 1], [5, 2]],
   setOpacity(value) {
-    page.opacity = canvas.opacity = value;
+    comparison.opacity = value;
     canvas.redraw();
   },
   setThreshold(value) {
@@ -48,6 +49,7 @@ const canvas = new FlatCanvas({
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(state?.pending),
 });
+const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const toolbar = new Toolbar(run, page);
 const liveBar = new LiveBar({ send, drawn: drawFrame });
 const teaching = new Teaching({
@@ -84,7 +86,7 @@ const HANDLERS = {
   },
   hover: (message) => {
     hoverBusy = false;
-    if (message.id === hoverId) showReadout(message);
+    if (message.id === hoverId) showValues(message);
     askHover();
   },
 };
@@ -165,9 +167,10 @@ function hint() {
 }
 
 function showLayer() {
-  canvas.showOverlay = page.overlay;
-  canvas.update(state, page.layer);
-  showLegend(state.layers?.legends[page.layer]);
+  const look = "";
+  canvas.update(state, page.layer, look);
+  comparison.update(state, look);
+  showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
   byId("empty").hidden = Boolean(state.layers);
   setText(byId("empty"), state.phase === "computing" ? "The start view is being flattened." : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.");
 }
@@ -216,6 +219,8 @@ function run(name, large = false) {
   if (name in LAYERS) {
     page.layer = LAYERS[name];
     show(state);
+  } else if (name in MODES) {
+    comparison.choose(name);
   } else if (name in MOVES) {
     keyNudge(MOVES[name], large ? 10 : 1);
   } else if (name in PAGE_ACTIONS) {
@@ -231,15 +236,6 @@ const PAGE_ACTIONS = {
     send({ type: "auto", running: !state.auto.running });
   },
   reject_menu: () => rejectMenu.open(state.reject_reasons),
-  overlay: () => {
-    page.overlay = !page.overlay;
-    show(state);
-  },
-  blink: () => {
-    page.blink = !page.blink;
-    canvas.setBlink(page.blink);
-    show(state);
-  },
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
@@ -262,7 +258,7 @@ const PAGE_ACTIONS = {
 
 function keyNudge([turn, u, v], times) {
   const [mm, deg] = page.increments[page.increment];
-  const by = { theta: (turn * deg * times * Math.PI) / 180, u: (u * mm * times) / 1000, v: (v * mm * times) / 1000 };
+  const by = canvas.asSeen((turn * deg * times * Math.PI) / 180, (u * mm * times) / 1000, (v * mm * times) / 1000);
   canvas.movePreview(by);
   nudge ??= { view: state.pending.view_index, by: { theta: 0, u: 0, v: 0 } };
   for (const axis of ["theta", "u", "v"]) nudge.by[axis] += by[axis];
@@ -286,10 +282,15 @@ function hover(at) {
   hoverWanted = at;
   if (at === null) {
     hoverId += 1;
-    showReadout(null);
+    showValues(null);
   } else {
     askHover();
   }
+}
+
+function showValues(answer) {
+  showReadout(answer);
+  showBoth(answer);
 }
 
 function askHover() {
@@ -328,11 +329,9 @@ function onKeyDown(event) {
   if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
   if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
   const key = keyOf(event);
-  const action = state.actions.find((a) => a.keys.includes(key));
+  const action = actionOf(key);
   if (!action) return;
-  // The keys of live mode keep the browser's meaning elsewhere, and Space presses the button that was tabbed to.
-  if (action.mode === "live" && !isLive()) return;
-  if (action.mode === "capture" && !state.capture) return;
+  // Space presses the button that was tabbed to.
   if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
   // Without a proposal the arrow keys keep their own meaning, such as scrolling.
   if (action.name in MOVES && !state.pending) return;
@@ -343,6 +342,13 @@ function onKeyDown(event) {
 }
 
 const REPEATED = ["zoom_in", "zoom_out", "live_back", "live_forward"];
+
+/** The action of a key: in each mode its own; elsewhere the keys of live mode and capture keep the browser's meaning. */
+function actionOf(key) {
+  const mode = isLive() ? "live" : state.capture ? "capture" : "session";
+  const found = state.actions.filter((a) => a.keys.includes(key));
+  return found.find((a) => !a.mode || a.mode === mode) ?? found.find((a) => a.mode === "session");
+}
 
 function keyOf(event) {
   if (event.key === " ") return "Space";
@@ -357,7 +363,7 @@ byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
 startScene(onKeyDown);
-showReadout(null);
+showValues(null);
 
 window.flatcloth = {
   get state() { return state; },
@@ -370,6 +376,7 @@ window.flatcloth = {
   get capture() { return capturePanel.status; },
   get fps() { return liveBar.fps; },
   get layerRevision() { return canvas.layerRevision; },
+  get differenceShown() { return comparison.shownKind; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
   toScreen: (u, v) => canvas.toScreen(u, v),
   send,

@@ -4,19 +4,19 @@ import { boxOf } from "/static/geometry.js";
 
 const OUTLINE = [230, 126, 0];
 
-/** One picture with its place on the plane. */
+/** One picture with its place on the plane; `onReady(anew)` when it is shown, anew if its revision is. */
 export class Picture {
   constructor(onReady) {
     this.onReady = onReady;
     this.wanted = null;
-    this.shown = null; // {key, revision, grid, box, image, alpha, outline}
+    this.shown = null; // {address, revision, grid, box, image, alpha, outline}
   }
 
   clear() {
     this.wanted = null;
     if (this.shown === null) return;
     this.shown = null;
-    this.onReady();
+    this.onReady(true);
   }
 
   /** Ask for a picture; nothing happens if it is the one that is shown or on its way. */
@@ -33,8 +33,10 @@ export class Picture {
       return;
     }
     if (this.wanted !== address) return;
-    this.shown = { revision, grid, box: boxOf(grid), image, ...(withOutline ? outlineOf(image) : {}) };
-    this.onReady();
+    const anew = this.shown?.revision !== revision;
+    const shape = !withOutline ? {} : anew ? outlineOf(image) : { alpha: this.shown.alpha, outline: this.shown.outline };
+    this.shown = { address, revision, grid, box: boxOf(grid), image, ...shape };
+    this.onReady(anew);
   }
 
   /** Whether the picture is opaque at a place of the plane. */
@@ -48,18 +50,22 @@ export class Picture {
 }
 
 function outlineOf(image) {
-  const canvas = new OffscreenCanvas(image.width, image.height);
-  const context = canvas.getContext("2d");
-  context.drawImage(image, 0, 0);
-  const data = context.getImageData(0, 0, image.width, image.height);
   const { width, height } = image;
+  const canvas = new OffscreenCanvas(width, height);
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(image, 0, 0);
+  const data = context.getImageData(0, 0, width, height);
   const alpha = new Uint8Array(width * height);
   for (let i = 0; i < alpha.length; i++) alpha[i] = data.data[4 * i + 3];
-  const inside = (row, col) => row >= 0 && col >= 0 && row < height && col < width && alpha[row * width + col] > 0;
-  for (let row = 0; row < height; row++) {
-    for (let col = 0; col < width; col++) {
-      const edge = inside(row, col) && !(inside(row - 1, col) && inside(row + 1, col) && inside(row, col - 1) && inside(row, col + 1));
-      data.data.set([...OUTLINE, edge ? 255 : 0], 4 * (row * width + col));
+  const pixels = new Uint32Array(data.data.buffer);
+  pixels.fill(0);
+  const [red, green, blue] = OUTLINE;
+  const edge = new Uint32Array(new Uint8ClampedArray([red, green, blue, 255]).buffer)[0];
+  for (let row = 0, i = 0; row < height; row++) {
+    for (let col = 0; col < width; col++, i++) {
+      if (!alpha[i]) continue;
+      const rim = row === 0 || col === 0 || row === height - 1 || col === width - 1;
+      if (rim || !alpha[i - 1] || !alpha[i + 1] || !alpha[i - width] || !alpha[i + width]) pixels[i] = edge;
     }
   }
   context.putImageData(data, 0, 0);

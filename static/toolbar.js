@@ -1,6 +1,7 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
 import { byId, make, rebuild, setAllowed } from "/static/dom.js";
+import { MODES } from "/static/compare.js";
 import { keyName } from "/static/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
@@ -15,7 +16,7 @@ const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_pla
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
 
-/** `run(name)` performs an action; `page` holds what belongs to this tab: layer, overlay, blink, opacity, step. */
+/** `run(name)` performs an action; `page` holds what belongs to this tab: layer, comparison, step. */
 export class Toolbar {
   constructor(run, page) {
     this.run = run;
@@ -56,8 +57,8 @@ export class Toolbar {
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
     const threshold = byId("threshold");
     if (document.activeElement !== threshold) threshold.value = state.auto.threshold;
-    this.setPressed("overlay", this.page.overlay);
-    this.setPressed("blink", this.page.blink);
+    for (const [name, mode] of Object.entries(MODES)) this.setPressed(name, mode === this.page.comparison.mode);
+    this.page.comparison.showKinds(byId("difference-kinds"));
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       document.querySelector(`[data-action="${name}"]`).classList.toggle("primary", name === main && !state.auto.running);
@@ -105,10 +106,11 @@ export class Toolbar {
   buildOverlay() {
     const page = this.page;
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      make("div", { class: "group" }, this.button("overlay", "Show"), this.button("blink")),
+      page.comparison.buttons((name, title) => this.button(name, title)),
+      make("div", { id: "difference-kinds", class: "segmented", role: "group", "aria-label": "Difference", hidden: true }),
       make("label", { class: "field" }, make("span", {}, "Opacity"),
         make("input", {
-          type: "range", min: 0, max: 1, step: 0.05, value: page.opacity, data: { id: "opacity" },
+          type: "range", min: 0, max: 1, step: 0.05, value: page.comparison.opacity, data: { id: "opacity" },
           on: { input: (event) => page.setOpacity(Number(event.target.value)) },
         })),
       make("label", { class: "field", data: { tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged." } },

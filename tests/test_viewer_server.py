@@ -281,8 +281,8 @@ def test_hover_tells_all_attributes(server):
         off = tab.until(lambda m: m["type"] == "hover")
     assert answer["id"] == 7
     assert set(answer["shape"]) == {
-        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "view_index", "source_rc",
-        "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm",
+        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "z_angle_now_deg", "view_index",
+        "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm",
     }  # fmt: skip
     assert off["shape"] is None
 

@@ -38,7 +38,8 @@ class Action:
     """Something the operator can do.
 
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
-    first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. ``group``
+    first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. A key may
+    mean one action in each mode. ``group``
     is ``session`` (the server decides whether it is allowed), ``proposal`` (needs a pending view),
     ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
     ``teaching`` (while it is open).
@@ -109,14 +110,24 @@ ACTIONS: tuple[Action, ...] = (
         "Turn the proposal clockwise; Shift: tenfold.",
         "proposal",
     ),
+    Action("overlay", "Both", ("o",), "Show the proposal on the shape; again: the shape alone.", "proposal"),
+    Action("compare_shape", "A: shape", (",",), "Show the shape alone; again: both.", "proposal"),
+    Action("compare_proposal", "B: proposal", (".",), "Show the proposal alone; again: both.", "proposal"),
     Action(
-        "overlay",
-        "Show proposal",
-        ("o",),
-        "Show or hide the proposal on the flattened view.",
+        "compare_wipe",
+        "Wipe",
+        ("w",),
+        "Shape and proposal beside a divider to drag; again: both.",
         "proposal",
     ),
-    Action("blink", "Blink", ("b",), "Blink the proposal against the shape.", "proposal"),
+    Action("blink", "Blink", ("b",), "Blink the proposal against the shape; again: stop.", "proposal"),
+    Action(
+        "compare_difference",
+        "Difference",
+        ("d",),
+        "Map the difference in color; again: in height, in 3D position.",
+        "proposal",
+    ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
     Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
     Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),

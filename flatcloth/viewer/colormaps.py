@@ -6,19 +6,21 @@ which the common colour deficiencies leave intact. Oklab: B. Ottosson, 2020.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from flatcloth.types import Float64, Floats, Uint8
 
-# (lightness, a, b) in Oklab at equal distances along the map.
+# (lightness, a, b) in Oklab along the map.
 _HEIGHT_STOPS = (
     (0.25, -0.01, -0.09),
     (0.45, -0.05, -0.08),
     (0.65, -0.08, 0.01),
     (0.82, -0.05, 0.11),
-    (0.95, 0.0, 0.15),
+    (0.94, -0.04, 0.15),
 )
 _DIVERGING_STOPS = (
     (0.38, -0.03, -0.16),
@@ -60,10 +62,13 @@ def rgb_from_oklab(lab: Floats) -> Uint8:
 
 
 def _table(stops: tuple[tuple[float, float, float], ...]) -> Uint8:
-    at = np.linspace(0.0, 1.0, len(stops))
-    x = np.linspace(0.0, 1.0, _SIZE)
-    lab = np.stack([np.interp(x, at, channel) for channel in np.array(stops).T], axis=-1)
-    return rgb_from_oklab(lab)
+    return rgb_from_oklab(_along(np.array(stops), np.linspace(0.0, 1.0, _SIZE)))
+
+
+def _along(stops: Float64, share: Float64) -> Float64:
+    """Return the colours (N, 3) at shares of the way through the stops in Oklab."""
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stops, axis=0), axis=1)))
+    return np.stack([np.interp(share * way[-1], way, channel) for channel in stops.T], axis=-1)
 
 
 @cache
@@ -74,14 +79,40 @@ def height_table() -> Uint8:
 
 @cache
 def diverging_table() -> Uint8:
-    """Return the (256, 3) diverging map, blue through near-white to orange."""
-    return _table(_DIVERGING_STOPS)
+    """Return the (256, 3) diverging map, blue through near-white to orange; even on either side."""
+    stops, half = np.array(_DIVERGING_STOPS), len(_DIVERGING_STOPS) // 2
+    x = np.linspace(0.0, 2.0, _SIZE)
+    low, high = _along(stops[: half + 1], x[x < 1.0]), _along(stops[half:], x[x >= 1.0] - 1.0)
+    return rgb_from_oklab(np.concatenate([low, high]))
 
 
 @cache
 def loss_table() -> Uint8:
     """Return the (256, 3) sequential map for what should be small: pale yellow to dark purple."""
     return _table(_LOSS_STOPS)
+
+
+@cache
+def gray_table() -> Uint8:
+    """Return the (256, 3) map without hue, dark to light."""
+    return _table(((0.2, 0.0, 0.0), (0.97, 0.0, 0.0)))
+
+
+@dataclass(frozen=True)
+class ColorMap:
+    """A map that can be chosen: what the page calls it, and its table (256, 3) of sRGB."""
+
+    title: str
+    table: Callable[[], Uint8]
+
+
+MAPS: dict[str, ColorMap] = {
+    "sequential": ColorMap("Blue to yellow", height_table),
+    "loss": ColorMap("Yellow to purple", loss_table),
+    "diverging": ColorMap("Blue, white, orange", diverging_table),
+    "gray": ColorMap("Gray", gray_table),
+}
+"""The maps for one number a pixel; equal steps of it look about equal in each."""
 
 
 @cache

@@ -146,9 +146,11 @@ class PageDesk(ABC):
     def describe(self, hover: messages.Hover) -> dict[str, Any]:
         """Answer a hover read-out; cheap, reads only the present picture."""
         picture, axis = self._picture, self._integration.axis
-        shape = None if picture is None else attributes_at(picture.view, hover.u_m, hover.v_m, axis)
-        overlay = None if picture is None else picture.overlay
-        proposal = None if overlay is None else attributes_at(overlay.view, hover.u_m, hover.v_m, axis)
+        shape = proposal = None
+        if picture is not None:
+            at = hover.u_m, hover.v_m, axis, picture.angle_deg
+            shape = attributes_at(picture.view, *at)
+            proposal = None if picture.overlay is None else attributes_at(picture.overlay.view, *at)
         return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal}
 
     def grasps(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flatcloth.geometry import height_m
+from flatcloth.geometry import height_m, z_angle_deg
 from flatcloth.session import Document
 from flatcloth.types import Bool, FlattenedView, RotationAxis
 from flatcloth.viewer.layers import legends
@@ -96,8 +96,14 @@ def _overlay(integration: Integration, document: Document, before: Overlay | Non
     )
 
 
-def attributes_at(view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis) -> dict[str, Any] | None:
-    """Return all attributes of the pixel at a place of the plane, None off the cloth."""
+def attributes_at(
+    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
+) -> dict[str, Any] | None:
+    """Return all attributes of the pixel at a place of the plane, None off the cloth.
+
+    ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the rotation
+    ``angle_deg``, which can be compared between views.
+    """
     row, col = (int(x) for x in np.floor(view.rc_from_uv(np.array([u_m, v_m])) + 0.5))
     rows, cols = view.shape
     if not (0 <= row < rows and 0 <= col < cols) or not view.valid[row, col]:
@@ -111,6 +117,7 @@ def attributes_at(view: FlattenedView, u_m: float, v_m: float, axis: RotationAxi
         "height_mm": 1000 * float(height_m(xyz, axis)),
         "normal": [finite(x) for x in view.normal[row, col].tolist()],
         "z_angle_deg": finite(float(view.z_angle_deg[row, col])),
+        "z_angle_now_deg": finite(float(z_angle_deg(view.normal[row, col], axis, angle_deg))),
         "view_index": int(view.view_index[row, col]),
         "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
         **_quality_at(view, row, col),

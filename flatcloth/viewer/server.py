@@ -9,7 +9,6 @@ import logging
 import secrets
 import socket
 import threading
-from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,7 @@ from starlette.websockets import WebSocket
 
 from flatcloth.errors import FlatclothError, ServerError
 from flatcloth.resources import static_folder
-from flatcloth.viewer import layers, messages
+from flatcloth.viewer import messages
 from flatcloth.viewer.application import Application
 from flatcloth.viewer.desk import Audience, PageDesk, Stage
 from flatcloth.viewer.exports import ExportDesk
@@ -34,6 +33,7 @@ from flatcloth.viewer.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.loop import Player
+from flatcloth.viewer.pngs import PngDesk
 from flatcloth.viewer.relay import relay
 from flatcloth.viewer.scene import Scene
 from flatcloth.viewer.teaching import TeachingDesk
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STATIC = static_folder()
-PICTURES_KEPT = 12
 _PAGE_HEADERS = {
     # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
     # the page itself never evaluates text.
@@ -107,7 +106,7 @@ class PageServer:
         self._scene.on_follow = self.application.set_follow
         if isinstance(self.application, Application):
             self._scene.offer_axis(self.application.adjust_axis)
-        self._pngs = PngCache(self.application, integration)
+        self._pngs = PngDesk(self.application, integration)
         self._teaching = TeachingDesk(integration)
         self._exports = ExportDesk(integration, folder)
         self._ready = threading.Event()
@@ -175,8 +174,7 @@ class PageServer:
 
         routes: list[BaseRoute] = [
             Route("/", _page),
-            Route("/layers/{revision:int}/{name}.png", self._layer),
-            Route("/overlay/{revision:int}.png", self._overlay),
+            *self._pngs.routes(),
             Route("/export/grasps.json", self._grasps),
             Route("/export/{name}", self._exports.serve),
             Route("/teaching/{part}", self._teaching.serve),
@@ -202,14 +200,6 @@ class PageServer:
     async def _viser_socket(self, browser: WebSocket) -> None:
         await relay(browser, self._scene.port, self._relay_key)
 
-    async def _layer(self, request: Request) -> Response:
-        revision, name = request.path_params["revision"], request.path_params["name"]
-        return await _picture(lambda: self._pngs.layer(revision, name))
-
-    async def _overlay(self, request: Request) -> Response:
-        revision = request.path_params["revision"]
-        return await _picture(lambda: self._pngs.overlay(revision))
-
     async def _grasps(self, _request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
         try:
@@ -217,48 +207,6 @@ class PageServer:
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         return JSONResponse(grasps, headers=headers)
-
-
-class PngCache:
-    """The layers of the present picture as PNG, encoded when first asked for."""
-
-    def __init__(self, application: PageDesk, integration: Integration) -> None:
-        self._application = application
-        self._integration = integration
-        self._lock = threading.Lock()
-        self._pngs: OrderedDict[tuple[int, str], bytes] = OrderedDict()
-
-    def layer(self, revision: int, name: str) -> bytes | None:
-        """Return a layer of the shape at a revision; None if it is no longer shown."""
-        return self._get(revision, name if name in layers.LAYERS else "")
-
-    def overlay(self, revision: int) -> bytes | None:
-        """Return the proposal's overlay at a revision; None if it is no longer shown."""
-        return self._get(revision, "overlay")
-
-    def _get(self, revision: int, name: str) -> bytes | None:
-        key = (revision, name)
-        with self._lock:
-            if key in self._pngs:
-                return self._pngs[key]
-        picture = self._application.picture
-        if picture is None:
-            return None
-        axis, n_views = self._integration.axis, len(self._integration.recording)
-        if name == "overlay":
-            overlay = picture.overlay
-            if overlay is None or overlay.revision != revision:
-                return None
-            data = layers.png(layers.rgba(overlay.view, "color", axis, n_views))
-        elif name and picture.revision == revision:
-            data = layers.png(layers.rgba(picture.view, name, axis, n_views))
-        else:
-            return None
-        with self._lock:
-            self._pngs[key] = data
-            while len(self._pngs) > PICTURES_KEPT:
-                self._pngs.popitem(last=False)
-        return data
 
 
 class _Headers:
@@ -291,14 +239,6 @@ async def _viser_page(_request: Request) -> Response:
 
     build = Path(viser.__file__).parent / "client" / "build" / "index.html"
     return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
-
-
-async def _picture(make: Callable[[], bytes | None]) -> Response:
-    data = await run_in_threadpool(make)
-    if data is None:
-        text = "This picture is no longer shown; a newer state is on its way."
-        return PlainTextResponse(text, status_code=404)
-    return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
 
 
 def _hover(text: str) -> messages.Hover | None:

@@ -17,7 +17,7 @@ from flatcloth.session import (
 )
 from flatcloth.types import FlattenedView, Rigid2, RotationAxis
 from flatcloth.viewer.actions import REJECT_REASONS, action_table
-from flatcloth.viewer.layers import LAYERS
+from flatcloth.viewer.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.viewer.picks import CurrentPick, PickDesk, PlaceBook, numbers
 from flatcloth.viewer.picture import Overlay, Picture, finite, present_view
 
@@ -239,6 +239,7 @@ def _layers(picture: Picture) -> dict[str, Any]:
             "revision": overlay.revision,
             "view_index": overlay.proposal.view_index,
             "center_uv_m": list(center_uv_m(overlay.view)),
+            "differences": {kind: difference_legend(kind) for kind in DIFFERENCES},
             **grid(overlay.view),
         },
         **grid(picture.view),

@@ -1,0 +1,167 @@
+"""Shape and proposal compared on the canvas: each alone, wiped, blinking, their difference, both values."""
+
+from __future__ import annotations
+
+from urllib.request import urlopen
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+class Cloth:
+    """Where shape and proposal have cloth: places of the plane that only one has, and that both have."""
+
+    def __init__(self, tab, url):
+        self._tab, self._url = tab, url.rstrip("/")
+        layers = tab.state()["layers"]
+        overlay = layers["overlay"]
+        self.shape = self.image(f"/layers/{layers['revision']}/color.png")
+        self.proposal = self.image(f"/overlay/{overlay['revision']}.png")
+        self.origin, self.size = overlay["origin_uv_m"], overlay["pixel_size_m"]
+        rows, cols = np.nonzero(cv2.erode(self.proposal[..., 3], np.ones((9, 9), np.uint8)))
+        uv = np.array(self.origin) + self.size * np.stack([cols, rows], axis=1)
+        known = cv2.dilate(self.shape[..., 3], np.ones((9, 9), np.uint8)) > 0
+        inner = cv2.erode(self.shape[..., 3], np.ones((9, 9), np.uint8)) > 0
+        at = np.rint((uv - layers["origin_uv_m"]) / layers["pixel_size_m"]).astype(int)
+        inside = ((at >= 0) & (at < [layers["cols"], layers["rows"]])).all(axis=1)
+        row, col = np.where(inside[:, None], at[:, ::-1], 0).T
+        both = uv[inside & inner[row, col]]
+        only_proposal = uv[~(inside & known[row, col])]
+        self.both, self.only_proposal = both[len(both) // 2], only_proposal[len(only_proposal) // 2]
+        free = inner.copy()
+        ours = np.rint((uv - layers["origin_uv_m"]) / layers["pixel_size_m"]).astype(int)[inside]
+        covered = np.zeros(free.shape, np.uint8)
+        covered[ours[:, 1], ours[:, 0]] = 1
+        free &= cv2.dilate(covered, np.ones((25, 25), np.uint8)) == 0
+        rows, cols = np.nonzero(free)
+        only = np.array(layers["origin_uv_m"]) + layers["pixel_size_m"] * np.stack([cols, rows], axis=1)
+        self.only_shape = only[len(only) // 2]
+
+    def image(self, path):
+        with urlopen(self._url + path) as answer:
+            image = cv2.imdecode(np.frombuffer(answer.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+        return cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA)
+
+    def drawn(self, uv):
+        """Return the colour (4,) that the canvas shows at a place of the plane."""
+        return self._tab.page.evaluate(
+            """async ([u, v]) => {
+                 await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+                 const c = document.getElementById("canvas"), at = flatcloth.toScreen(u, v);
+                 const box = c.getBoundingClientRect(), r = devicePixelRatio;
+                 const place = [(at.x - box.left) * r, (at.y - box.top) * r].map(Math.round);
+                 return [...c.getContext("2d").getImageData(...place, 1, 1).data]; }""",
+            [float(x) for x in uv],
+        )
+
+    def seen(self):
+        """Tell whether something is drawn where only A is, where only B is, and where both are."""
+        return [self.drawn(uv)[3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
+
+
+@pytest.fixture
+def cloth(open_tab, program):
+    tab = open_tab().ready()
+    tab.close_viser_notice()
+    tab.step()
+    return tab, Cloth(tab, program.url)
+
+
+def test_each_is_shown_alone_by_its_key(cloth):
+    tab, at = cloth
+    assert at.seen() == [True, True, True]
+    tab.page.keyboard.press(",")
+    assert at.seen() == [True, False, True]
+    tab.page.keyboard.press(".")
+    assert at.seen() == [False, True, True]
+    assert tab.page.locator("[data-action=compare_proposal]").get_attribute("aria-pressed") == "true"
+    tab.shoot("compare-proposal-alone")
+    tab.page.keyboard.press(".")
+    assert at.seen() == [True, True, True]
+    tab.page.keyboard.press("o")
+    assert at.seen() == [True, False, True]
+
+
+def test_the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(cloth):
+    tab, at = cloth
+    tab.page.keyboard.press("w")
+    handle = tab.page.locator(".wipe")
+    handle.wait_for()
+    tab.shoot("compare-wipe")
+    stage = tab.page.locator("#stage").bounding_box()
+    for share, seen in ((0.999, [True, False, True]), (0.001, [False, True, True])):
+        box = handle.bounding_box()
+        tab.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 90)
+        tab.page.mouse.down()
+        tab.page.mouse.move(stage["x"] + share * stage["width"], box["y"] + 90, steps=4)
+        tab.page.mouse.up()
+        assert at.seen() == seen
+    assert tab.state()["picks"] == []  # dragging the wipe picks nothing
+
+
+def test_the_wipe_goes_by_keys_and_leaves_the_proposal_where_it_is(cloth):
+    tab, _ = cloth
+    tab.page.keyboard.press("w")
+    handle = tab.page.locator(".wipe")
+    handle.focus()
+    before = int(handle.get_attribute("aria-valuenow"))
+    tab.page.keyboard.press("ArrowRight")
+    tab.page.keyboard.press("Shift+ArrowRight")
+    assert int(handle.get_attribute("aria-valuenow")) == before + 12
+    tab.page.wait_for_timeout(400)  # longer than the pause that ends a gesture of the arrow keys
+    assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
+
+
+def test_the_difference_goes_through_color_height_and_position_with_legends(cloth):
+    tab, at = cloth
+    legend = tab.page.locator("#legend h3")
+    layers = tab.state()["layers"]
+    of = f"{layers['revision']}-{layers['overlay']['revision']}"
+    for kind, title in (
+        ("color", "Color, difference"),
+        ("height", "Height, B − A (mm)"),
+        ("position", "Distance in 3D (mm)"),
+    ):
+        tab.page.keyboard.press("d")
+        expect(legend).to_have_text(title)
+        expected = at.image(f"/difference/{of}/{kind}.png")
+        col, row = np.rint((at.both - at.origin) / at.size).astype(int)
+        around = expected[row - 2 : row + 3, col - 2 : col + 3, :3].reshape(-1, 3).astype(int)
+        tab.until(f"flatcloth.differenceShown === '{kind}'")
+        off = np.abs(around - np.array(at.drawn(at.both)[:3])).max(axis=1)
+        assert off.min() <= 40, (kind, around.tolist(), at.drawn(at.both))
+        tab.shoot(f"compare-difference-{kind}")
+    tab.page.keyboard.press("o")
+    expect(legend).to_be_hidden()
+
+
+def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
+    tab, at = cloth
+    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
+    tab.page.mouse.move(place["x"], place["y"])
+    table = tab.page.locator("#readout-both")
+    expect(table).to_be_visible()
+    rows = [
+        [float(cell.replace("\u2212", "-").rstrip("°")) for cell in row.locator("td").all_inner_texts()[1:3]]
+        for row in table.locator("tbody tr").all()
+    ]
+    shape, proposal, apart = rows
+    assert apart[0] == pytest.approx(proposal[0] - shape[0], abs=0.11)
+    assert apart[1] == pytest.approx(proposal[1] - shape[1], abs=0.11)
+    expect(tab.page.locator("#readout")).not_to_be_visible()
+    tab.shoot("compare-values")
+    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.only_shape])
+    tab.page.mouse.move(place["x"], place["y"])
+    expect(table).not_to_be_visible()
+    expect(tab.page.locator("#readout")).to_be_visible()
+
+
+def test_without_a_proposal_there_is_nothing_to_compare(open_tab):
+    tab = open_tab().ready()
+    tab.page.keyboard.press("w")
+    tab.page.locator(".toast.warning", has_text="no proposal").wait_for()
+    expect(tab.page.locator(".wipe")).to_be_hidden()
