@@ -17,6 +17,7 @@ from flatcloth.axis import axis_agreement, resolve_axis
 from flatcloth.config import Config
 from flatcloth.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.flattening import Flattening, flatten
+from flatcloth.following import follow, laid_beside, plan_put_off
 from flatcloth.geometry import back_project, held_from_camera
 from flatcloth.hypotheses import Placing
 from flatcloth.matching import AlignmentScore
@@ -27,7 +28,17 @@ from flatcloth.planning import Plan
 from flatcloth.recordings.angles import MAX_VIEWS
 from flatcloth.recordings.base import Recording
 from flatcloth.robust import Robust
-from flatcloth.session import Document, Event, NothingMore, Proposed, Rejected, Request, Side, Started
+from flatcloth.session import (
+    Document,
+    Event,
+    NothingMore,
+    Pending,
+    Proposed,
+    Rejected,
+    Request,
+    Side,
+    Started,
+)
 from flatcloth.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.types import (
     Bool,
@@ -218,9 +229,7 @@ class Integration:
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
         key = (document.start_view, document.accepted, pending.view_index, pending.side)
-        return self._proposals.get(
-            key, lambda: self._propose(document, pending.view_index, pending.side, None, no_progress)
-        )
+        return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
         """Return the pending view, rastered on the current plane at the placement in force."""
@@ -269,6 +278,9 @@ class Integration:
             progress(0.9, f"flattening view {view}")
             self.flattening(view)
             return Started(request.token, view)
+        if request.kind == "follow":
+            progress(0.1, f"view {request.view_index} follows")
+            return follow(self._method, document, request.token, self.accept_score, progress)
         if request.view_index is not None:
             return self._by_hand(document, request.token, request.view_index, progress)
         return self._planned(document, request.token, progress)
@@ -294,7 +306,7 @@ class Integration:
         passed = set(document.rejected)
         while True:
             progress(0.05, "choosing the rotation")
-            plan = self.plan(_with_refused(document, passed))
+            plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
                 reason = plan.reason + (" Passed over: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
@@ -308,7 +320,31 @@ class Integration:
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
         side = side_of(document, self.recording.angles_deg, view_index) if self.method == "paper" else None
-        return self._proposed(document, token, self._propose(document, view_index, side, None, progress))
+        try:
+            proposal = self._propose(document, view_index, side, None, progress)
+        except AlignmentError as error:
+            proposal = self._unaligned(document, view_index, side, error)
+            return self._proposed(document, token, proposal, f"{error} It lies beside the shape to be moved.")
+        return self._proposed(document, token, proposal)
+
+    def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
+        try:
+            return self._propose(document, pending.view_index, pending.side, None, no_progress)
+        except AlignmentError as error:
+            return self._unaligned(document, pending.view_index, pending.side, error)
+
+    def _unaligned(
+        self, document: Document, view_index: int, side: Side | None, error: AlignmentError
+    ) -> Proposal:
+        """Lay the largest part that is not folded beside the shape; if all are, by hand is no help."""
+        most = self.config.flattening.max_folded_share
+        for n, component in enumerate(self.flattening(view_index).components):
+            if component.folded_share <= most:
+                canonical, angles_deg = self.canonical(document), self.recording.angles_deg
+                to_side = side_of(document, angles_deg, view_index)
+                placing = laid_beside(canonical.view, component.view, n, to_side)
+                return Proposal(view_index=view_index, side=side, plan=None, placing=placing)
+        raise error
 
     def _propose(
         self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress
@@ -324,7 +360,7 @@ class Integration:
         likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
         self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
 
-    def _proposed(self, document: Document, token: int, proposal: Proposal) -> Event:
+    def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)
         key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
         self._proposals.put(key, proposal)
@@ -335,6 +371,7 @@ class Integration:
             proposal.side,
             proposal.alignment.score.total,
             proposal.component,
+            why,
         )
 
     def _flatten(self, view_index: int) -> Flattening | FlatclothError:

@@ -55,6 +55,8 @@ _KINDS: dict[str, type[Any]] = {
     "propose": session.Propose,
     "accept": session.Accept,
     "reject": session.Reject,
+    "skip": session.Skip,
+    "reopen": session.Reopen,
     "nudge": session.Nudge,
     "undo": session.Undo,
     "redo": session.Redo,
@@ -62,12 +64,20 @@ _KINDS: dict[str, type[Any]] = {
     "restart": session.Restart,
     "started": session.Started,
     "proposed": session.Proposed,
+    "followed": session.Followed,
     "nothing more": session.NothingMore,
     "failed": session.Failed,
     "pick added": PickAdded,
     "pick renamed": PickRenamed,
     "pick deleted": PickDeleted,
 }
+_ADDED: dict[type[Any], dict[str, Any]] = {
+    session.Accept: {"score": None},
+    session.Nudge: {"how": "move"},
+    session.Proposed: {"why": ""},
+}
+"""What journals of earlier versions do not have, and what it was then."""
+
 _NAMES = {kind: name for name, kind in _KINDS.items()}
 _MISFITS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
@@ -134,6 +144,7 @@ def _plain(value: Any) -> Any:
 def _read(kind: type[T], table: Mapping[str, Any]) -> T:
     """Build an entry from its line; raises one of ``_MISFITS`` if anything does not fit."""
     hints = typing.get_type_hints(kind)
+    table = {**_ADDED.get(kind, {}), **table}
     return kind(**{f.name: _value(hints[f.name], table[f.name]) for f in dataclasses.fields(kind)})  # type: ignore[arg-type]
 
 
@@ -147,6 +158,8 @@ def _value(hint: Any, value: Any) -> Any:
     options = typing.get_args(hint) or (hint,)
     if value is None and type(None) in options:
         return None
+    if float in options:
+        return float(value)
     if Side in options:
         return Side(value)
     if type(value) in options:

@@ -19,7 +19,7 @@ from flatcloth.memory import Memory
 from flatcloth.merging import Canonical, begin, renew
 from flatcloth.occlusion import occluding_edge_length_m
 from flatcloth.planning import Plan, choose, column_curves, plan_side
-from flatcloth.session import Accepted, Document, Side
+from flatcloth.session import Accepted, Document, Later, Side
 from flatcloth.types import FlattenedView, Progress, Rigid2, RotationAxis, no_progress
 
 PAPER_CONFIG = Config(flattening=FlatteningConfig(least_core_samples=0))
@@ -159,6 +159,20 @@ class Paper:
             key, lambda: Matcher(self.canonical(document).view, new, self._views.axis, self._config.alignment)
         )
         return matcher.score(motion)
+
+    def carried(self, document: Document, later: Later) -> Rigid2:
+        """Return where a later decision lies on the present plane: where it lay on its predecessor.
+
+        If that is no longer part of the shape, the start view leads there.
+        """
+        current_from_view = self.canonical(document).current_from_view
+        motion = later.decision.current_from_new
+        for before in reversed(later.on):
+            if before.view_index in current_from_view:
+                return current_from_view[before.view_index] @ motion
+            motion = before.current_from_new @ motion
+        assert document.start_view is not None
+        return current_from_view[document.start_view] @ motion
 
     def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
         flattening = self._views.flattening(view_index)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from flatcloth.errors import FlatclothError
 from flatcloth.integration import Integration
 from flatcloth.session import (
     UNSURE,
@@ -110,10 +109,13 @@ class Run:
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:
-            if self.state.phase is Phase.DECIDING:
-                self._do(self.policy(self.integration, self.state))
-            else:
-                self._ask(Propose(), progress)
+            match self.state.phase:
+                case Phase.DECIDING:
+                    self._do(self.policy(self.integration, self.state))
+                case Phase.COMPUTING:
+                    self._answer(progress)
+                case _:
+                    self._ask(Propose(), progress)
         return self.state
 
     def _do(self, command: Command | Event) -> None:
@@ -129,9 +131,12 @@ class Run:
 
     def _ask(self, command: Start | Propose, progress: Progress) -> None:
         self._do(command)
+        if self.state.request is not None:
+            self._answer(progress)
+
+    def _answer(self, progress: Progress) -> None:
         request = self.state.request
-        if request is None:
-            raise FlatclothError(f"The session did not ask for the work of {command}.")
+        assert request is not None
         share = _share_done(self.integration, self.state)
 
         def told(_share: float, text: str) -> None:

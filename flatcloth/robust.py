@@ -38,7 +38,7 @@ from flatcloth.outlook import Prospect, prospects
 from flatcloth.planning import Plan
 from flatcloth.registration import Registered, begin_registration, extend_registration
 from flatcloth.scans import Scan, scan
-from flatcloth.session import Accepted, Document, Side
+from flatcloth.session import Accepted, Document, Later, Side
 from flatcloth.sightings import Recognised, recognise
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
@@ -156,18 +156,18 @@ class Robust:
         pixel = np.rint(recognised.rc).astype(np.int32)
         part = label[pixel[:, 0], pixel[:, 1]]
         own, target = carrier.place(pixel), shape.all_uv_m[recognised.node]
+        known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0])
         kept = np.ones(len(pixel), dtype=bool)
-        for component in np.unique(part):
-            at = np.flatnonzero((part == component) & np.isfinite(target[:, 0]) & np.isfinite(own[:, 0]))
-            if component == added.component:
-                off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
-                kept[at] = off <= self._config.agreement.gate_m
-                if added.fixed and kept[at].mean() < 0.5:
-                    return self._under(shape, added)
-            else:
-                for piece in np.unique(shape.piece[recognised.node[at]]):
-                    there = at[shape.piece[recognised.node[at]] == piece]
-                    kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
+        at = np.flatnonzero(known & (part == added.component))
+        off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
+        kept[at] = off <= self._config.agreement.gate_m
+        if added.fixed and kept[at].sum() <= 0.5 * at.size:
+            return self._under(shape, added)
+        for component in np.setdiff1d(part, [added.component]):
+            at = np.flatnonzero(known & (part == component))
+            for piece in np.unique(shape.piece[recognised.node[at]]):
+                there = at[shape.piece[recognised.node[at]] == piece]
+                kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
         return Recognised(
             node=recognised.node[kept], rc=recognised.rc[kept], incidence_deg=recognised.incidence_deg[kept]
         )
@@ -345,6 +345,10 @@ class Robust:
         if component not in parts:
             return AlignmentScore(0.0, {})
         return lay(self._ground(document), parts[component], motion)
+
+    def carried(self, _document: Document, later: Later) -> Rigid2:
+        """Return where a later decision lies: where it lay, since the plane stays the start view's."""
+        return later.decision.current_from_new
 
     def parts(self, document: Document, view_index: int) -> dict[int, Part]:
         """Return the parts of a view that are worth placing on a document's shape."""

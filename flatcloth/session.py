@@ -1,11 +1,12 @@
 """The operator's state machine: immutable state, pure commands; no threads, no files, no viser.
 
-A session is a *document* (start view, accepted alignments, rejected views, the pending proposal)
-and its history. Decisions (accept, reject, nudge, choose another view, restart) are undo items;
-the arrival of a proposal is not. Heavy work is done elsewhere: a command that needs some leaves a
-``Request`` in the state, and its answer comes back as an event that carries the request's token.
-An answer to a request that is no longer current is ignored. Commands name the view they mean, so a
-double click or a second tab cannot decide about a view that its user has not seen.
+A session is a *document* (start view, accepted alignments, refused and skipped views, the pending
+proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
+restart) are undo items; the arrival of a proposal is not. Heavy work is done elsewhere: a command
+that needs some leaves a ``Request`` in the state, and its answer comes back as an event that
+carries the request's token. An answer to a request that is no longer current is ignored. Commands
+name the view they mean, so a double click or a second tab cannot decide about a view that its user
+has not seen. While later decisions wait to follow a changed one, each verdict asks for the next.
 """
 
 from __future__ import annotations
@@ -14,11 +15,64 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from flatcloth import document as edits
+from flatcloth.decisions import (
+    Accept,
+    Cancel,
+    Command,
+    Event,
+    Failed,
+    Followed,
+    NothingMore,
+    Nudge,
+    Propose,
+    Proposed,
+    Redo,
+    Reject,
+    Reopen,
+    Restart,
+    Skip,
+    Start,
+    Started,
+    Undo,
+)
+from flatcloth.document import UNSURE, Accepted, Document, Later, Pending, Rejected, Side, Skipped
 from flatcloth.errors import IllegalDecisionError
-from flatcloth.types import Rigid2
 
-UNSURE = "score too low"
-"""Reason of an automatic refusal: such a view may be tried again once the shape has grown."""
+__all__ = [
+    "UNSURE",
+    "Accept",
+    "Accepted",
+    "Cancel",
+    "Command",
+    "Document",
+    "Event",
+    "Failed",
+    "Followed",
+    "HistoryItem",
+    "Later",
+    "NothingMore",
+    "Nudge",
+    "Pending",
+    "Phase",
+    "Propose",
+    "Proposed",
+    "Redo",
+    "Reject",
+    "Rejected",
+    "Reopen",
+    "Request",
+    "Restart",
+    "SessionState",
+    "Side",
+    "Skip",
+    "Skipped",
+    "Start",
+    "Started",
+    "Undo",
+    "apply",
+    "why_illegal",
+]
 
 
 class Phase(StrEnum):
@@ -30,97 +84,17 @@ class Phase(StrEnum):
     FINISHED = "finished"
 
 
-class Side(StrEnum):
-    """The side of the flattened view at which a view extends it (paper: occluding edge)."""
-
-    LEFT = "left"
-    RIGHT = "right"
-
-
-@dataclass(frozen=True)
-class Accepted:
-    """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
-
-    The current view's frame is that of the view accepted before it (the orientation of a renewed
-    view is that of the added one, paper 4.3). ``component`` numbers the connected part of the view
-    that is meant, the largest 0. ``fixed`` marks a placement changed by hand.
-    """
-
-    view_index: int
-    current_from_new: Rigid2
-    side: Side | None = None
-    fixed: bool = False
-    component: int = 0
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A view that was refused after ``after_accepted`` views were accepted, and why."""
-
-    view_index: int
-    reason: str
-    after_accepted: int
-
-
-@dataclass(frozen=True)
-class Pending:
-    """A proposal that waits for the operator.
-
-    ``proposed`` is what the method found, ``nudge`` what the operator added: the placement in
-    force is ``nudge @ proposed``.
-    """
-
-    view_index: int
-    proposed: Rigid2
-    side: Side | None = None
-    score: float = math.nan
-    nudge: Rigid2 = field(default_factory=Rigid2)
-    component: int = 0
-
-    @property
-    def current_from_new(self) -> Rigid2:
-        """The placement in force."""
-        return self.nudge @ self.proposed
-
-
 @dataclass(frozen=True)
 class Request:
-    """Work that the session waits for: ``start`` (choose and flatten the start view) or ``propose``.
+    """Work that the session waits for.
 
-    ``view_index`` None leaves the choice to the planner.
+    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: lay a later view on
+    the changed shape. ``view_index`` None leaves the choice to the planner.
     """
 
     token: int
     kind: str
     view_index: int | None = None
-
-
-@dataclass(frozen=True)
-class Document:
-    """What the decisions have made: everything that undo restores."""
-
-    start_view: int | None = None
-    accepted: tuple[Accepted, ...] = ()
-    rejected: tuple[Rejected, ...] = ()
-    pending: Pending | None = None
-    finished: str | None = None
-
-    @property
-    def refused_views(self) -> frozenset[int]:
-        """The views that are not to be planned now."""
-        n = len(self.accepted)
-        return frozenset(r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
-
-    @property
-    def parts(self) -> dict[int, int]:
-        """Which connected part of each accepted view is meant."""
-        return {a.view_index: a.component for a in self.accepted}
-
-    @property
-    def used_views(self) -> frozenset[int]:
-        """The views that are part of the canonical shape."""
-        start = () if self.start_view is None else (self.start_view,)
-        return frozenset((*start, *(a.view_index for a in self.accepted)))
 
 
 @dataclass(frozen=True)
@@ -154,135 +128,54 @@ class SessionState:
         return Phase.READY
 
 
-@dataclass(frozen=True)
-class Start:
-    """Ask for the start view (None: the one with the largest observed area)."""
-
-    view_index: int | None = None
-
-
-@dataclass(frozen=True)
-class Propose:
-    """Ask for the next proposal (None: the planner chooses; a view: another view, by hand)."""
-
-    view_index: int | None = None
-
-
-@dataclass(frozen=True)
-class Accept:
-    """Make the pending view part of the canonical shape."""
-
-    view_index: int
-
-
-@dataclass(frozen=True)
-class Reject:
-    """Refuse the pending view."""
-
-    view_index: int
-    reason: str = "wrong place"
-
-
-@dataclass(frozen=True)
-class Nudge:
-    """Move the pending view on the plane of the current one: ``by @ placement``."""
-
-    view_index: int
-    by: Rigid2
-
-
-@dataclass(frozen=True)
-class Undo:
-    """Take the last decision back."""
-
-
-@dataclass(frozen=True)
-class Redo:
-    """Make the decision that was taken back last again."""
-
-
-@dataclass(frozen=True)
-class Cancel:
-    """Give up the running computation."""
-
-
-@dataclass(frozen=True)
-class Restart:
-    """Begin anew, from the given start view or the largest; undo brings everything back."""
-
-    view_index: int | None = None
-
-
-@dataclass(frozen=True)
-class Started:
-    """Answer: the start view is flattened."""
-
-    token: int
-    view_index: int
-
-
-@dataclass(frozen=True)
-class Proposed:
-    """Answer: a view was aligned."""
-
-    token: int
-    view_index: int
-    current_from_new: Rigid2
-    side: Side | None = None
-    score: float = math.nan
-    component: int = 0
-
-
-@dataclass(frozen=True)
-class NothingMore:
-    """Answer: no view has anything more to give; ``reason`` says why."""
-
-    token: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class Failed:
-    """Answer: the work failed (the error itself is reported by whoever did it)."""
-
-    token: int
-
-
-Command = Start | Propose | Accept | Reject | Nudge | Undo | Redo | Cancel | Restart
-Event = Started | Proposed | NothingMore | Failed
-
-
 def why_illegal(state: SessionState, command: Command) -> str | None:
     """Say why the command is not allowed now, or None if it is."""
-    document, phase = state.document, state.phase
-    pending = document.pending
     if isinstance(command, Undo):
         return None if state.undo else "There is nothing to undo."
     if isinstance(command, Redo):
         return None if state.redo else "There is nothing to redo."
     if isinstance(command, Cancel):
         return None if state.request else "Nothing is being computed."
-    if isinstance(command, Start | Propose | Restart) and command.view_index is not None:
+    if isinstance(command, Start | Propose | Restart | Reopen) and command.view_index is not None:
         if not 0 <= command.view_index < state.n_views:
             return f"View {command.view_index} does not exist; there are {state.n_views} views."
     if isinstance(command, Restart):
         return None
-    if phase is Phase.COMPUTING:
+    if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
     if isinstance(command, Start):
-        return None if document.start_view is None else "The session has started; restart it instead."
-    if document.start_view is None:
+        return None if state.document.start_view is None else "The session has started; restart it instead."
+    if state.document.start_view is None:
         return "There is no start view yet; start the session first."
     if isinstance(command, Propose):
-        if command.view_index is None:
-            if pending is not None:
-                return (
-                    f"Decide about view {pending.view_index} first: accept it, reject it or choose another."
-                )
-            return document.finished
-        if command.view_index in document.used_views:
-            return f"View {command.view_index} is already part of the shape."
-        return None
+        return _why_not_propose(state.document, command.view_index)
+    if isinstance(command, Reopen):
+        return _why_not_reopen(state.document, command.view_index)
+    return _why_not_decide(state.document, command)
+
+
+def _why_not_propose(document: Document, view_index: int | None) -> str | None:
+    if view_index is not None:
+        used = view_index in document.used_views
+        return f"View {view_index} is already part of the shape." if used else None
+    if document.pending is not None:
+        asked = document.pending.view_index
+        return f"Decide about view {asked} first: accept it, reject it or choose another."
+    return None if document.later else document.finished
+
+
+def _why_not_reopen(document: Document, view_index: int) -> str | None:
+    if view_index == document.start_view:
+        return f"View {view_index} is the start view; restart the session to begin from another."
+    if document.pending is not None and document.pending.view_index == view_index:
+        return f"View {view_index} is the proposal already."
+    if view_index not in document.reopenable_views:
+        return f"Nothing was decided about view {view_index} yet."
+    return None
+
+
+def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge) -> str | None:
+    pending = document.pending
     if pending is None:
         return "There is no proposal to decide about; step first."
     if command.view_index != pending.view_index:
@@ -303,7 +196,7 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
         If a command is not allowed now; the message says why. Answers never raise: stale ones
         leave the state unchanged.
     """
-    if isinstance(command, Started | Proposed | NothingMore | Failed):
+    if isinstance(command, Event):
         return _answer(state, command)
     reason = why_illegal(state, command)
     if reason is not None:
@@ -317,60 +210,53 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Start(view_index=view):
             return _ask(state, "start", view)
         case Propose(view_index=view):
-            if document.pending is not None:
-                name = f"choose view {view} instead of {document.pending.view_index}"
-                state = _edit(state, name, replace(document, pending=None))
-            elif document.finished is not None:
-                state = _edit(state, f"go on with view {view}", replace(document, finished=None))
-            return _ask(state, "propose", view)
-        case Accept():
-            return _edit(state, f"accept view {command.view_index}", _accepted(document))
+            return _ask_for(state, view)
+        case Accept(view_index=view, score=score):
+            return _go_on(_edit(state, f"accept view {view}", edits.accept(document, score)))
         case Reject(view_index=view, reason=reason):
-            refused = Rejected(view, reason, len(document.accepted))
-            after = replace(document, pending=None, rejected=(*document.rejected, refused))
-            return _edit(state, f"reject view {view}", after)
-        case Nudge(view_index=view, by=by):
+            return _go_on(_edit(state, f"reject view {view}", edits.reject(document, view, reason)))
+        case Skip(view_index=view):
+            return _go_on(_edit(state, f"skip view {view}", edits.skip(document, view)))
+        case Reopen(view_index=view):
+            state = _edit(state, f"reopen view {view}", edits.reopen(document, view))
+            return _ask(state, "propose", view) if state.document.pending is None else state
+        case Nudge(view_index=view, by=by, how=how):
             assert document.pending is not None
             moved = replace(document.pending, nudge=by @ document.pending.nudge)
-            return _edit(state, f"move view {view}", replace(document, pending=moved))
+            return _edit(state, f"{how} view {view}", replace(document, pending=moved))
         case Undo():
             item = state.undo[-1]
-            back = HistoryItem(item.name, document)
-            return replace(
-                state,
-                document=item.document,
-                request=None,
-                undo=state.undo[:-1],
-                redo=(*state.redo, back),
-            )
+            redo = (*state.redo, HistoryItem(item.name, document))
+            return replace(state, document=item.document, request=None, undo=state.undo[:-1], redo=redo)
         case Redo():
             item = state.redo[-1]
-            back = HistoryItem(item.name, document)
-            return replace(
-                state,
-                document=item.document,
-                request=None,
-                undo=(*state.undo, back),
-                redo=state.redo[:-1],
-            )
+            undo = (*state.undo, HistoryItem(item.name, document))
+            return replace(state, document=item.document, request=None, undo=undo, redo=state.redo[:-1])
         case Cancel():
             return replace(state, request=None)
         case Restart(view_index=view):
             return _ask(_edit(state, "restart", Document()), "start", view)
 
 
-def _accepted(document: Document) -> Document:
-    pending = document.pending
-    assert pending is not None
-    added = Accepted(
-        pending.view_index,
-        pending.current_from_new,
-        pending.side,
-        fixed=pending.nudge != Rigid2(),
-        component=pending.component,
-    )
-    rejected = tuple(r for r in document.rejected if r.view_index != pending.view_index)
-    return replace(document, accepted=(*document.accepted, added), rejected=rejected, pending=None)
+def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
+    document = state.document
+    if view_index is None and document.later:
+        return _go_on(state)
+    if document.pending is not None:
+        name = f"choose view {view_index} instead of {document.pending.view_index}"
+        state = _edit(state, name, edits.drop_pending(document))
+    elif document.finished is not None:
+        state = _edit(state, f"go on with view {view_index}", replace(document, finished=None))
+    return _ask(state, "propose", view_index)
+
+
+def _go_on(state: SessionState) -> SessionState:
+    """Let the later decisions follow: at once where nothing has changed for them, else by asking."""
+    document = edits.follow_unchanged(state.document)
+    state = replace(state, document=document)
+    if document.pending is not None or not document.later:
+        return state
+    return _ask(state, "follow", document.later[0].decision.view_index)
 
 
 def _ask(state: SessionState, kind: str, view_index: int | None) -> SessionState:
@@ -392,11 +278,19 @@ def _answer(state: SessionState, event: Event) -> SessionState:
         case Started(view_index=view):
             return replace(state, document=replace(document, start_view=view))
         case Proposed():
-            pending = Pending(
-                event.view_index, event.current_from_new, event.side, event.score, component=event.component
-            )
-            return replace(state, document=replace(document, pending=pending, finished=None))
+            return replace(state, document=edits.propose(document, _pending_of(event)))
+        case Followed(holds=False):
+            return replace(state, document=edits.propose(document, _pending_of(event)))
+        case Followed(current_from_new=motion, score=score, component=component):
+            return _go_on(replace(state, document=edits.follow(document, motion, score, component)))
         case NothingMore(reason=reason):
             return replace(state, document=replace(document, finished=reason))
         case Failed():
             return state
+
+
+def _pending_of(event: Proposed | Followed) -> Pending:
+    side = event.side if isinstance(event, Proposed) else None
+    return Pending(
+        event.view_index, event.current_from_new, side, event.score, component=event.component, why=event.why
+    )

@@ -14,6 +14,7 @@ import { loadScene, startScene } from "/static/scene.js";
 import { Teaching } from "/static/teaching.js";
 import { applyTheme, toggleTheme } from "/static/theme.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
+import { Verdicts } from "/static/verdicts.js";
 
 const MOVES = {
   left: [0, -1, 0], right: [0, 1, 0], up: [0, 0, -1], down: [0, 0, 1], turn_left: [-1, 0, 0], turn_right: [1, 0, 0],
@@ -57,6 +58,10 @@ const teaching = new Teaching({
   startView: () => state.start_view, notify, run,
 });
 const capturePanel = new CapturePanel({ send, button: (name) => toolbar.button(name), tip: (action) => toolbar.tip(action) });
+const verdicts = new Verdicts({
+  notify, propose: proposeView, reopen: (view) => decide("reopen", { view_index: view.index }),
+  action: (name) => state.actions.find((a) => a.name === name),
+});
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
@@ -149,19 +154,22 @@ function drawFrame(frame, shown) {
 function hint() {
   const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
   const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
+  const waiting = state.n_later ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.` : "";
   if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
   if (isLive()) return "";
   switch (state.phase) {
     case "computing":
       if (state.request.kind === "start") return "Choosing and flattening the start view.";
+      if (state.request.kind === "follow") return `Laying ${angle(state.request.view_index)} on the changed shape.${area}`;
       return state.request.view_index === null ? `Looking for the next view.${area}` : `Laying ${angle(state.request.view_index)} on the shape.${area}`;
     case "deciding":
-      return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), or move it with the arrow keys.${area}`;
+      return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or move it with the arrow keys.${waiting}${area}`;
     case "finished":
       return `Finished: ${state.finished} Click the cloth for a grasp point.${area}`;
     default:
       return state.start_view === null
         ? "Press Step (S): the start view is chosen and flattened."
+        : state.n_later ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow. Press Step (S) to go on.${area}`
         : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
   }
 }
@@ -197,13 +205,17 @@ function showNotes() {
 function decide(action, more = {}) {
   flushNudge();
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
-  const view = ["accept", "reject"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
+  const view = ["accept", "reject", "skip"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
   send({ type: "do", action, ...view, ...more });
 }
 
 function chooseView(view) {
   if (state.capture) return notify("info", view.why_not);
   if (isLive()) return send({ type: "play", frame: view.index });
+  verdicts.press(view);
+}
+
+function proposeView(view) {
   if (view.why_not !== null) return notify("info", view.why_not);
   decide("view", { view_index: view.index });
 }
@@ -236,6 +248,9 @@ const PAGE_ACTIONS = {
     send({ type: "auto", running: !state.auto.running });
   },
   reject_menu: () => rejectMenu.open(state.reject_reasons),
+  reopen: () => verdicts.reopen(state),
+  next_undecided: () => verdicts.nextUndecided(state),
+  least_sure: () => verdicts.leastSure(state),
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
@@ -343,11 +358,11 @@ function onKeyDown(event) {
 
 const REPEATED = ["zoom_in", "zoom_out", "live_back", "live_forward"];
 
-/** The action of a key: in each mode its own; elsewhere the keys of live mode and capture keep the browser's meaning. */
+/** What a key means now: the mode that is open comes first, and the other modes' keys stay the browser's. */
 function actionOf(key) {
-  const mode = isLive() ? "live" : state.capture ? "capture" : "session";
-  const found = state.actions.filter((a) => a.keys.includes(key));
-  return found.find((a) => !a.mode || a.mode === mode) ?? found.find((a) => a.mode === "session");
+  const mode = teaching.status.open ? "teaching" : isLive() ? "live" : state.capture ? "capture" : "session";
+  const having = state.actions.filter((a) => a.keys.includes(key));
+  return having.find((a) => a.mode === mode) ?? having.find((a) => ["", "session"].includes(a.mode));
 }
 
 function keyOf(event) {

@@ -281,7 +281,7 @@ class Page {
   }
 
   showDecisions() {
-    const signs = { accepted: "✓", rejected: "✕" };
+    const signs = { accepted: "✓", rejected: "✕", skipped: "»" };
     rebuild($("decisions"), this.step, () => [
       make("h2", {}, `Decisions (${this.story.decisions.length})`),
       make("ol", { class: "verdicts" }, ...this.story.decisions.map((d) =>

@@ -5,7 +5,7 @@ import { degrees, hex, number, vector } from "/static/format.js";
 
 const STATES = {
   start: ["●", "start view"], accepted: ["✓", "accepted"], fixed: ["✎", "accepted, moved by hand"],
-  rejected: ["✕", "rejected"], pending: ["?", "proposed"], unused: ["", "not used"],
+  rejected: ["✕", "rejected"], skipped: ["»", "skipped"], later: ["…", "accepted, waits to follow"], pending: ["?", "proposed"], unused: ["", "not used"],
 };
 
 // --- values under the pointer ------------------------------------------------------------------
@@ -77,7 +77,7 @@ export function showProposal(state, send) {
   const view = state.views[pending.view_index];
   const low = pending.score !== null && pending.score < state.auto.threshold;
   rebuild(byId("proposal-values"), [pending, state.auto.threshold], () => [
-    make("h2", {}, `Proposal: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
+    make("h2", {}, `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
     make("div", { class: `score${low ? " low" : ""}`, data: { tip: `Score of the present place, 0 to 1. Auto accepts from ${state.auto.threshold}.` } },
       make("meter", { min: 0, max: 1, value: pending.score ?? 0, "aria-label": "Score" }),
       make("strong", {}, pending.score === null ? "no score" : number(pending.score, 2)),
@@ -98,6 +98,7 @@ export function showProposal(state, send) {
         type: "button", data: { id: `place-${index}`, tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.` },
         on: { click: () => send({ type: "choose", view_index: pending.view_index, index }) },
       }, `${SOURCES[h.source]} ${number(h.score, 2)}`))) : null,
+    pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
     pending.reason ? make("p", { class: "why" }, pending.reason) : null,
   ].filter(Boolean));
 }
@@ -228,11 +229,12 @@ export function showTimeline(state, choose) {
   rebuild(byId("timeline"), state.views, () => state.views.map((view) => {
     const [sign, word] = STATES[view.state];
     const detail = view.detail ? ` (${view.detail})` : "";
-    const used = ["start", "accepted", "fixed"].includes(view.state);
-    const act = state.capture ? "\nOn disk." : live ? "\nClick: show this frame." : view.why_not === null ? "\nClick: propose this view." : used || view.state === "pending" ? "" : `\nNot now: ${view.why_not}`;
+    const kept = ["start", "pending"].includes(view.state);
+    const decided = !kept && view.state !== "unused";
+    const act = state.capture ? "\nOn disk." : live ? "\nClick: show this frame." : decided ? "\nClick: look at the decision, reopen it." : view.why_not === null ? "\nClick: propose this view." : kept ? "" : `\nNot now: ${view.why_not}`;
     const about = `View ${view.index}, ${number(view.angle_deg, 0)}°${live ? "" : `: ${word}${detail}`}`;
     return make("button", {
-      type: "button", class: `view ${view.state}`, "aria-disabled": String(view.why_not !== null), "aria-label": about,
+      type: "button", class: `view ${view.state}`, "aria-disabled": String(view.why_not !== null && !decided), "aria-label": about,
       data: { id: `view-${view.index}`, tip: about + act }, on: { click: () => choose(view) },
     }, make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : sign), make("span", { class: "angle" }, number(view.angle_deg, 0)));
   }));

@@ -5,7 +5,7 @@ import { MODES } from "/static/compare.js";
 import { keyName } from "/static/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
-const SESSION = ["step", "accept", "reject", "|", "undo", "redo", "|", "auto", "restart"];
+const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
 const PAGE = ["teach", "export", "log", "theme", "help"];
 export const LAYERS = {
   layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source",
@@ -178,7 +178,7 @@ export class RejectMenu {
 export function showHelp(actions, mode) {
   const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
   const capture = { capture: "Capture (with --camera)" };
-  const session = { session: `Session${not("session")}`, proposal: `Proposal${not("session")}` };
+  const session = { session: `Session${not("session")}`, timeline: `Timeline${not("session")}`, proposal: `Proposal${not("session")}` };
   const live = { live: `Live mode${not("live")}` };
   const both = { view: "Views", page: "Page", teaching: "Teaching" };
   // What works now comes first.

@@ -22,6 +22,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("axis", "axis_estimation", "axis_views"),
     ("flattening", "scans", "scan_pairs", "registration", "surroundings", "cameras", "capture"),
     ("sightings", "connection", "joint"),
+    ("document",),
+    ("decisions",),
     ("session",),
     ("outlook", "uncertainty", "mosaic"),
     (
@@ -37,6 +39,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("agreement", "hypotheses", "difference"),
     ("paper", "robust"),
+    ("following",),
     ("integration",),
     ("axis_file", "journal_lines", "journal", "export", "evaluation", "synthesis", "teaching"),
     ("pipeline", "live", "live_camera"),

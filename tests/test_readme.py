@@ -19,15 +19,18 @@ KEY_CAPS = {
     "ArrowUp": "↑",
     "ArrowDown": "↓",
     "Escape": "Esc",
-    "Ctrl+z": "Ctrl+Z",
-    "Ctrl+y": "Ctrl+Y",
 }
+
+
+def key_cap(key: str) -> str:
+    *held, last = key.split("+") if len(key) > 1 else [key]
+    return "+".join([*held, last.upper() if held and len(last) == 1 else KEY_CAPS.get(last, last)])
 
 
 def key_table() -> str:
     rows = ["| key | button | what it does |", "|---|---|---|"]
     for action in ACTIONS:
-        keys = " ".join(f"`{KEY_CAPS.get(key, key)}`" for key in action.keys)
+        keys = " ".join(f"`{key_cap(key)}`" for key in action.keys)
         rows.append(f"| {keys} | {action.title} | {action.description} |")
     return "\n".join(rows)
 

@@ -19,8 +19,10 @@ from flatcloth.session import (
     Accept,
     Cancel,
     Command,
+    Document,
     Event,
     Failed,
+    Followed,
     NothingMore,
     Nudge,
     Phase,
@@ -28,9 +30,11 @@ from flatcloth.session import (
     Proposed,
     Redo,
     Reject,
+    Reopen,
     Restart,
     SessionState,
     Side,
+    Skip,
     Start,
     Started,
     Undo,
@@ -45,7 +49,9 @@ MOTIONS = st.builds(Rigid2, *[st.floats(-1, 1) for _ in range(3)])
 COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(Start, st.none() | VIEWS),
     st.builds(Propose, st.none() | VIEWS),
-    st.builds(Accept, VIEWS),
+    st.builds(Accept, VIEWS, st.none() | st.floats(0, 1)),
+    st.builds(Skip, VIEWS),
+    st.builds(Reopen, VIEWS),
     st.builds(Reject, VIEWS, st.text(max_size=8)),
     st.builds(Nudge, VIEWS, MOTIONS),
     st.just(Undo()),
@@ -53,6 +59,13 @@ COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.just(Cancel()),
     st.builds(Restart, st.none() | VIEWS),
 )
+
+
+def acceptances(document: Document) -> list[int]:
+    """The views of all acceptances that stand, wait to follow, or are asked again."""
+    again = document.pending.again if document.pending else None
+    waiting = [w.decision.view_index for w in (*document.later, *((again,) if again else ()))]
+    return sorted([a.view_index for a in document.accepted] + waiting)
 
 
 class Sessions(RuleBasedStateMachine):
@@ -74,6 +87,7 @@ class Sessions(RuleBasedStateMachine):
     def do(self, step: Command | Event) -> None:
         before, self.state = self.state, apply(self.state, step)
         self.folder.record(step)
+        self.no_acceptance_is_lost(step, before)
         if isinstance(step, Undo | Redo) or len(self.state.undo) == len(before.undo):
             return
         # A decision: one new item of history, no way forward left, and undo is its exact inverse.
@@ -86,6 +100,18 @@ class Sessions(RuleBasedStateMachine):
         assert redone.document == self.state.document
         assert redone.undo == self.state.undo
         assert redone.redo == ()
+
+    def no_acceptance_is_lost(self, step: Command | Event, before: SessionState) -> None:
+        """Only a verdict on a view itself, or a restart, ends its acceptance."""
+        if isinstance(step, Undo | Redo | Restart):
+            return
+        stood, stands = acceptances(before.document), acceptances(self.state.document)
+        if isinstance(step, Accept):
+            assert stands == sorted({*stood, step.view_index})
+        elif isinstance(step, Reject | Skip):
+            assert stands == [v for v in stood if v != step.view_index]
+        else:
+            assert stands == stood
 
     @rule(command=COMMANDS)
     def any_command(self, command: Command) -> None:
@@ -123,6 +149,10 @@ class Sessions(RuleBasedStateMachine):
         elif request.kind == "start":
             view = request.view_index if request.view_index is not None else choice % len(RECORDING)
             self.do(Started(request.token, view))
+        elif request.kind == "follow":
+            assert request.view_index is not None
+            view = request.view_index
+            self.do(Followed(request.token, view, motion, score, holds=luck < 7, why="moved"))
         elif luck == 1 or not free:
             self.do(NothingMore(request.token, "The turn is complete."))
         else:
@@ -131,12 +161,29 @@ class Sessions(RuleBasedStateMachine):
         assert self.state.phase is not Phase.COMPUTING
 
     @precondition(lambda self: self.state.document.pending is not None and self.state.request is None)
-    @rule(verdict=st.sampled_from(["accept", "reject", "nudge"]), motion=MOTIONS)
+    @rule(verdict=st.sampled_from(["accept", "reject", "skip", "nudge"]), motion=MOTIONS)
     def decide(self, verdict: str, motion: Rigid2) -> None:
         pending = self.state.document.pending
         assert pending is not None
         view = pending.view_index
-        self.do({"accept": Accept(view), "reject": Reject(view), "nudge": Nudge(view, motion)}[verdict])
+        commands = {"reject": Reject(view), "skip": Skip(view), "nudge": Nudge(view, motion)}
+        self.do(commands.get(verdict, Accept(view)))
+
+    @precondition(lambda self: self.state.document.reopenable_views and self.state.request is None)
+    @rule(choice=st.integers(0, 5))
+    def reopen(self, choice: int) -> None:
+        """A decision is reopened; deciding the same again brings everything back as it was."""
+        decided = sorted(self.state.document.reopenable_views)
+        view = decided[choice % len(decided)]
+        was = self.state.document
+        self.do(Reopen(view))
+        pending = self.state.document.pending
+        untouched = was.pending is None and not was.later and view in {a.view_index for a in was.accepted}
+        if untouched and pending is not None:
+            same = apply(self.state, Accept(view, 0.123))
+            assert same.request is None
+            assert same.document.accepted == was.accepted
+            assert same.document.later == ()
 
     @rule(age=st.integers(1, 5), view=VIEWS, motion=MOTIONS)
     def late_answer(self, age: int, view: int, motion: Rigid2) -> None:
@@ -172,9 +219,17 @@ class Sessions(RuleBasedStateMachine):
             assert document.pending.view_index not in document.used_views
 
     @invariant()
+    def a_view_has_one_verdict(self) -> None:
+        document = self.state.document
+        left = [d.view_index for d in document.rejected] + [d.view_index for d in document.skipped]
+        assert len(left) == len(set(left))
+        assert not set(left) & document.used_views
+        assert len(acceptances(document)) == len(set(acceptances(document)))
+
+    @invariant()
     def history_names_every_decision(self) -> None:
         assert all(item.name for item in (*self.state.undo, *self.state.redo))
 
 
 TestSessions = Sessions.TestCase
-TestSessions.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestSessions.settings = settings(max_examples=80, stateful_step_count=50, deadline=None)

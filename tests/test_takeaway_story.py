@@ -17,12 +17,15 @@ from flatcloth.grips import GripBook
 from flatcloth.journal import SessionFolder
 from flatcloth.session import (
     Accept,
+    Followed,
     Nudge,
     Propose,
     Proposed,
     Redo,
     Reject,
+    Reopen,
     Restart,
+    Skip,
     Start,
     Started,
     Undo,
@@ -214,3 +217,31 @@ def test_damaged_grips_are_told(place: Path) -> None:
     (place / "grips.json").write_text("{}")
     with pytest.raises(FlatclothError, match=r"grips\.json: is damaged"):
         read_story(place)
+
+
+def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None:
+    folder = opened(place)
+    play = Play(folder)
+    play.start()
+    for view in (1, 2):
+        play.propose(view)
+        folder.record(Accept(view, 0.75))
+    play.propose(3)
+    folder.record(Skip(3))
+    folder.record(Reopen(1))
+    folder.record(Reject(1))
+    request = folder.state.request
+    assert request is not None
+    folder.record(Followed(request.token, 2, Rigid2(), 0.1, holds=False, why="It does not fit."))
+    folder.record(Accept(2))
+    folder.close()
+    decisions = read_story(place).decisions
+    told = [(d.view_index, d.verdict, d.stands, d.by_hand) for d in decisions]
+    assert told == [
+        (1, "accepted", False, False),
+        (2, "accepted", False, False),
+        (3, "skipped", True, False),
+        (1, "rejected", True, True),
+        (2, "accepted", True, True),
+    ]
+    assert decisions[0].score == 0.75

@@ -49,8 +49,8 @@ def luma(rgb):
     return rgb.astype(float) @ [0.2126, 0.7152, 0.0722]
 
 
-@pytest.mark.parametrize("mode", ["session", "live", "capture"])
-def test_every_key_means_one_action_in_each_mode_and_none_is_the_browsers(mode):
+@pytest.mark.parametrize("mode", ["session", "live", "capture", "teaching"])
+def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
     keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
     assert len(keys) == len(set(keys))
     assert not RESERVED & set(keys)

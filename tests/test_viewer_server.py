@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import socket
-import time
 
 import httpx
 import numpy as np
 import pytest
+from page_tabs import WAIT_S, Tab
 from viewer_fakes import CylinderIntegration, MemoryFolder, point_on_cylinder
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -16,8 +15,6 @@ from websockets.sync.client import connect
 from flatcloth.errors import FlatteningError, ServerError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.guard import Guard, is_loopback
-
-WAIT_S = 20
 
 
 @pytest.fixture
@@ -35,54 +32,6 @@ def server(integration, folder):
     with PageServer(integration, folder, port=0) as running:
         yield running
         integration.gate.set()
-
-
-class Tab:
-    """A tab of the page: remembers what it was told."""
-
-    def __init__(self, server: PageServer, origin: str | None = None) -> None:
-        address = f"127.0.0.1:{server.port}"
-        self._socket = connect(f"ws://{address}/ws", origin=origin or f"http://{address}", max_size=None)
-        self.notes: list[dict] = []
-        self.state: dict = {}
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._socket.close()
-
-    def say(self, **message):
-        self.say_raw(json.dumps(message))
-
-    def say_raw(self, text):
-        self._socket.send(text)
-
-    def until(self, found):
-        """Read until ``found(last message)`` is true, and return that message."""
-        end = time.monotonic() + WAIT_S
-        while True:
-            message = json.loads(self._socket.recv(timeout=end - time.monotonic()))
-            if message["type"] == "state":
-                self.state = message
-            elif message["type"] == "note":
-                self.notes.append(message)
-            if found(message):
-                return message
-
-    def state_where(self, found):
-        return self.until(lambda m: m["type"] == "state" and found(m))
-
-    def ready(self):
-        return self.state_where(lambda s: s["phase"] == "ready" and s["layers"])
-
-    def proposed(self):
-        self.ready()
-        self.say(type="do", action="step")
-        return self.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
-
-    def note(self):
-        return self.until(lambda m: m["type"] == "note")
 
 
 def greet(address, **options):

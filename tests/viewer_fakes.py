@@ -23,6 +23,7 @@ from flatcloth.merging import Canonical
 from flatcloth.session import (
     Document,
     Event,
+    Followed,
     NothingMore,
     Proposed,
     Request,
@@ -111,6 +112,7 @@ class CylinderIntegration:
         self.held_point_m = CENTER_M
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
+        self.follow_score = 0.9
         self.gate = threading.Event()
         self.gate.set()
         self.at_gate = threading.Event()
@@ -198,9 +200,12 @@ class CylinderIntegration:
         if request.kind == "start":
             return Started(request.token, request.view_index or 0)
         view = request.view_index
+        if request.kind == "follow":
+            score = self.follow_score
+            why = "" if score >= self.accept_score else "No longer sure."
+            return Followed(request.token, view, Rigid2(), score, holds=not why, why=why)
         if view is None:
-            refused = {r.view_index for r in document.rejected}
-            left = [i for i in (1, 2, 3) if i not in document.used_views | refused]
+            left = [i for i in (1, 2, 3) if i not in document.used_views | document.refused_views]
             if not left:
                 return NothingMore(request.token, "Nothing more to give.")
             view = left[0]

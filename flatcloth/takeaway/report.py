@@ -17,7 +17,7 @@ from flatcloth.takeaway.curves import curves_of_view, draw_curves, plan_of, side
 from flatcloth.takeaway.drawing import Drawing, data_url, png_of
 from flatcloth.takeaway.figures import Figure
 from flatcloth.takeaway.session import OpenedSession
-from flatcloth.takeaway.story import Decision
+from flatcloth.takeaway.story import SKIPPED, VERDICTS, Decision
 from flatcloth.types import Floats
 
 
@@ -200,7 +200,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _counted(decisions: Sequence[Decision]) -> str:
-    words = [f"{sum(d.verdict == word for d in decisions)} {word}" for word in ("accepted", "rejected")]
+    count = {word: sum(d.verdict == word for d in decisions) for word in VERDICTS}
+    words = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
     gone = sum(not d.stands for d in decisions)
     return ", ".join([*words, *([f"{gone} of them taken back"] if gone else [])])
 

@@ -20,18 +20,21 @@ from flatcloth.journal_lines import Entry, PickAdded, PickDeleted, PickRenamed, 
 from flatcloth.session import (
     Accept,
     Document,
+    Followed,
     Propose,
     Proposed,
     Redo,
     Reject,
+    Reopen,
     Restart,
     SessionState,
+    Skip,
     Undo,
     apply,
 )
-from flatcloth.types import Rigid2
 
-ACCEPTED, REJECTED = "accepted", "rejected"
+ACCEPTED, REJECTED, SKIPPED = "accepted", "rejected", "skipped"
+VERDICTS = (ACCEPTED, REJECTED, SKIPPED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +43,7 @@ class Decision:
 
     ``number`` counts from 1; ``time`` is that of the journal (UTC); ``before`` is the document in
     which the proposal was pending; ``by_hand`` marks a view that the operator chose; ``stands``
-    is false if it was taken back.
+    is false if it was taken back, or made again later.
     """
 
     number: int
@@ -122,33 +125,40 @@ class _Replay:
     def _decide(self, entry: Any, time: str) -> None:
         before = self.present()
         self.state = apply(self.state, entry)
-        if isinstance(entry, Propose):
+        if isinstance(entry, Propose | Reopen):
             self.asked_by_hand = entry.view_index is not None
         if self.state.document is before.document or isinstance(entry, Undo | Redo):
             return
         made = replace(before, document=self.state.document)
         match entry:
-            case Accept() | Reject():
+            case Accept() | Reject() | Skip():
                 self.decisions.append(_decision(len(self.decisions) + 1, time, entry, before))
                 made = replace(made, standing=(*before.standing, len(self.decisions)), by_hand=False)
+            case Reopen() | Followed(holds=False):
+                made = replace(made, standing=self._without(before.standing, entry.view_index), by_hand=True)
             case Proposed():
                 made = replace(made, by_hand=self.asked_by_hand)
             case Restart():
                 made = _Made(self.state.document)
         self.made.append(made)
 
+    def _without(self, standing: tuple[int, ...], view_index: int) -> tuple[int, ...]:
+        return tuple(n for n in standing if self.decisions[n - 1].view_index != view_index)
 
-def _decision(number: int, time: str, verdict: Accept | Reject, before: _Made) -> Decision:
+
+def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _Made) -> Decision:
     pending = before.document.pending
     assert pending is not None  # a verdict is only allowed on a proposal
+    word = {Accept: ACCEPTED, Reject: REJECTED, Skip: SKIPPED}[type(verdict)]
+    score = verdict.score if isinstance(verdict, Accept) else None
     return Decision(
         number=number,
         time=time,
         view_index=verdict.view_index,
-        verdict=ACCEPTED if isinstance(verdict, Accept) else REJECTED,
-        reason="" if isinstance(verdict, Accept) else verdict.reason,
-        score=pending.score,
-        moved=pending.nudge != Rigid2(),
+        verdict=word,
+        reason=verdict.reason if isinstance(verdict, Reject) else "",
+        score=pending.score if score is None else score,
+        moved=pending.moved,
         by_hand=before.by_hand,
         before=before.document,
     )

@@ -15,8 +15,10 @@ from flatcloth.session import (
     Propose,
     Redo,
     Reject,
+    Reopen,
     Restart,
     SessionState,
+    Skip,
     Start,
     Undo,
     why_illegal,
@@ -39,10 +41,10 @@ class Action:
 
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
     first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. A key may
-    mean one action in each mode. ``group``
-    is ``session`` (the server decides whether it is allowed), ``proposal`` (needs a pending view),
-    ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
-    ``teaching`` (while it is open).
+    mean something else in another mode. ``group`` is ``session`` (the server decides whether it is
+    allowed), ``proposal`` (needs a pending view), ``timeline`` (about views chosen there), ``live``
+    (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or ``teaching``
+    (while it is open).
     """
 
     name: str
@@ -53,9 +55,18 @@ class Action:
 
     @property
     def mode(self) -> str:
-        """The mode it belongs to: ``session``, ``live``, ``capture``, or nothing if it is always there."""
-        modes = {"session": "session", "proposal": "session", "live": "live", "capture": "capture"}
-        return modes.get(self.group, "")
+        """The mode it belongs to, one of ``_MODES``, or nothing if it is always there."""
+        return _MODES.get(self.group, "")
+
+
+_MODES = {
+    "session": "session",
+    "proposal": "session",
+    "timeline": "session",
+    "live": "live",
+    "capture": "capture",
+    "teaching": "teaching",
+}
 
 
 ACTIONS: tuple[Action, ...] = (
@@ -63,6 +74,13 @@ ACTIONS: tuple[Action, ...] = (
     Action("accept", "Accept", ("a",), "Make the proposed view part of the shape.", "session"),
     Action("reject", "Reject", ("r",), f"Refuse the proposed view (reason: {DEFAULT_REASON}).", "session"),
     Action("reject_menu", "Reject with reason", ("e",), "Refuse the proposed view and say why.", "session"),
+    Action(
+        "skip",
+        "Skip",
+        ("k",),
+        "Put the proposed view off: it comes again when the shape has grown or the others are done.",
+        "session",
+    ),
     Action("undo", "Undo", ("u", "Ctrl+z"), "Take the last decision back.", "session"),
     Action("redo", "Redo", ("y", "Ctrl+y"), "Make the decision that was taken back again.", "session"),
     Action("auto", "Auto", ("g",), "Accept by the score and step on, until finished or unsure.", "session"),
@@ -74,6 +92,21 @@ ACTIONS: tuple[Action, ...] = (
         "Begin anew from the largest view; undo brings all back.",
         "session",
     ),
+    Action(
+        "reopen",
+        "Reopen",
+        ("Ctrl+e",),
+        "Decide again about the view chosen on the timeline; what was accepted after it follows.",
+        "timeline",
+    ),
+    Action(
+        "next_undecided",
+        "Next undecided",
+        ("j",),
+        "Go to the next view on the timeline that waits for a decision.",
+        "timeline",
+    ),
+    Action("least_sure", "Least sure", ("q",), "Go to the accepted view with the lowest score.", "timeline"),
     Action(
         "left",
         "Move left",
@@ -189,7 +222,11 @@ def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> 
         case "view":
             return Start(view) if document.start_view is None else Propose(view)
         case "accept":
-            return Accept(pending if view is None else view)
+            return Accept(pending if view is None else view, arguments.get("score"))
+        case "skip":
+            return Skip(pending if view is None else view)
+        case "reopen":
+            return Reopen(-1 if view is None else view)
         case "reject" | "reject_menu":
             return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
         case "undo":
@@ -214,11 +251,30 @@ def why_not(name: str, state: SessionState) -> str | None:
         return NOT_LIVE
     if action.mode == "capture":
         return NO_CAMERA
+    if action.group == "timeline":
+        return _why_not_timeline(name, state)
     if action.group == "session":
         return why_illegal(state, command_of(name, state, {}))
     if action.group == "proposal" and state.document.pending is None:
         return "There is no proposal to move; step first."
     return None
+
+
+def _why_not_timeline(name: str, state: SessionState) -> str | None:
+    document = state.document
+    if name == "least_sure":
+        return None if document.accepted else "No view has been accepted yet."
+    if name == "reopen":
+        if state.phase is Phase.COMPUTING:
+            return why_illegal(state, Reopen(0))
+        return None if document.reopenable_views else "Nothing was decided yet."
+    return None
+
+
+def _description(action: Action, state: SessionState | None) -> str:
+    history = {} if state is None else {"undo": state.undo, "redo": state.redo}
+    items = history.get(action.name)
+    return f"{action.title}: {items[-1].name}." if items else action.description
 
 
 def action_table(state: SessionState | None) -> list[dict[str, Any]]:
@@ -231,7 +287,7 @@ def action_table(state: SessionState | None) -> list[dict[str, Any]]:
             "name": a.name,
             "title": a.title,
             "keys": list(a.keys),
-            "description": a.description,
+            "description": _description(a, state),
             "group": a.group,
             "mode": a.mode,
             "why_not": _why_not_live(a) if state is None else why_not(a.name, state),

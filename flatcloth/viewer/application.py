@@ -16,6 +16,7 @@ from flatcloth.session import (
     Document,
     Event,
     Failed,
+    Followed,
     Nudge,
     Phase,
     Propose,
@@ -27,7 +28,7 @@ from flatcloth.types import RotationAxis
 from flatcloth.viewer import messages
 from flatcloth.viewer.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.desk import Audience, PageDesk, Stage
-from flatcloth.viewer.picture import Picture, make_picture
+from flatcloth.viewer.picture import Picture, finite, make_picture
 from flatcloth.viewer.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
@@ -84,8 +85,11 @@ class Application(PageDesk):
 
     def _begin(self) -> None:
         self._stage.follow(self._desk.follow)
-        if self._state.request is None and self._state.document.start_view is None:
+        document = self._state.document
+        if self._state.request is None and document.start_view is None:
             self._do(Start())
+        elif self._state.phase is Phase.READY and document.later:
+            self._do(Propose())  # the program was ended while later decisions followed
         else:
             self._settle()
 
@@ -95,10 +99,8 @@ class Application(PageDesk):
 
     def _take(self, client: int, message: messages.Message) -> None:
         match message:
-            case messages.Do(action=action, view_index=view, reason=reason):
-                given = {"view_index": view, "reason": reason}
-                given = {k: v for k, v in given.items() if v is not None}
-                self._by_hand(command_of(action, self._state, given))
+            case messages.Do():
+                self._decide(client, message)
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
                 overlay = None if self._picture is None else self._picture.overlay
                 center = (0.0, 0.0) if overlay is None else center_uv_m(overlay.view)
@@ -118,6 +120,22 @@ class Application(PageDesk):
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
+
+    def _decide(self, client: int, do: messages.Do) -> None:
+        given = {"view_index": do.view_index, "reason": do.reason, "score": self._score_now()}
+        before = self._state
+        self._by_hand(command_of(do.action, before, {k: v for k, v in given.items() if v is not None}))
+        if do.action == "undo":
+            self._tell(client, "info", f"Undone: {before.undo[-1].name}.")
+        elif do.action == "redo":
+            self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
+
+    def _score_now(self) -> float | None:
+        """Return the score of the proposal where it lies, if that is what is shown."""
+        picture = self._picture
+        if picture is None or picture.overlay is None or picture.document is not self._state.document:
+            return None
+        return finite(picture.overlay.score.total)
 
     def adjust_axis(self, axis: RotationAxis) -> None:
         """Take a turning axis that was set by hand; may be called from any thread."""
@@ -203,7 +221,7 @@ class Application(PageDesk):
         elif pending is None:
             self._do(Propose() if started else Start())
         elif math.isfinite(pending.score) and pending.score >= desk.auto_threshold:
-            self._do(Accept(pending.view_index))
+            self._do(Accept(pending.view_index, self._score_now()))
         else:
             self._end_auto(
                 "warning",
@@ -245,7 +263,10 @@ class Application(PageDesk):
         self._put(None, lambda: self._failed(request, text))
 
     def _answered(self, event: Event) -> None:
+        current = self._state.request is not None and self._state.request.token == event.token
         self._do(event)
+        if current and isinstance(event, Followed) and not event.holds:
+            self._tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
     def _failed(self, request: Request, text: str) -> None:
         if self._state.request != request:

@@ -178,7 +178,9 @@ KINDS: dict[str, type[Message]] = {
 }
 
 CAPTURE_ACTIONS = frozenset({"begin", "keep", "repeat", "turned", "aim", "finish"})
-SESSION_ACTIONS = frozenset({"step", "view", "accept", "reject", "undo", "redo", "cancel", "restart"})
+SESSION_ACTIONS = frozenset(
+    {"step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"}
+)
 
 
 def parse(text: str) -> Message:
@@ -238,8 +240,8 @@ def _check(message: Message) -> None:
         case Do(action=action) if action not in SESSION_ACTIONS:
             known = ", ".join(sorted(SESSION_ACTIONS))
             raise MessageError(f"Unknown action {action!r:.60}; known are {known}.")
-        case Do(action="view", view_index=None):
-            raise MessageError("Action 'view' needs a view_index.")
+        case Do(action="view" | "reopen" as action, view_index=None):
+            raise MessageError(f"Action {action!r} needs a view_index.")
         case Do(reason=str(reason)) if reason not in REJECT_REASONS:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case SetAuto(threshold=float(threshold)) if not 0 <= threshold <= 1:

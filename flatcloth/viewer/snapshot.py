@@ -11,6 +11,7 @@ import numpy as np
 from flatcloth.session import (
     Document,
     Propose,
+    Reopen,
     SessionState,
     Start,
     why_illegal,
@@ -75,6 +76,7 @@ def snapshot(
         "finished": document.finished,
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
+        "n_later": len(document.later),
         "request": None
         if state.request is None
         else {"kind": state.request.kind, "view_index": state.request.view_index},
@@ -109,6 +111,7 @@ def live_snapshot(
         "finished": None,
         "undo": None,
         "redo": None,
+        "n_later": 0,
         "request": None,
         "present_view": present,
         "angle_deg": None if present is None else angles_deg[present],
@@ -154,26 +157,43 @@ def _common(
 
 def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
     document = state.document
-    word, detail = "unused", ""
-    if index == document.start_view:
-        word = "start"
-    elif document.pending is not None and index == document.pending.view_index:
-        word = "pending"
-    else:
-        for accepted in document.accepted:
-            if accepted.view_index == index:
-                word = "fixed" if accepted.fixed else "accepted"
-        for rejected in document.rejected:
-            if rejected.view_index == index and word == "unused":
-                word, detail = "rejected", rejected.reason
+    word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
     return {
         "index": index,
         "angle_deg": angle_deg,
         "state": word,
         "detail": detail,
+        "score": score,
+        "follows": _follows(document, index),
         "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
+        "why_not_reopen": why_illegal(state, Reopen(index)),
     }
+
+
+def _verdict(document: Document, index: int) -> tuple[str, str, float | None]:
+    """Return the state of a view in a word, its reason, and the score that it was accepted with."""
+    if index == document.start_view:
+        return "start", "", None
+    if document.pending is not None and index == document.pending.view_index:
+        return "pending", document.pending.why, None
+    for accepted in document.accepted:
+        if accepted.view_index == index:
+            return "fixed" if accepted.fixed else "accepted", "", finite(accepted.score)
+    for later in document.later:
+        if later.decision.view_index == index:
+            return "later", "", finite(later.decision.score)
+    for rejected in document.rejected:
+        if rejected.view_index == index:
+            return "rejected", rejected.reason, None
+    return "skipped" if any(s.view_index == index for s in document.skipped) else "unused", "", None
+
+
+def _follows(document: Document, index: int) -> int:
+    """Return how many later views follow an accepted one if it is decided again."""
+    order = [*document.accepted, *(later.decision for later in document.later)]
+    at = next((n for n, a in enumerate(order) if a.view_index == index), None)
+    return 0 if at is None else len(order) - 1 - at
 
 
 def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | None:
@@ -190,6 +210,8 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "score": finite(pending.score if overlay is None else overlay.score.total),
         "parts": {} if overlay is None else {k: finite(float(v)) for k, v in overlay.score.parts.items()},
         "nudge": _motion(pending.nudge),
+        "why": pending.why,
+        "again": pending.again is not None,
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         **_placing(overlay),

@@ -84,6 +84,11 @@ class Program:
         """Start it anew, after it was stopped, with the same session at the same address."""
         return Program(self._arguments, self._session, int(self.url.rstrip("/").rsplit(":", 1)[1]))
 
+    def kill(self) -> None:
+        """End it as a power cut does."""
+        self._process.kill()
+        self.stop()
+
     def stop(self) -> int:
         """End it as an operator does, and return its exit status."""
         if self._process.poll() is None:
