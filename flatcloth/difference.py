@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.geometry import height_m
-from flatcloth.merging import channels, sample
+from flatcloth.merging import sample
 from flatcloth.types import Bool, FlattenedView, Float32, RotationAxis
 
 
@@ -45,7 +45,7 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
     """
     at = np.nonzero(new.valid)
     rc = np.stack(at, axis=1)
-    there = sample(channels(current), current.rc_from_uv(new.uv_from_rc(rc)))
+    there = sample(_xyz_and_color(current), current.rc_from_uv(new.uv_from_rc(rc)))
     xyz = new.xyz_m[at]
 
     def spread(values: Float32) -> Float32:
@@ -54,7 +54,12 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
         return image
 
     return Difference(
-        color=spread(np.abs(new.rgb[at] - there[:, 0:3]).mean(axis=1)),
-        height_m=spread((height_m(xyz, axis) - height_m(there[:, 3:6], axis)).astype(np.float32)),
-        distance_m=spread(np.linalg.norm(xyz - there[:, 3:6], axis=1)),
+        color=spread(np.abs(new.rgb[at] - there[:, 3:6]).mean(axis=1)),
+        height_m=spread((height_m(xyz, axis) - height_m(there[:, 0:3], axis)).astype(np.float32)),
+        distance_m=spread(np.linalg.norm(xyz - there[:, 0:3], axis=1)),
     )
+
+
+def _xyz_and_color(view: FlattenedView) -> Float32:
+    """Return (H, W, 6) float32, NaN off the cloth."""
+    return np.concatenate([view.xyz_m, view.rgb.astype(np.float32)], axis=-1)

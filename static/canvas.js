@@ -140,6 +140,11 @@ export class FlatCanvas {
     return { x: at.left + x, y: at.top + y };
   }
 
+  toPlane(x, y) {
+    const at = this.canvas.getBoundingClientRect();
+    return this.transform.toPlane(x - at.left, y - at.top);
+  }
+
   /** Move the proposal's preview; the server is told by the caller. */
   movePreview(by) {
     this.preview.theta += by.theta;

@@ -91,6 +91,11 @@ export class Comparison {
     return this.heat.shown && this.heat.shown.address.includes(`/${this.kind}.png`) ? this.kind : null;
   }
 
+  /** The name under which its difference is looked at. */
+  get looked() {
+    return `difference-${this.kind}`;
+  }
+
   /** The legend of what is looked at, if it is a difference. */
   get legend() {
     return this.mode === "difference" ? (this.legends?.[this.kind] ?? null) : null;
@@ -201,6 +206,11 @@ const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
 
 // --- both values under the pointer ---------------------------------------------------------------
 
+const COLUMNS = [
+  ["Color", "Red, green, blue; their mean absolute difference"], ["Height z", "mm along the axis"],
+  ["Z-angle", "At the present rotation, so that both can be compared"], ["x y z", "mm, held frame; the distance between both"],
+];
+
 /** Show the values of both under the pointer; `answer` without both hides them. */
 export function showBoth(answer) {
   const { shape: a, proposal: b } = answer ?? {};
@@ -212,13 +222,13 @@ export function showBoth(answer) {
   const change = (of) => (a[of] === null || b[of] === null ? null : b[of] - a[of]);
   const turn = change("z_angle_now_deg");
   const rows = [
-    ["A, shape", swatch(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
-    [`B, view ${b.view_index}`, swatch(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
+    ["A", swatch(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
+    ["B", swatch(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
     ["B − A", number(colorApart(a, b)), number(change("height_mm")), degrees(turn === null ? null : ((turn + 540) % 360) - 180),
-      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} apart`],
+      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`],
   ];
   rebuild(box, rows.map((r) => r.map(String)).concat([[a.rgb, b.rgb]]), () => [
-    make("thead", {}, make("tr", {}, make("td"), ...["Color", "Height z, mm", "Z-angle now", "x y z, mm"].map((t) => make("th", { scope: "col" }, t)))),
+    make("thead", {}, make("tr", {}, make("td"), ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", data: { tip } }, title)))),
     make("tbody", {}, ...rows.map(([name, ...cells]) => make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((c) => make("td", {}, c))))),
   ]);
 }

@@ -8,6 +8,9 @@ const KINDS = [
   ["figures.zip", "Figures", "Every map, curve and decision as PNG and SVG."],
   ["growth.gif", "Animation, GIF", "The growth of the shape, view by view."],
   ["growth.mp4", "Animation, MP4", "The same as a video."],
+  ["outline.svg", "Outline, SVG", "The outline of the shape in mm, 1:1, to print or cut."],
+  ["outline.dxf", "Outline, DXF", "The same for CAD and cutting machines."],
+  ["outline.json", "Outline, JSON", "The same as polygons in mm, to compute with."],
   ["grasps.json", "Grasp poses", "The picks with their poses, as JSON."],
 ];
 

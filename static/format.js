@@ -15,7 +15,7 @@ export const count = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 
 export const keyName = (key) =>
   ({ Escape: "Esc", Space: "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
-  key.split("+").map((part) => (part.length === 1 ? part.toUpperCase() : part)).join("+") ;
+  (key.length === 1 ? [key] : key.replace("Shift+", "⇧").split("+")).map((part) => (part.length === 1 || part.startsWith("⇧") ? part.toUpperCase() : part)).join("+");
 
 export const hex = (rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
 

@@ -8,8 +8,10 @@ import { byId, make, rebuild, setText } from "/static/dom.js";
 import { showExports } from "/static/exports.js";
 import { count, number } from "/static/format.js";
 import { LiveBar } from "/static/live.js";
+import { Looking } from "/static/look.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
 import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
+import { Ruler } from "/static/ruler.js";
 import { loadScene, startScene } from "/static/scene.js";
 import { Teaching } from "/static/teaching.js";
 import { applyTheme, toggleTheme } from "/static/theme.js";
@@ -51,6 +53,8 @@ const canvas = new FlatCanvas({
   mayDrag: () => Boolean(state?.pending),
 });
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
+const looking = page.looking = new Looking(canvas, () => state && show(state));
+const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
 const toolbar = new Toolbar(run, page);
 const liveBar = new LiveBar({ send, drawn: drawFrame });
 const teaching = new Teaching({
@@ -78,6 +82,7 @@ const connection = new Connection({
     byId("banner").hidden = false;
     setText(byId("banner"), `No connection to flatcloth. Trying again in ${number(seconds, 1)} s. If the program has ended, start it again: nothing is lost.`);
     hoverBusy = false;
+    ruler.forget();
   },
 });
 
@@ -94,11 +99,12 @@ const HANDLERS = {
     if (message.id === hoverId) showValues(message);
     askHover();
   },
+  measured: (message) => ruler.take(message),
 };
 
 function send(message) {
   const sent = connection.send(message);
-  if (!sent && message.type !== "hover") notify("warning", "There is no connection; this was not done.");
+  if (!sent && !["hover", "measure"].includes(message.type)) notify("warning", "There is no connection; this was not done.");
   return sent;
 }
 
@@ -133,6 +139,7 @@ function showLive() {
   if (!state.live.playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(state.live.playing ? [] : state.picks);
   if (liveBar.frame) markPresent(liveBar.frame.view_index);
+  looking.show(page.layer, null, (name, sign) => toolbar.button(name, sign), true);
   if (askedLayer !== page.layer) askFrame();
 }
 
@@ -175,10 +182,11 @@ function hint() {
 }
 
 function showLayer() {
-  const look = "";
-  canvas.update(state, page.layer, look);
-  comparison.update(state, look);
-  showLegend(comparison.legend ?? state.layers?.legends[page.layer]);
+  canvas.update(state, page.layer, looking.query(page.layer));
+  comparison.update(state, looking.query(comparison.looked));
+  const [looked, legend] = comparison.legend ? [comparison.looked, comparison.legend] : [page.layer, state.layers?.legends[page.layer]];
+  showLegend(looking.legend(looked, legend));
+  looking.show(looked, legend, (name, sign) => toolbar.button(name, sign), false);
   byId("empty").hidden = Boolean(state.layers);
   setText(byId("empty"), state.phase === "computing" ? "The start view is being flattened." : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.");
 }
@@ -221,7 +229,7 @@ function proposeView(view) {
 }
 
 function run(name, large = false) {
-  if (!state || teaching.takes(name)) return;
+  if (!state || teaching.takes(name) || (name === "cancel" && ruler.escape())) return;
   const action = state.actions.find((a) => a.name === name);
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
@@ -251,6 +259,16 @@ const PAGE_ACTIONS = {
   reopen: () => verdicts.reopen(state),
   next_undecided: () => verdicts.nextUndecided(state),
   least_sure: () => verdicts.leastSure(state),
+  look: () => looking.toggle(),
+  turn_left_seen: () => looking.turnBy(-1),
+  turn_right_seen: () => looking.turnBy(1),
+  flip: () => looking.flip(),
+  grid: () => {
+    looking.grid = !looking.grid;
+    canvas.redraw();
+    show(state);
+  },
+  ruler: () => ruler.toggle(),
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
@@ -344,7 +362,7 @@ function onKeyDown(event) {
   if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
   if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
   const key = keyOf(event);
-  const action = actionOf(key);
+  const action = (event.shiftKey && actionOf(`Shift+${key}`)) || actionOf(key);
   if (!action) return;
   // Space presses the button that was tabbed to.
   if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
@@ -356,7 +374,7 @@ function onKeyDown(event) {
   run(action.name, event.shiftKey);
 }
 
-const REPEATED = ["zoom_in", "zoom_out", "live_back", "live_forward"];
+const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
 
 /** What a key means now: the mode that is open comes first, and the other modes' keys stay the browser's. */
 function actionOf(key) {
@@ -394,5 +412,6 @@ window.flatcloth = {
   get differenceShown() { return comparison.shownKind; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
   toScreen: (u, v) => canvas.toScreen(u, v),
+  toPlane: (x, y) => canvas.toPlane(x, y),
   send,
 };

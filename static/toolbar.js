@@ -37,6 +37,10 @@ export class Toolbar {
       const action = actions.get(button.dataset.action);
       setAllowed(button, action.why_not, this.tip(action));
     }
+    this.setPressed("look", this.page.looking.open);
+    this.setPressed("grid", this.page.looking.grid);
+    this.setPressed("ruler", this.page.ruler.on);
+    byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.mode === "live") this.updateLive(state.live);
     else this.updateSession(state);
     for (const [name, layer] of Object.entries(LAYERS)) {
@@ -101,6 +105,7 @@ export class Toolbar {
     const quality = QUALITY.filter((name) => !live || name !== "layer_place");  // a single view has no placement
     rebuild(byId("layers"), ["layers"], () => names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)));
     rebuild(byId("quality-layers"), ["layers", live], () => quality.map((name) => this.button(name)));
+    rebuild(byId("look-tools"), ["look"], () => [this.button("look")]);
   }
 
   buildOverlay() {

@@ -82,7 +82,9 @@ def test_run_takes_a_hand_eye_transform(
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
-        ([], "give one or more of --html, --report, --figures, --animation, --grasps"),
+        ([], "give one or more of --html, --report, --figures, --animation, --grasps, --outline"),
+        (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
+        (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),
         (["--figures", "{tmp}/file"], "cannot be written there"),

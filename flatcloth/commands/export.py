@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from flatcloth.takeaway.session import OpenedSession
 
 NAME = "export"
-SUMMARY = "export a session as offline page, report, figures, animation or grasp poses"
+SUMMARY = "export a session as offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
   python app.py export result --html shirt.html --report report.html
   python app.py export result --figures figures --animation growth.gif
   python app.py export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = ("html", "report", "figures", "animation", "grasps")
+_OUTPUTS = ("html", "report", "figures", "animation", "grasps", "outline")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +36,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--animation", type=Path, metavar="FILE", help="write the growth as .gif or .mp4, by the name's end"
     )
     parser.add_argument("--grasps", type=Path, metavar="FILE", help="write the grasp poses (grasps.json)")
+    parser.add_argument(
+        "--outline",
+        type=Path,
+        metavar="FILE",
+        help="write the outline in mm as .svg, .dxf or .json (docs/exports.md)",
+    )
     add_hand_eye(parser)
     parser.add_argument(
         "--rotation",
@@ -116,6 +122,10 @@ def _write(
 
             frames = session.frames(base_from_camera, rotation_deg)
             write_text(path, grasps_text(session.growth.view, session.story.picks, frames))
+        case "outline":
+            from flatcloth.takeaway.outline import outline_text
+
+            write_text(path, outline_text(session.view, session.story.recording_name, path.suffix))
 
 
 def _rotation(text: str) -> float:

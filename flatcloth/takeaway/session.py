@@ -18,7 +18,7 @@ from flatcloth.recordings.base import fingerprint
 from flatcloth.session import Document
 from flatcloth.takeaway.growth import Growth, grow
 from flatcloth.takeaway.story import Story, read_story
-from flatcloth.types import Progress, no_progress
+from flatcloth.types import FlattenedView, Progress, no_progress
 from flatcloth.viewer.picture import present_view
 
 if TYPE_CHECKING:
@@ -40,6 +40,17 @@ class OpenedSession:
     def growth(self) -> Growth:
         """The shape and how it grew."""
         return grow(self.integration, self.story, self.progress)
+
+    @property
+    def view(self) -> FlattenedView:
+        """The shape, without how it grew.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        return self.integration.canonical(self.story.document).view
 
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None

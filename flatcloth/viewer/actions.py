@@ -182,6 +182,34 @@ ACTIONS: tuple[Action, ...] = (
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
     Action(
+        "look",
+        "Look",
+        ("Shift+l",),
+        "Turn, flip, grid, ruler, colours, contrast: for looking only, the data stay.",
+        "view",
+    ),
+    Action(
+        "turn_left_seen",
+        "Turn view ↺",
+        ("9",),
+        "Turn the flattened view for looking, counter-clockwise.",
+        "view",
+    ),
+    Action(
+        "turn_right_seen", "Turn view ↻", ("0",), "Turn the flattened view for looking, clockwise.", "view"
+    ),
+    Action(
+        "flip", "Flip", ("Shift+f",), "Exchange left and right of the flattened view for looking.", "view"
+    ),
+    Action("grid", "Grid", ("#",), "Show or hide a grid with its centimetres.", "view"),
+    Action(
+        "ruler",
+        "Ruler",
+        ("z",),
+        "Measure by dragging: flat, along the cloth, through the air; Esc clears.",
+        "view",
+    ),
+    Action(
         "follow",
         "Follow",
         ("v",),

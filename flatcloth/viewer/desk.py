@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from flatcloth.errors import FlatclothError, IllegalDecisionError
+from flatcloth.measuring import measure
 from flatcloth.types import Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.viewer import messages
 from flatcloth.viewer.picks import PickDesk, PlaceBook
-from flatcloth.viewer.picture import Picture, attributes_at
+from flatcloth.viewer.picture import Picture, attributes_at, finite
 from flatcloth.viewer.snapshot import Desk, Note
 from flatcloth.viewer.worker import Worker
 
@@ -207,8 +208,24 @@ class PageDesk(ABC):
                 self._set_follow(follow)
             case messages.Hover():
                 self._audience.tell(client, self.describe(message))
+            case messages.Measure():
+                self._audience.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
+
+    def _measured(self, asked: messages.Measure) -> dict[str, Any]:
+        if self._picture is None:
+            raise FlatclothError("Nothing is flattened yet; there is nothing to measure.")
+        ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
+        found = measure(self._picture.view, ends[0], ends[1])
+        return {
+            "type": "measured",
+            "id": asked.id,
+            "flat_mm": 1000 * found.flat_m,
+            "cloth_mm": finite(1000 * found.cloth_m),
+            "air_mm": finite(1000 * found.air_m),
+            "path_uv_m": found.path_uv_m.tolist(),
+        }
 
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:

@@ -51,6 +51,15 @@ def _figures(session: OpenedSession) -> bytes:
     return data.getvalue()
 
 
+def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
+    def make(session: OpenedSession) -> bytes:
+        from flatcloth.takeaway.outline import outline_text
+
+        return outline_text(session.view, session.story.recording_name, suffix).encode()
+
+    return make
+
+
 def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
         from flatcloth.takeaway.animation import write_animation
@@ -69,6 +78,9 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "figures.zip": ("application/zip", _figures),
     "growth.gif": ("image/gif", _animation(".gif")),
     "growth.mp4": ("video/mp4", _animation(".mp4")),
+    "outline.svg": ("image/svg+xml", _outline(".svg")),
+    "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
+    "outline.json": ("application/json", _outline(".json")),
 }
 """What can be asked for: the media type, and what makes it."""
 

@@ -58,6 +58,17 @@ class Hover:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Measure:
+    """Ask for the distance between two places of the plane; ``id`` comes back with the answer."""
+
+    id: int
+    from_u_m: float
+    from_v_m: float
+    to_u_m: float
+    to_v_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class PickAt:
     """Pick the cloth at (or nearest to) a place of the plane.
 
@@ -148,6 +159,7 @@ Message = (
     | Move
     | Choose
     | Hover
+    | Measure
     | PickAt
     | ShowPick
     | RenamePick
@@ -165,6 +177,7 @@ KINDS: dict[str, type[Message]] = {
     "move": Move,
     "choose": Choose,
     "hover": Hover,
+    "measure": Measure,
     "pick": PickAt,
     "show_pick": ShowPick,
     "rename_pick": RenamePick,

@@ -141,6 +141,7 @@ def test_the_difference_goes_through_color_height_and_position_with_legends(clot
 
 def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
     tab, at = cloth
+    stage = tab.page.locator("#stage").bounding_box()
     place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
     tab.page.mouse.move(place["x"], place["y"])
     table = tab.page.locator("#readout-both")
@@ -154,6 +155,8 @@ def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
     assert apart[1] == pytest.approx(proposal[1] - shape[1], abs=0.11)
     expect(tab.page.locator("#readout")).not_to_be_visible()
     tab.shoot("compare-values")
+    assert tab.page.locator("#stage").bounding_box() == stage  # nothing moves under the pointer
+    assert table.evaluate("t => t.offsetWidth <= t.parentElement.clientWidth")
     place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.only_shape])
     tab.page.mouse.move(place["x"], place["y"])
     expect(table).not_to_be_visible()

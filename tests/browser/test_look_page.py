@@ -1,0 +1,230 @@
+"""Looking at the flattened view: turned, flipped, measured, in other colours; the data stay as they are."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+STEP_DEG = 15
+
+
+def place(tab, along, down):
+    """A place of the plane at shares of the shape's width and height."""
+    layers = tab.state()["layers"]
+    u, v = layers["origin_uv_m"]
+    size = layers["pixel_size_m"]
+    return [u + size * along * layers["cols"], v + size * down * layers["rows"]]
+
+
+def screen(tab, uv):
+    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", uv)
+    return at["x"], at["y"]
+
+
+def cloth(tab):
+    """Two places on the cloth, well inside, by the read-out under the pointer."""
+    found = []
+    for share in range(2, 39):
+        uv = place(tab, 0.5, share / 40)
+        tab.page.mouse.move(*screen(tab, uv))
+        tab.page.wait_for_timeout(60)
+        if tab.page.locator("#readout dd").first.inner_text() != "–":
+            found.append(uv)
+    assert len(found) > 4
+    return found[1], found[-2]
+
+
+def test_a_turned_and_flipped_view_picks_and_reads_the_same_cloth(open_tab):
+    tab = open_tab().ready()
+    tab.close_viser_notice()
+    where, _ = cloth(tab)
+    tab.page.mouse.click(*screen(tab, where))
+    tab.until("flatcloth.state.picks.length === 1")
+    first = tab.pick()
+    before = screen(tab, where)
+    for _ in range(90 // STEP_DEG):
+        tab.page.keyboard.press("0")
+    tab.page.keyboard.press("Shift+F")
+    chip = tab.page.locator(".turned")
+    expect(chip).to_have_text(re.compile("turned .90°, flipped"))
+    after = screen(tab, where)
+    assert math.dist(before, after) > 20
+    tab.page.mouse.click(*after)
+    tab.until("flatcloth.state.picks.length === 2")
+    assert tab.pick()["rc"] == first["rc"]
+    assert tab.pick()["position_held_m"] == first["position_held_m"]
+    row, col = first["rc"]
+    tab.page.wait_for_selector(f"#readout dd >> text='{row}, {col}'")
+    tab.shoot("look-turned-flipped")
+    chip.click()
+    expect(chip).to_be_hidden()
+    assert screen(tab, where) == pytest.approx(before, abs=0.01)
+
+
+def test_turning_goes_both_ways_and_a_flip_exchanges_left_and_right(open_tab):
+    tab = open_tab().ready()
+    a, b = place(tab, 0.2, 0.5), place(tab, 0.8, 0.5)
+
+    def direction():
+        (x0, y0), (x1, y1) = screen(tab, a), screen(tab, b)
+        return math.degrees(math.atan2(y1 - y0, x1 - x0))
+
+    assert direction() == pytest.approx(0.0, abs=1e-6)
+    tab.page.keyboard.press("0")
+    assert direction() == pytest.approx(STEP_DEG)
+    tab.page.keyboard.press("9")
+    tab.page.keyboard.press("9")
+    assert direction() == pytest.approx(-STEP_DEG)
+    x0, y0 = screen(tab, a)
+    middle = tab.page.locator("#canvas").bounding_box()
+    tab.page.keyboard.press("Shift+F")
+    x1, y1 = screen(tab, a)
+    assert x0 + x1 == pytest.approx(2 * middle["x"] + middle["width"], abs=1.0)
+    assert y1 == pytest.approx(y0, abs=1.0)
+
+
+def test_nudges_go_where_they_are_seen_to_go(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    for _ in range(90 // STEP_DEG):
+        tab.page.keyboard.press("0")  # clockwise: the plane's u now points down, v to the left
+    tab.page.keyboard.press("ArrowDown")
+    tab.until("flatcloth.state.pending.nudge.u_mm > 0")
+    nudge = tab.state()["pending"]["nudge"]
+    assert (nudge["u_mm"], nudge["v_mm"]) == (pytest.approx(2.0), pytest.approx(0.0, abs=1e-9))
+    tab.page.keyboard.press("Shift+F")
+    tab.page.keyboard.press("]")  # clockwise as seen, so the other way round on the plane
+    tab.until("flatcloth.state.pending.nudge.theta_deg !== 0")
+    assert tab.state()["pending"]["nudge"]["theta_deg"] == pytest.approx(-1.0)
+
+
+def test_the_proposal_follows_the_pointer_on_a_turned_view(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    tab.page.keyboard.press("Shift+F")
+    for _ in range(2):
+        tab.page.keyboard.press("0")
+    overlay = tab.state()["layers"]["overlay"]
+    x, y = screen(tab, overlay["center_uv_m"])
+    canvas = tab.page.locator("#canvas")
+    for dx in range(0, 160, 6):
+        tab.page.mouse.move(x - dx, y)
+        if canvas.evaluate("c => c.style.cursor") == "move":
+            break
+    grabbed = tab.page.evaluate("([x, y]) => flatcloth.toPlane(x, y)", [x - dx, y])
+    tab.page.mouse.down()
+    tab.page.mouse.move(x - dx + 15, y + 10, steps=4)
+    tab.page.mouse.move(x - dx + 30, y + 20, steps=4)
+    tab.page.mouse.up()
+    tab.until("flatcloth.state.pending.nudge.u_mm !== 0")
+    dropped = tab.page.evaluate("([x, y]) => flatcloth.toPlane(x, y)", [x - dx + 30, y + 20])
+    nudge = tab.state()["pending"]["nudge"]
+    assert nudge["u_mm"] == pytest.approx(1000 * (dropped["u"] - grabbed["u"]), abs=0.2)
+    assert nudge["v_mm"] == pytest.approx(1000 * (dropped["v"] - grabbed["v"]), abs=0.2)
+
+
+def test_the_ruler_measures_and_escape_clears_it(open_tab):
+    tab = open_tab().ready()
+    tab.close_viser_notice()
+    tab.page.keyboard.press("#")
+    start, end = cloth(tab)
+    tab.page.keyboard.press("z")
+    tab.page.mouse.move(*screen(tab, start))
+    tab.page.mouse.down()
+    tab.page.mouse.move(*screen(tab, end), steps=6)
+    tab.page.mouse.up()
+    label = tab.page.locator(".ruler-label")
+    expect(label).to_contain_text(re.compile(r"[\d.]+ mm flat[\d.]+ mm along the cloth"))
+    flat, cloth_mm, air = map(float, re.findall(r"([\d.]+) mm", label.inner_text()))
+    assert flat == pytest.approx(1000 * math.dist(start, end), abs=3.0)  # two pixels of the screen
+    assert cloth_mm >= flat * 0.97
+    assert air <= cloth_mm + 2.0
+    tab.shoot("look-ruler")
+    assert tab.state()["picks"] == []
+    tab.page.keyboard.press("Escape")
+    expect(label).to_be_hidden()
+    tab.page.mouse.click(*screen(tab, start))
+    assert tab.state()["picks"] == []  # the ruler is still out
+    tab.page.keyboard.press("Escape")
+    tab.page.mouse.click(*screen(tab, start))
+    tab.until("flatcloth.state.picks.length === 1")
+
+
+def test_colours_and_window_change_what_is_seen_and_its_legend(open_tab):
+    tab = open_tab().ready()
+    tab.close_viser_notice()
+    tab.page.keyboard.press("2")
+    legend = tab.page.locator("#legend")
+    expect(legend).to_contain_text("Height z (mm)")
+    ramp = "r => r.style.background"
+    before = legend.locator(".ramp").evaluate(ramp)
+    top = legend.locator(".scale span").first
+    high = top.inner_text()
+    tab.page.keyboard.press("Shift+L")
+    panel = tab.page.locator("#look")
+    with tab.page.expect_response(re.compile(r"/layers/\d+/height\.png\?map=gray$")):
+        panel.locator("select").select_option("gray")
+    assert legend.locator(".ramp").evaluate(ramp) != before
+    upper = panel.get_by_label("To")
+    upper.focus()
+    with tab.page.expect_response(re.compile(r"/layers/\d+/height\.png\?map=gray&high=0\.99$")):
+        tab.page.keyboard.press("ArrowLeft")
+    assert top.inner_text() != high
+    tab.shoot("look-colours")
+    tab.page.keyboard.press("1")  # another layer is looked at as it is
+    expect(panel.get_by_label("White")).to_have_value("1")
+    tab.page.keyboard.press("2")
+    panel.get_by_role("button", name="Reset").click()
+    expect(top).to_have_text(high)
+    assert legend.locator(".ramp").evaluate(ramp) == before
+
+
+def test_the_grid_has_its_centimetres(open_tab):
+    tab = open_tab().ready()
+    off_cloth = [0.0, place(tab, 0, -0.02)[1]]  # on the line of 0 cm, above the cloth
+    drawn = """async ([u, v]) => {
+        await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+        const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
+        const at = flatcloth.toScreen(u, v), place = [at.x - box.left, at.y - box.top].map(Math.round);
+        return c.getContext("2d").getImageData(...place, 1, 1).data[3]; }"""
+    assert tab.page.evaluate(drawn, off_cloth) == 0
+    tab.page.keyboard.press("#")
+    assert tab.page.evaluate(drawn, off_cloth) > 0
+    tab.page.keyboard.press("#")
+    assert tab.page.evaluate(drawn, off_cloth) == 0
+
+
+@pytest.mark.parametrize("width", [1280, 2560])
+def test_the_panel_fits(open_tab, width):
+    tab = open_tab(width, 720 if width == 1280 else 1440, "dark").ready()
+    tab.page.keyboard.press("2")
+    tab.page.keyboard.press("Shift+L")
+    tab.page.wait_for_selector("#look-map, #look select")
+    outside = tab.page.evaluate(
+        "[...document.querySelectorAll('.tools *')].filter(e => e.offsetParent &&"
+        " e.getBoundingClientRect().right > e.closest('.tools').getBoundingClientRect().right - 4)"
+        ".map(e => e.textContent)"
+    )
+    assert outside == []
+    tab.shoot(f"look-panel-{width}")
+
+
+def test_the_outline_is_saved_from_the_page(open_tab, tmp_path):
+    tab = open_tab().ready()
+    tab.page.keyboard.press("x")
+    for name in ("svg", "dxf", "json"):
+        with tab.page.expect_download() as saved:
+            tab.page.get_by_role("button", name=f"Outline, {name.upper()}").click()
+        assert saved.value.suggested_filename == f"shirt-sleeve-clean-outline.{name}"
+        saved.value.save_as(tmp_path / f"outline.{name}")
+    outline = json.loads((tmp_path / "outline.json").read_text())
+    assert outline["area_cm2"] == pytest.approx(tab.state()["layers"]["area_cm2"], rel=0.03)
+    width = float(re.search(r'width="([\d.]+)mm"', (tmp_path / "outline.svg").read_text())[1])
+    assert width == pytest.approx(outline["size"][0] + 20, abs=0.02)
+    assert (tmp_path / "outline.dxf").read_text().endswith("EOF\n")
