@@ -121,11 +121,17 @@ def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:
     return np.stack([y * k.fy + k.cy, x * k.fx + k.cx], axis=1)
 
 
-def fit_rigid2(points_m: Floats, target_m: Floats) -> Rigid2:
-    """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target."""
+def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None) -> Rigid2:
+    """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target.
+
+    By least squares, the squares weighted by ``weight`` (N,) if it is given.
+    """
     p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
-    center, to = p.mean(axis=0), q.mean(axis=0)
+    w = np.ones((len(p), 1)) if weight is None else np.asarray(weight, dtype=np.float64)[:, None]
+    center, to = (w * p).sum(axis=0) / w.sum(), (w * q).sum(axis=0) / w.sum()
     p, q = p - center, q - to
-    theta = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
+    theta = math.atan2(
+        float((w[:, 0] * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])).sum()), float((w * p * q).sum())
+    )
     shift = to - Rigid2(theta).apply(center)
     return Rigid2(theta, float(shift[0]), float(shift[1]))

@@ -27,6 +27,7 @@ from flatcloth.paper import PAPER_CONFIG, Paper, fronts, side_of
 from flatcloth.planning import Plan
 from flatcloth.recordings.angles import MAX_VIEWS
 from flatcloth.recordings.base import Recording
+from flatcloth.repair import Reach, reach
 from flatcloth.robust import Robust
 from flatcloth.session import (
     Document,
@@ -253,6 +254,10 @@ class Integration:
         pending = document.pending
         assert pending is not None
         return self._method.score(document, pending.view_index, pending.component, pending.current_from_new)
+
+    def reach(self, document: Document) -> Reach:
+        """Return how the placement in force fits, and what refining it from there reaches."""
+        return reach(self._method, document)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
         """Do the work that a session asked for.

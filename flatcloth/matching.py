@@ -103,6 +103,13 @@ class Matcher:
         _, best = min(found, key=lambda item: item[0])
         return _disturbed(initial, best, center)
 
+    def refine(self, initial: Rigid2) -> Rigid2:
+        """Descend to the best place around one."""
+        center = self._uv.mean(axis=0)
+        share = max(float(self.disagreement([initial], 4)[0, 1]), self.config.min_overlap_share)
+        _, best = self._refine(initial, np.zeros(3), center, share)
+        return _disturbed(initial, best, center)
+
     def score(self, current_from_new: Rigid2) -> AlignmentScore:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 

@@ -153,12 +153,18 @@ class Paper:
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement, nudged or not."""
+        return self._matcher(document, view_index, component).score(motion)
+
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        """Refine a placement from where it lies, by the descent of the search."""
+        return self._matcher(document, view_index, component).refine(motion)
+
+    def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
         key = (document.start_view, document.accepted, view_index, component)
         new = self._views.part(view_index, component)
-        matcher = self._matchers.get(
+        return self._matchers.get(
             key, lambda: Matcher(self.canonical(document).view, new, self._views.axis, self._config.alignment)
         )
-        return matcher.score(motion)
 
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return where a later decision lies on the present plane: where it lay on its predecessor.

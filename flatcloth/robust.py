@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from flatcloth.agreement import Ground, Look, Part, lay, look, part_of
+from flatcloth.agreement import Ground, Look, Part, lay, look, part_of, refine
 from flatcloth.alignment import Alignment
 from flatcloth.config import Config
 from flatcloth.errors import AlignmentError, FlatclothError
@@ -345,6 +345,11 @@ class Robust:
         if component not in parts:
             return AlignmentScore(0.0, {})
         return lay(self._ground(document), parts[component], motion)
+
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        """Refine a placement from where it lies."""
+        part = self._parts(self.shape(document), view_index).get(component)
+        return motion if part is None else refine(self._ground(document), part, motion).shape_from_part
 
     def carried(self, _document: Document, later: Later) -> Rigid2:
         """Return where a later decision lies: where it lay, since the plane stays the start view's."""

@@ -12,7 +12,8 @@ const SLACK_M = 0.05;
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
 
 export class FlatCanvas {
-  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag().
+  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(),
+   * moving({theta, u, v}) while the proposal is moved, placed() when it is drawn anew.
    *
    * `scenery` paints shape and proposal, and tells where the proposal can be taken hold of. `tools`
    * are offered each press of the pointer first; one that takes it gets what follows: `press(at)`
@@ -97,7 +98,10 @@ export class FlatCanvas {
   }
 
   overlayReady(anew) {
-    if (anew) this.resetPreview();
+    if (anew) {
+      this.resetPreview();
+      this.handlers.placed();
+    }
     if (this.fitted) this.fit();
     this.redraw();
   }
@@ -150,6 +154,7 @@ export class FlatCanvas {
     this.preview.theta += by.theta;
     this.preview.u += by.u;
     this.preview.v += by.v;
+    this.handlers.moving(this.preview);
     this.redraw();
   }
 

@@ -11,6 +11,7 @@ import { LiveBar } from "/static/live.js";
 import { Looking } from "/static/look.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
 import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
+import { Repair } from "/static/repair.js";
 import { Ruler } from "/static/ruler.js";
 import { loadScene, startScene } from "/static/scene.js";
 import { Teaching } from "/static/teaching.js";
@@ -47,15 +48,25 @@ const page = {
 
 const canvas = new FlatCanvas({
   // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
-  pick: (u, v) => send({ type: "pick", u_m: u, v_m: v, ...(isLive() ? { revision: canvas.layerRevision } : {}) }),
+  pick: (u, v) => repair.takesClick(u, v) || send({ type: "pick", u_m: u, v_m: v, ...(isLive() ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(state?.pending),
+  moving: (by) => repair.ask(by),
+  placed: () => repair.moved(),
 });
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const looking = page.looking = new Looking(canvas, () => state && show(state));
 const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
 const toolbar = new Toolbar(run, page);
+const repair = new Repair(canvas, {
+  send, notify,
+  button: (name, title) => {
+    const button = toolbar.button(name, title);
+    button.dataset.tip = toolbar.tip(state.actions.find((a) => a.name === name));
+    return button;
+  },
+});
 const liveBar = new LiveBar({ send, drawn: drawFrame });
 const teaching = new Teaching({
   actions: () => state.actions, tip: (action) => toolbar.tip(action), name: () => state.recording.name,
@@ -76,6 +87,7 @@ const connection = new Connection({
     askedLayer = null;
     if (!again) return;
     forgetServerLog();
+    repair.forget();
     loadScene(true);
   },
   lost: (seconds) => {
@@ -94,6 +106,8 @@ const HANDLERS = {
     notify(message.level, message.text, message.time_s);
     if (!nudge) canvas.resetPreview(); // what was just refused may have been a move
   },
+  preview: (message) => repair.takePreview(message),
+  pairs: (message) => repair.takePairs(message),
   hover: (message) => {
     hoverBusy = false;
     if (message.id === hoverId) showValues(message);
@@ -123,6 +137,7 @@ function show(next) {
   showProgress(state.progress);
   showNotes();
   showProposal(state, send);
+  repair.update(state);
   showPick(state, copyPick, send);
   showPicks(state, send);
   showTimeline(state, chooseView);
@@ -256,6 +271,18 @@ const PAGE_ACTIONS = {
     send({ type: "auto", running: !state.auto.running });
   },
   reject_menu: () => rejectMenu.open(state.reject_reasons),
+  pairs: () => {
+    repair.toggle();
+    show(state);
+  },
+  fit_pairs: () => {
+    flushNudge();
+    repair.fitNow();
+  },
+  refine: () => {
+    flushNudge();
+    send({ type: "refine", view_index: state.pending.view_index });
+  },
   reopen: () => verdicts.reopen(state),
   next_undecided: () => verdicts.nextUndecided(state),
   least_sure: () => verdicts.leastSure(state),
@@ -411,6 +438,7 @@ window.flatcloth = {
   get layerRevision() { return canvas.layerRevision; },
   get differenceShown() { return comparison.shownKind; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
+  get pairEnds() { return repair.ends().map(({ x, y }) => [x, y]); },
   toScreen: (u, v) => canvas.toScreen(u, v),
   toPlane: (x, y) => canvas.toPlane(x, y),
   send,

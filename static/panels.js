@@ -82,12 +82,15 @@ export function showProposal(state, send) {
       make("meter", { min: 0, max: 1, value: pending.score ?? 0, "aria-label": "Score" }),
       make("strong", {}, pending.score === null ? "no score" : number(pending.score, 2)),
       make("span", {}, low ? "below Auto's limit" : "score")),
-    make("dl", { class: "values" }, ...Object.entries(pending.parts).flatMap(([name, value]) => {
+    make("details", { class: "parts", open: localStorage.getItem("flatcloth-parts") === "open", on: { toggle: (event) => localStorage.setItem("flatcloth-parts", event.target.open ? "open" : "closed") } },
+      make("summary", {}, "Parts of the score"),
+      make("dl", { class: "values" }, ...Object.entries(pending.parts).flatMap(([name, value]) => {
       const [words, unit] = unitless(name);
       return [make("dt", {}, words), make("dd", {}, value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`)];
-    }),
-    make("dt", { data: { tip: "What you have moved the proposal by: u, v on the plane, and clockwise" } }, "moved"),
-    make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`)),
+      }))),
+    make("dl", { class: "values" },
+      make("dt", { data: { tip: "What you have moved the proposal by: its centre by u, v on the plane, and clockwise" } }, "moved"),
+      make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`)),
     pending.margin === null ? null : make("p", { data: { tip: "How much more sure this place is than the second best" } },
       `Margin to the second best: ${number(pending.margin, 2)}`),
     pending.undetermined.length ? make("p", { class: "why" }, `Not determined: ${pending.undetermined.join(", ")}`) : null,

@@ -39,7 +39,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("agreement", "hypotheses", "difference", "measuring", "outline"),
     ("paper", "robust"),
-    ("following",),
+    ("following", "repair"),
     ("integration",),
     ("axis_file", "journal_lines", "journal", "export", "evaluation", "synthesis", "teaching"),
     ("pipeline", "live", "live_camera"),

@@ -20,6 +20,7 @@ from flatcloth.integration import ViewCloud
 from flatcloth.journal import Pick
 from flatcloth.live import LiveFrame
 from flatcloth.merging import Canonical
+from flatcloth.repair import Reach
 from flatcloth.session import (
     Document,
     Event,
@@ -118,6 +119,7 @@ class CylinderIntegration:
         self.at_gate = threading.Event()
         self.error: Exception | None = None
         self.answers = 0
+        self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
 
@@ -134,6 +136,9 @@ class CylinderIntegration:
             rgb=view.rgb[view.valid],
             of_interest=of_interest,
         )
+
+    def part(self, view_index: int, _component: int) -> FlattenedView:
+        return cylinder_view({view_index: self._held_angle(view_index)})
 
     def flattening(self, _view_index: int) -> Any:
         return SimpleNamespace(
@@ -175,6 +180,18 @@ class CylinderIntegration:
         return AlignmentScore(
             total=max(0.0, self.scores - 0.01 * off_mm), parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0}
         )
+
+    def reach(self, document: Document) -> Reach:
+        """Refinement takes back what the operator has moved, to a tenth of a millimetre."""
+        self.reached += 1
+        assert self.gate.wait(timeout=30), "the test never opened the gate"
+        if self.error is not None:
+            error, self.error = self.error, None
+            raise error
+        pending = document.pending
+        at_best = replace(document, pending=replace(pending, nudge=Rigid2()))
+        refined = Rigid2(0.0, 0.0001, 0.0) @ pending.proposed if pending.moved else pending.proposed
+        return Reach(score=self.score(document), refined=refined, refined_score=self.score(at_best))
 
     def proposal(self, document: Document) -> Any:
         pending = document.pending

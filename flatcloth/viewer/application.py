@@ -29,12 +29,14 @@ from flatcloth.viewer import messages
 from flatcloth.viewer.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.desk import Audience, PageDesk, Stage
 from flatcloth.viewer.picture import Picture, finite, make_picture
+from flatcloth.viewer.repair import RepairBench, fit_of, meant, told_fit, told_refined
 from flatcloth.viewer.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from flatcloth.integration import Integration
     from flatcloth.journal import SessionFolder
+    from flatcloth.repair import Reach
 
 _log = logging.getLogger(__name__)
 
@@ -68,6 +70,7 @@ class Application(PageDesk):
         self._cancel: tuple[int, threading.Event] | None = None
         self._progress_at_s = 0.0
         self._back = Worker("flatcloth-work")
+        self._repair = RepairBench(integration, audience.tell)
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -80,6 +83,7 @@ class Application(PageDesk):
         self._put(None, self._stop_work)
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
+        self._repair.stop(timeout_s=2.0)
 
     # --- the application thread --------------------------------------------------------------
 
@@ -101,10 +105,14 @@ class Application(PageDesk):
         match message:
             case messages.Do():
                 self._decide(client, message)
+            case messages.Preview():
+                self._repair.preview(client, message, self._state.document, self._center())
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                overlay = None if self._picture is None else self._picture.overlay
-                center = (0.0, 0.0) if overlay is None else center_uv_m(overlay.view)
-                self._by_hand(Nudge(view, nudge_about(center, theta, u, v)))
+                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+            case messages.Refine(view_index=view):
+                self._refine(client, view)
+            case messages.Pairs():
+                self._fit(client, message)
             case messages.Choose(view_index=view, index=index):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
@@ -129,6 +137,40 @@ class Application(PageDesk):
             self._tell(client, "info", f"Undone: {before.undo[-1].name}.")
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
+
+    def _center(self) -> tuple[float, float]:
+        """Return what a nudge turns about: the centre of the proposal."""
+        overlay = None if self._picture is None else self._picture.overlay
+        pending = self._state.document.pending
+        if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
+            return 0.0, 0.0
+        return center_uv_m(pending, overlay)
+
+    def _refine(self, client: int, view: int) -> None:
+        document = self._state.document
+        meant(document, view)
+        self._repair.refine(
+            document,
+            done=lambda found: self._put(client, lambda: self._refined(client, document, found)),
+            failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
+        )
+
+    def _refined(self, client: int, document: Document, found: Reach) -> None:
+        pending = document.pending
+        if pending is None or self._state.document is not document:
+            raise FlatclothError("The proposal was changed while it was refined; refine it again.")
+        by, text = told_refined(pending, found, self._center())
+        if by is not None:
+            self._by_hand(Nudge(pending.view_index, by, "refine"))
+        self._tell(client, "info", text)
+
+    def _fit(self, client: int, pairs: messages.Pairs) -> None:
+        pending = meant(self._state.document, pairs.view_index)
+        fit = fit_of(pending, pairs)
+        if pairs.fit:
+            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
+            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
+        self._audience.tell(client, told_fit(fit))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""

@@ -17,6 +17,12 @@ MAX_NAME_CHARS = 80
 MAX_FPS = 240.0
 
 
+MAX_PAIRS = 50
+
+Numbers = tuple[float, ...]
+Points = tuple[tuple[float, float], ...]
+
+
 class MessageError(FlatclothError):
     """A message that the page's server does not understand; names the field and what was expected."""
 
@@ -46,6 +52,34 @@ class Choose:
 
     view_index: int
     index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preview(Move):
+    """Ask how the pending view would fit if it were moved so; ``id`` comes back with the answer."""
+
+    id: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refine:
+    """Refine the pending view from where it lies."""
+
+    view_index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so.
+
+    ``weights`` one a pair. Without ``fit`` only the residuals are asked for.
+    """
+
+    view_index: int
+    new_uv_m: Points
+    shape_uv_m: Points
+    weights: Numbers
+    fit: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +192,9 @@ Message = (
     Do
     | Move
     | Choose
+    | Preview
+    | Refine
+    | Pairs
     | Hover
     | Measure
     | PickAt
@@ -176,6 +213,9 @@ KINDS: dict[str, type[Message]] = {
     "do": Do,
     "move": Move,
     "choose": Choose,
+    "preview": Preview,
+    "refine": Refine,
+    "pairs": Pairs,
     "hover": Hover,
     "measure": Measure,
     "pick": PickAt,
@@ -236,9 +276,12 @@ def _value(kind: str, name: str, hint: str, value: Any) -> Any:
     if value is None and hint.endswith("| None"):
         return None
     wanted = hint.removesuffix(" | None")
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if wanted == "float" and number and math.isfinite(value):
+    if wanted == "float" and _is_number(value):
         return float(value)
+    if wanted == "Numbers" and isinstance(value, list) and all(map(_is_number, value)):
+        return tuple(map(float, value))
+    if wanted == "Points" and isinstance(value, list) and all(map(_is_point, value)):
+        return tuple((float(u), float(v)) for u, v in value)
     if wanted == "int" and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53:
         return value
     if wanted == "str" and isinstance(value, str):
@@ -246,6 +289,14 @@ def _value(kind: str, name: str, hint: str, value: Any) -> Any:
     if wanted == "bool" and isinstance(value, bool):
         return value
     raise MessageError(f"Message {kind!r}: {name} must be of type {hint}, not {value!r:.60}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_point(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
 
 
 def _check(message: Message) -> None:
@@ -257,6 +308,8 @@ def _check(message: Message) -> None:
             raise MessageError(f"Action {action!r} needs a view_index.")
         case Do(reason=str(reason)) if reason not in REJECT_REASONS:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
+        case Pairs(weights=weights) if len(weights) > MAX_PAIRS or any(w <= 0 for w in weights):
+            raise MessageError(f"There are up to {MAX_PAIRS} pairs, and their weights are above 0.")
         case SetAuto(threshold=float(threshold)) if not 0 <= threshold <= 1:
             raise MessageError(f"The threshold of Auto lies between 0 and 1, not at {threshold:g}.")
         case Play(fps=float(fps)) if not 0 < fps <= MAX_FPS:

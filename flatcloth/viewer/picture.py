@@ -20,10 +20,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Overlay:
-    """The pending view on the plane of the shape, at the placement in force."""
+    """The pending view on the plane of the shape, at the placement in force.
+
+    ``own_center_uv_m`` is the centre of its part on its own plane: what nudges turn it about.
+    """
 
     revision: int
     view: FlattenedView
+    own_center_uv_m: tuple[float, float]
     new_points: Bool
     score: AlignmentScore
     proposal: Proposal
@@ -84,16 +88,26 @@ _overlay_revisions = itertools.count(1)
 
 
 def _overlay(integration: Integration, document: Document, before: Overlay | None) -> Overlay:
+    pending = document.pending
+    assert pending is not None
     view = integration.overlay(document)
     if before is not None and before.view is view:
         return before
     return Overlay(
         revision=next(_overlay_revisions),
         view=view,
+        own_center_uv_m=_center_uv_m(integration.part(pending.view_index, pending.component)),
         new_points=integration.new_points(document),
         score=integration.score(document),
         proposal=integration.proposal(document),
     )
+
+
+def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
+    """Return the centre of the grid on the plane."""
+    rows, cols = view.shape
+    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+    return float(u_m), float(v_m)
 
 
 def attributes_at(

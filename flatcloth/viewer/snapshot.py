@@ -10,6 +10,7 @@ import numpy as np
 
 from flatcloth.session import (
     Document,
+    Pending,
     Propose,
     Reopen,
     SessionState,
@@ -209,13 +210,22 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "proposed_score": finite(pending.score),
         "score": finite(pending.score if overlay is None else overlay.score.total),
         "parts": {} if overlay is None else {k: finite(float(v)) for k, v in overlay.score.parts.items()},
-        "nudge": _motion(pending.nudge),
+        "nudge": _motion(_about_center(pending, overlay)),
         "why": pending.why,
         "again": pending.again is not None,
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         **_placing(overlay),
     }
+
+
+def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
+    """Return a nudge as a turn about the proposal's own centre and the shift of that, as one sees it."""
+    if overlay is None:
+        return pending.nudge
+    center = pending.proposed.apply(np.array(overlay.own_center_uv_m))
+    shift = pending.nudge.apply(center) - center
+    return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
@@ -249,29 +259,35 @@ def grid(view: FlattenedView) -> dict[str, Any]:
 
 
 def _layers(picture: Picture) -> dict[str, Any]:
-    overlay = picture.overlay
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
         "area_cm2": picture.view.area_m2 * 1e4,
         "legends": picture.legends,
-        "overlay": None
-        if overlay is None
-        else {
-            "revision": overlay.revision,
-            "view_index": overlay.proposal.view_index,
-            "center_uv_m": list(center_uv_m(overlay.view)),
-            "differences": {kind: difference_legend(kind) for kind in DIFFERENCES},
-            **grid(overlay.view),
-        },
+        "overlay": _overlay(picture),
         **grid(picture.view),
     }
 
 
-def center_uv_m(view: FlattenedView) -> tuple[float, float]:
-    """Return the centre of the grid on the plane: what a nudge turns about."""
-    rows, cols = view.shape
-    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+def _overlay(picture: Picture) -> dict[str, Any] | None:
+    """Return where the proposal is drawn; ``placement`` leads there from its own plane."""
+    overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
+    if overlay is None or pending is None:
+        return None
+    at = pending.current_from_new
+    return {
+        "revision": overlay.revision,
+        "view_index": overlay.proposal.view_index,
+        "center_uv_m": list(center_uv_m(pending, overlay)),
+        "differences": {kind: difference_legend(kind) for kind in DIFFERENCES},
+        "placement": {"theta_rad": at.theta_rad, "u_m": at.u_m, "v_m": at.v_m},
+        **grid(overlay.view),
+    }
+
+
+def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
+    """Return where the centre of the proposal lies on the plane: what a nudge turns about."""
+    u_m, v_m = pending.current_from_new.apply(np.array(overlay.own_center_uv_m)).tolist()
     return float(u_m), float(v_m)
 
 
