@@ -130,6 +130,17 @@ def overlap_column(curves: ColumnCurves, side: Side, area_m2: float) -> tuple[fl
     return float(curves.u_m[order][index]), float(curves.column_mean_z_angle_deg[order][index])
 
 
+def rotation_to_limit_deg(side: Side, a_0_deg: float, config: PlanningConfig) -> float:
+    """Return A, unsigned: the rotation that brings A_0 to the limit A_w, held to what is allowed.
+
+    0 if A_0 is not known (paper, 4.1, step 4).
+    """
+    if not np.isfinite(a_0_deg):
+        return 0.0
+    rotation = config.z_angle_limit_deg - (a_0_deg if side is Side.LEFT else -a_0_deg)
+    return float(np.clip(rotation, config.rotation_min_deg, config.rotation_max_deg))
+
+
 def plan_side(
     side: Side,
     curves: ColumnCurves,
@@ -164,8 +175,7 @@ def plan_side(
     """
     u_b, a_0 = overlap_column(curves, side, config.overlap_area_m2)
     sign = 1.0 if side is Side.LEFT else -1.0
-    rotation = config.z_angle_limit_deg - sign * a_0
-    held = float(np.clip(rotation, config.rotation_min_deg, config.rotation_max_deg)) if a_0 == a_0 else 0.0
+    held = rotation_to_limit_deg(side, a_0, config)
     view: int | None = None
     if occluding_edge_m < config.occluding_edge_min_m:
         reason = f"no occluding edge is left on the {side}"

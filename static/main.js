@@ -16,6 +16,7 @@ import { Ruler } from "/static/ruler.js";
 import { loadScene, startScene } from "/static/scene.js";
 import { Teaching } from "/static/teaching.js";
 import { applyTheme, toggleTheme } from "/static/theme.js";
+import { Why } from "/static/why.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
 import { Verdicts } from "/static/verdicts.js";
 
@@ -58,6 +59,7 @@ const canvas = new FlatCanvas({
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const looking = page.looking = new Looking(canvas, () => state && show(state));
 const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
+const why = page.why = new Why(canvas, send, () => show(state));
 const toolbar = new Toolbar(run, page);
 const repair = new Repair(canvas, {
   send, notify,
@@ -198,6 +200,7 @@ function hint() {
 
 function showLayer() {
   canvas.update(state, page.layer, looking.query(page.layer));
+  why.update(state);
   comparison.update(state, looking.query(comparison.looked));
   const [looked, legend] = comparison.legend ? [comparison.looked, comparison.legend] : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
@@ -286,6 +289,7 @@ const PAGE_ACTIONS = {
   reopen: () => verdicts.reopen(state),
   next_undecided: () => verdicts.nextUndecided(state),
   least_sure: () => verdicts.leastSure(state),
+  why: () => why.toggle(),
   look: () => looking.toggle(),
   turn_left_seen: () => looking.turnBy(-1),
   turn_right_seen: () => looking.turnBy(1),
@@ -339,6 +343,7 @@ function sendMove(by) {
 }
 
 function hover(at) {
+  why.hover(at);
   hoverWanted = at;
   if (at === null) {
     hoverId += 1;
@@ -436,6 +441,7 @@ window.flatcloth = {
   get capture() { return capturePanel.status; },
   get fps() { return liveBar.fps; },
   get layerRevision() { return canvas.layerRevision; },
+  get why() { return why.status; },
   get differenceShown() { return comparison.shownKind; },
   get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
   get pairEnds() { return repair.ends().map(({ x, y }) => [x, y]); },

@@ -76,7 +76,7 @@ export function showProposal(state, send) {
   if (!pending) return;
   const view = state.views[pending.view_index];
   const low = pending.score !== null && pending.score < state.auto.threshold;
-  rebuild(byId("proposal-values"), [pending, state.auto.threshold], () => [
+  rebuild(byId("proposal-values"), [pending, state.auto.threshold, state.layers?.revision], () => [
     make("h2", {}, `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
     make("div", { class: `score${low ? " low" : ""}`, data: { tip: `Score of the present place, 0 to 1. Auto accepts from ${state.auto.threshold}.` } },
       make("meter", { min: 0, max: 1, value: pending.score ?? 0, "aria-label": "Score" }),
@@ -98,14 +98,16 @@ export function showProposal(state, send) {
       `Waiting for other views: ${pending.waiting_cm2.length} part${pending.waiting_cm2.length > 1 ? "s" : ""}, ${number(pending.waiting_cm2.reduce((a, b) => a + b, 0), 0)} cm²`) : null,
     pending.hypotheses.length > 1 ? make("div", { class: "places", role: "group", "aria-label": "Places found" },
       ...pending.hypotheses.map((h, index) => make("button", {
-        type: "button", data: { id: `place-${index}`, tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.` },
+        type: "button", "aria-label": `${SOURCES[h.source]}, score ${number(h.score, 2)}`, data: { id: `place-${index}`, tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.` },
         on: { click: () => send({ type: "choose", view_index: pending.view_index, index }) },
-      }, `${SOURCES[h.source]} ${number(h.score, 2)}`))) : null,
+      }, make("img", { src: `/hypothesis/${state.layers.revision}-${pending.view_index}/${index}.png`, alt: "", width: 108, height: 75 }),
+      make("span", {}, `${SHORT_SOURCES[h.source]} ${number(h.score, 2)}`)))) : null,
     pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
     pending.reason ? make("p", { class: "why" }, pending.reason) : null,
   ].filter(Boolean));
 }
 
+const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
 const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };
 
 // --- picks -------------------------------------------------------------------------------------

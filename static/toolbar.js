@@ -63,6 +63,7 @@ export class Toolbar {
     if (document.activeElement !== threshold) threshold.value = state.auto.threshold;
     for (const [name, mode] of Object.entries(MODES)) this.setPressed(name, mode === this.page.comparison.mode);
     this.page.comparison.showKinds(byId("difference-kinds"));
+    this.setPressed("why", this.page.why.open);
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       document.querySelector(`[data-action="${name}"]`).classList.toggle("primary", name === main && !state.auto.running);
@@ -113,11 +114,11 @@ export class Toolbar {
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       page.comparison.buttons((name, title) => this.button(name, title)),
       make("div", { id: "difference-kinds", class: "segmented", role: "group", "aria-label": "Difference", hidden: true }),
-      make("label", { class: "field" }, make("span", {}, "Opacity"),
+      make("div", { class: "field" }, this.button("why"), make("label", { class: "field" }, make("span", {}, "Opacity"),
         make("input", {
           type: "range", min: 0, max: 1, step: 0.05, value: page.comparison.opacity, data: { id: "opacity" },
           on: { input: (event) => page.setOpacity(Number(event.target.value)) },
-        })),
+        }))),
       make("label", { class: "field", data: { tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged." } },
         make("span", {}, "Arrows, [ ]"),
         make("select", { data: { id: "increment" }, on: { change: (event) => page.setIncrement(Number(event.target.value)) } },

@@ -41,7 +41,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("paper", "robust"),
     ("following", "repair"),
     ("integration",),
-    ("axis_file", "journal_lines", "journal", "export", "evaluation", "synthesis", "teaching"),
+    ("axis_file", "journal_lines", "journal", "export", "evaluation", "synthesis", "teaching", "reasons"),
     ("pipeline", "live", "live_camera"),
     ("outcome",),
     ("viewer", "takeaway", "warmup"),

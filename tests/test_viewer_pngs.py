@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import cv2
-import httpx
 import numpy as np
 import pytest
-from starlette.applications import Starlette
+from route_client import RouteClient
 from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
 from flatcloth.errors import FlatclothError
@@ -36,23 +33,7 @@ def shown():
 
 @pytest.fixture
 def client(shown):
-    return Client(PngDesk(shown, CylinderIntegration()).routes())
-
-
-class Client:
-    """Asks routes without a server; in a thread of its own, since browser tests leave a loop running here."""
-
-    def __init__(self, routes):
-        self._app = Starlette(routes=routes)
-
-    def get(self, path):
-        async def ask():
-            transport = httpx.ASGITransport(app=self._app)
-            async with httpx.AsyncClient(transport=transport, base_url="http://page") as client:
-                return await client.get(path)
-
-        with ThreadPoolExecutor(1) as thread:
-            return thread.submit(asyncio.run, ask()).result()
+    return RouteClient(PngDesk(shown, CylinderIntegration()).routes())
 
 
 def image_of(answer):

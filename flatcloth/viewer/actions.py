@@ -176,6 +176,9 @@ ACTIONS: tuple[Action, ...] = (
         "Map the difference in color; again: in height, in 3D position.",
         "proposal",
     ),
+    Action(
+        "why", "Why", ("i",), "Show why the proposal lies there: curves, lines, strained edges.", "proposal"
+    ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
     Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
     Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),

@@ -31,9 +31,12 @@ from flatcloth.viewer.desk import Audience, PageDesk, Stage
 from flatcloth.viewer.picture import Picture, finite, make_picture
 from flatcloth.viewer.repair import RepairBench, fit_of, meant, told_fit, told_refined
 from flatcloth.viewer.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.why import WhyDesk
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
     from flatcloth.integration import Integration
     from flatcloth.journal import SessionFolder
     from flatcloth.repair import Reach
@@ -71,8 +74,13 @@ class Application(PageDesk):
         self._progress_at_s = 0.0
         self._back = Worker("flatcloth-work")
         self._repair = RepairBench(integration, audience.tell)
+        self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
 
     # --- from any thread ---------------------------------------------------------------------
+
+    def routes(self) -> list[BaseRoute]:
+        """Return what the web server serves of a session."""
+        return self._why.routes()
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -117,6 +125,10 @@ class Application(PageDesk):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._publish()
+            case messages.ShowEdges(show=show):
+                self._desk = replace(self._desk, edges=show)
+                self._why.show_edges(show)
                 self._publish()
             case messages.SetAuto(running=running, threshold=threshold):
                 desk = self._desk
@@ -357,4 +369,5 @@ class Application(PageDesk):
         self._picture = picture
         self._stage.show(picture)
         self._picks.redraw(picture)
+        self._why.picture_changed()
         self._settle()

@@ -69,6 +69,9 @@ class Stage(Protocol):
     ) -> None:
         """Show the ball, the arrow and the gripper (S, 2, 3) of the current pick, or hide them."""
 
+    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
+        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+
     def visible_points(self) -> Floats:
         """Return the points (N, 3) that a ray of the eye can hit."""
 

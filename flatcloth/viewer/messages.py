@@ -163,6 +163,13 @@ class SetFollow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShowEdges:
+    """Draw the edges that the flattening strained in the 3D scene as well, or not."""
+
+    show: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class Play:
     """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
 
@@ -204,6 +211,7 @@ Message = (
     | SetGrip
     | SetAuto
     | SetFollow
+    | ShowEdges
     | Play
     | Ready
     | Capture
@@ -225,6 +233,7 @@ KINDS: dict[str, type[Message]] = {
     "grip": SetGrip,
     "auto": SetAuto,
     "follow": SetFollow,
+    "edges": ShowEdges,
     "play": Play,
     "ready": Ready,
     "capture": Capture,

@@ -96,6 +96,10 @@ class Scene:
             "/pick/gripper", np.zeros((1, 2, 3)), _PICK_COLOR,
             thickness=3.0, thickness_units="screen", visible=False,
         )  # fmt: skip
+        self._edges = server.scene.add_line_segments(
+            "/edges", np.zeros((1, 2, 3)), _PICK_COLOR,
+            thickness=3.0, thickness_units="screen", visible=False,
+        )  # fmt: skip
         self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
 
         @server.scene.on_click()
@@ -198,6 +202,16 @@ class Scene:
             self._ball.visible = there and wanted
             self._arrow.visible = pointing and wanted
             self._gripper.visible = self._filled["/pick/gripper"] and wanted
+        self._server.flush()
+
+    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
+        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+        with self._lock, self._server.atomic():
+            there = ends_m is not None and len(ends_m) > 0
+            if there:
+                lines: Any = (ends_m, colors)
+                self._edges.points, self._edges.colors = lines
+            self._edges.visible = there
         self._server.flush()
 
     def follow(self, on: bool) -> None:

@@ -51,6 +51,7 @@ class Desk:
     auto: bool = False
     auto_threshold: float = 0.75
     follow: bool = True
+    edges: bool = False
     progress: tuple[float, str] | None = None
     log: tuple[Note, ...] = field(default=())
 
@@ -149,6 +150,7 @@ def _common(
         "notes": list(integration.notes),
         "auto": {"running": desk.auto, "threshold": desk.auto_threshold},
         "follow": desk.follow,
+        "edges": desk.edges,
         "layers": None if picture is None else _layers(picture),
         "pick": _pick(picks.current, picture, places, integration.axis),
         "picks": [_listed(p, picture, places) for p in picks.picks],

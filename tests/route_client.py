@@ -1,0 +1,25 @@
+"""Asks routes without a server."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+from starlette.applications import Starlette
+
+
+class RouteClient:
+    """Asks in a thread of its own, since browser tests leave a loop running in theirs."""
+
+    def __init__(self, routes):
+        self._app = Starlette(routes=routes)
+
+    def get(self, path):
+        async def ask():
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://page") as client:
+                return await client.get(path)
+
+        with ThreadPoolExecutor(1) as thread:
+            return thread.submit(asyncio.run, ask()).result()
