@@ -1,6 +1,7 @@
 # make demo    the operator page on a bundled recording; sets everything up the first time
 # make test    linters, types and all tests, as CI runs them
 # make lint    linters and types only
+# make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
 # make clean   removes everything that make made
 #
@@ -13,7 +14,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint fuzz bench clean
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
@@ -28,11 +29,14 @@ lint: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
+	PYTHONPATH=tests $(BIN)/python -m fuzzing
+
 bench: $(VENV)/.bench $(VENV)/.warm
 	$(BIN)/python -m benchmarks
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist fuzz-failures .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find flatcloth tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/.python:

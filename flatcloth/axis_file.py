@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.errors import JournalError
+from flatcloth.plain_files import read_plain
 from flatcloth.types import Float64, RotationAxis
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def read_axis(folder: Path) -> RotationAxis | None:
     """
     path = folder / FILE
     try:
-        data = path.read_bytes()
+        data = read_plain(path)
     except FileNotFoundError:
         return None
     except OSError as error:

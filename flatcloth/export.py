@@ -6,7 +6,10 @@ import functools
 import json
 import math
 import os
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +22,8 @@ from flatcloth.errors import FlatclothError
 from flatcloth.geometry import Rigid3
 from flatcloth.grasping import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
 from flatcloth.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.plain_files import open_plain
+from flatcloth.recordings.text import shortened
 from flatcloth.types import FlattenedView, Float64, Floats, RotationAxis
 
 FORMAT = "flatcloth-flattened/1"
@@ -112,6 +117,24 @@ def export_shape(
     return [folder / name for name in files]
 
 
+_MOST_BYTES = 1_000_000_000
+_ARRAYS: dict[str, tuple[Any, ...]] = {
+    "rgb": (np.uint8, 3),
+    "xyz_m": (np.float32, 3),
+    "normal": (np.float32, 3),
+    "z_angle_deg": (np.float32,),
+    "valid": (np.bool_,),
+    "view_index": (np.int16,),
+    "source_rc": (np.float32, 2),
+    "placement_std_m": (np.float32,),
+}
+"""Type of each array of ``flattened.npz``, and its channels."""
+_MISFITS = (
+    OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, NotImplementedError,
+    RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
+)  # fmt: skip
+
+
 def read_shape(path: Path) -> FlattenedView:
     """Read ``flattened.npz`` back.
 
@@ -121,24 +144,34 @@ def read_shape(path: Path) -> FlattenedView:
         If it is missing, damaged or of another format; the message names the file.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            if str(data["format"]) != FORMAT:
-                raise FlatclothError(f"{path}: format {data['format']} is not {FORMAT}; export it again.")
-            origin = data["origin_uv_m"]
-            return FlattenedView(
-                rgb=data["rgb"],
-                xyz_m=data["xyz_m"],
-                normal=data["normal"],
-                z_angle_deg=data["z_angle_deg"],
-                valid=data["valid"],
-                view_index=data["view_index"],
-                source_rc=data["source_rc"],
-                pixel_size_m=float(data["pixel_size_m"]),
-                origin_uv_m=(float(origin[0]), float(origin[1])),
-                placement_std_m=data.get("placement_std_m"),
-            )
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise FlatclothError(f"{path}: not a flattened view ({error}); export it again.") from error
+        with open_plain(path) as file, np.load(file, allow_pickle=False) as data:
+            return _shape_of(data)
+    except _MISFITS as error:
+        cause = (
+            error.strerror if isinstance(error, OSError) and error.strerror else shortened(str(error), 120)
+        )
+        raise FlatclothError(f"{path}: not a flattened view ({cause}); export it again.") from error
+
+
+def _shape_of(data: Any) -> FlattenedView:
+    """Return the view of an archive; raises one of ``_MISFITS`` if it holds none."""
+    if sum(part.file_size for part in data.zip.infolist()) > _MOST_BYTES:
+        raise ValueError(f"it unpacks to more than {_MOST_BYTES / 1e9:g} GB")
+    if str(data["format"]) != FORMAT:
+        raise ValueError(f"its format is {shortened(str(data['format']))}, not {FORMAT}")
+    size = data["valid"].shape
+    arrays: dict[str, Any] = {}
+    for name, (dtype, *channels) in _ARRAYS.items():
+        if name in data or name != "placement_std_m":
+            arrays[name] = data[name]
+            if arrays[name].dtype != dtype or len(size) != 2 or arrays[name].shape != (*size, *channels):
+                raise ValueError(f"{name} is of another kind or size")
+    pixel_size_m, origin = float(data["pixel_size_m"]), data["origin_uv_m"]
+    if not (pixel_size_m > 0 and origin.shape == (2,) and np.isfinite([pixel_size_m, *origin]).all()):
+        raise ValueError("it has no pixel size, or no origin")
+    return FlattenedView(
+        **arrays, pixel_size_m=pixel_size_m, origin_uv_m=(float(origin[0]), float(origin[1]))
+    )
 
 
 def _write_npz(view: FlattenedView, path: Path) -> None:

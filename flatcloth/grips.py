@@ -12,6 +12,7 @@ from typing import Any
 
 from flatcloth.errors import FlatclothError
 from flatcloth.grasping import OPENING_RANGE_M, Grip
+from flatcloth.plain_files import read_plain
 
 FILE = "grips.json"
 FORMAT = "flatcloth-grips/1"
@@ -27,7 +28,7 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     """
     path = folder / FILE
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_plain(path))
         if content["format"] != FORMAT:
             raise ValueError(f"its format is not {FORMAT}")
         return {int(key): _read(value) for key, value in content["grips"].items()}

@@ -10,6 +10,7 @@ import numpy as np
 
 from flatcloth.errors import FlatclothError
 from flatcloth.geometry import Rigid3
+from flatcloth.plain_files import read_plain
 from flatcloth.types import Float64
 
 FORMAT = "flatcloth-hand-eye/1"
@@ -34,7 +35,7 @@ def read_hand_eye(path: Path) -> Rigid3:
         If the file cannot be read, is of another format, or its matrix is no rigid motion in metres.
     """
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_plain(path))
     except OSError as error:
         raise HandEyeError(f"{path}: cannot be read ({error.strerror}). Name a hand-eye file.") from error
     except (ValueError, RecursionError) as error:

@@ -302,7 +302,8 @@ class Integration:
             if folded_share <= self.config.flattening.max_folded_share:
                 return int(view)
         raise FlatteningError(
-            "No view of this recording shows enough cloth that flattens without folds; check depth and masks."
+            f"{self.recording.location}: no view shows enough cloth that flattens without folds. "
+            "Check depth and masks."
         )
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:

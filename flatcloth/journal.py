@@ -27,6 +27,7 @@ from flatcloth.axis_file import write_axis
 from flatcloth.config import Config
 from flatcloth.errors import ConfigError, IllegalDecisionError, JournalError
 from flatcloth.journal_lines import Entry, PickAdded, PickChange, PickDeleted, PickRenamed, decode, encode
+from flatcloth.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.session import Command, Event, SessionState, apply
 from flatcloth.types import Float64, Floats, RotationAxis
@@ -236,7 +237,7 @@ class SessionFolder:
         path = self._folder / "journal.jsonl"
         self._journal_fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         _sync_folder(self._folder)
-        data = path.read_bytes()
+        data = read_plain(path, MOST_JOURNAL_BYTES)
         whole = data.rfind(b"\n") + 1
         if whole < len(data):
             _log.warning("%s: the last line was cut short by a crash and is dropped.", path)
@@ -336,7 +337,7 @@ def _settle_header(folder: Path, recording: Recording, config: Config, method: s
 
 def _check_header(path: Path, recording: Recording, config: Config, method: str) -> None:
     try:
-        header = json.loads(path.read_bytes())
+        header = json.loads(read_plain(path))
         found = header["format"]
         if found != FORMAT:
             raise JournalError(f"{path}: format {found!r} is unknown, not {FORMAT}. Begin in another folder.")

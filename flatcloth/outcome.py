@@ -13,6 +13,7 @@ import numpy as np
 from flatcloth.errors import FlatclothError
 from flatcloth.integration import Integration
 from flatcloth.pipeline import Run
+from flatcloth.plain_files import read_plain
 from flatcloth.types import FlattenedView
 
 FORMAT = "flatcloth-outcome/1"
@@ -107,9 +108,9 @@ def told(outcome: dict[str, Any]) -> list[str]:
 def earlier_scores(folder: Path) -> dict[int, float]:
     """Return the scores of the report in a folder, by view; none if there is no such report."""
     try:
-        accepted = json.loads((folder / FILE).read_text())["accepted"]
+        accepted = json.loads(read_plain(folder / FILE))["accepted"]
         return {int(a["view_index"]): float(a["score"]) for a in accepted if a["score"] is not None}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return {}
 
 

@@ -67,11 +67,14 @@ def views(count: int = 3, *, interval_s: float = 1.0, info: Info | None = None) 
     return found
 
 
-def write(path: Path, messages: Sequence[Message]) -> Path:
+def write(path: Path, messages: Sequence[Message], *, packed: bool = False) -> Path:
     """Write a ``.bag``, ``.mcap``, ``.db3`` or, without a suffix, the folder of a ROS 2 recording."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".bag":
-        with Writer1(path) as bag:
+        bag = Writer1(path)
+        if packed:
+            bag.set_compression(Writer1.CompressionFormat.BZ2)
+        with bag:
             _fill(bag, messages, ros2=False)
         return path
     plugin = StoragePlugin.SQLITE3 if path.suffix == ".db3" else StoragePlugin.MCAP

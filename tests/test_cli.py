@@ -12,6 +12,7 @@ from flatcloth.cli import main
 from flatcloth.export import read_shape
 
 ROOT = Path(__file__).parents[1]
+COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize")
 SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 
 
@@ -140,3 +141,23 @@ def test_the_command_line_offers_every_method() -> None:
     from flatcloth.commands import common
 
     assert common.METHODS == integration.METHODS  # written twice, so that --help need not load the numerics
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_tells_its_options_and_examples(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    assert f"usage: flatcloth {command}" in told
+    assert f"app.py {command}" in told
+
+
+def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    told = capsys.readouterr().out
+    for command in COMMANDS:
+        assert f"\n    {command} " in told

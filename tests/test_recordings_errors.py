@@ -324,6 +324,28 @@ def test_an_image_that_announces_a_giant_is_never_decoded(
         open_recording(folder)
 
 
+def test_a_camera_of_more_pixels_than_fit_into_memory_is_refused(folder: Path) -> None:
+    content = header()
+    content["intrinsics"] |= {"width": 16384, "height": 16384, "fx": 20_000.0, "fy": 20_000.0}
+    write_header(folder, content)
+    refused(folder, "268 megapixels. At most 25 are read")
+
+
+@pytest.mark.parametrize("bomb", ["comments", "scans"])
+def test_a_jpeg_of_endless_parts_is_refused(folder: Path, bomb: str) -> None:
+    content = header()
+    content["views"][0]["color"] = "color/0.jpg"
+    write_header(folder, content)
+    path = folder / "color/0.jpg"
+    write_image(path, np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
+    open_recording(folder)[0]
+    data = path.read_bytes()
+    comments, scan = b"\xff\xfe\0\2" * 5_000_000, data[data.index(b"\xff\xda") : -2]
+    parts = (data[:2], comments, data[2:]) if bomb == "comments" else (data[:-2], scan * 100_000, data[-2:])
+    path.write_bytes(b"".join(parts))
+    refused(folder, "not a readable PNG or JPEG" if bomb == "comments" else "damaged", "color/0.jpg")
+
+
 def test_an_image_that_vanishes_after_opening_is_named(folder: Path) -> None:
     recording = open_recording(folder)
     (folder / "depth" / "1.png").unlink()

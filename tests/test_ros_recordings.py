@@ -17,6 +17,8 @@ from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message,
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.angles import GivenAngles
+from flatcloth.recordings.ros import open_ros
 
 INFO = "/camera/color/camera_info"
 
@@ -277,4 +279,5 @@ def test_without_the_library_its_installation_is_told(
 ) -> None:
     path = write(tmp_path / "take.bag", views())
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    refused(path, r"pip install 'flatcloth\[ros\]'")
+    with pytest.raises(RecordingError, match=r"pip install 'flatcloth\[ros\]'"):
+        open_ros(path, GivenAngles(step_deg=10.0))

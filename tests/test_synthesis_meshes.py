@@ -11,6 +11,7 @@ import pytest
 from garment_meshes import arc, write_glb, write_obj, write_ply
 
 from flatcloth.synthesis.errors import SynthesisError
+from flatcloth.synthesis.mesh_reader import read_with_open3d
 from flatcloth.synthesis.meshes import inside_out, read_mesh
 
 
@@ -78,8 +79,8 @@ def test_the_texture_of_an_obj_lies_beside_it(tmp_path: Path) -> None:
     ("reference", "content", "said"),
     [
         ("../other.png", b"", "leads outside its folder"),
-        ("broken.png", b"no picture", "cannot be read"),
-        ("gone.png", None, "cannot be read"),
+        ("broken.png", b"no picture", "not a readable PNG or JPEG"),
+        ("gone.png", None, "missing"),
     ],
 )
 def test_a_texture_that_cannot_be_used(
@@ -155,4 +156,4 @@ def test_open3d_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "open3d", None)
     vertices, triangles, _ = arc(columns=2, rows=2)
     with pytest.raises(SynthesisError, match="Rendering needs Open3D"):
-        read_mesh(write_ply(tmp_path / "a.ply", vertices, triangles))
+        read_with_open3d(write_ply(tmp_path / "a.ply", vertices, triangles))

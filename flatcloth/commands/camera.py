@@ -50,6 +50,7 @@ def serve_camera(options: argparse.Namespace) -> bool:
 
 def _serve(options: argparse.Namespace) -> None:
     from flatcloth import capture
+    from flatcloth.axis_file import settle_axis
     from flatcloth.cameras import open_camera
     from flatcloth.cameras.feed import CameraFeed
     from flatcloth.integration import Integration
@@ -74,6 +75,7 @@ def _serve(options: argparse.Namespace) -> None:
         )
         folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
         try:
+            settle_axis(folder.folder, integration)
             serve(
                 integration,
                 folder,

@@ -66,8 +66,9 @@ def run(options: argparse.Namespace) -> None:
 
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
     from flatcloth.recordings import open_recording
+    from flatcloth.recordings.isolated import open_realsense_isolated
     from flatcloth.recordings.realsense import is_realsense
-    from flatcloth.recordings.turned import TurnOptions, open_realsense
+    from flatcloth.recordings.turned import TurnOptions
 
     path = Path(options.source).expanduser()
     if not is_realsense(path):
@@ -82,4 +83,5 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
         "angles": options.angles,
         "turning_speed_deg_s": options.turning_speed,
     }
-    return open_realsense(path, TurnOptions(**{k: v for k, v in given.items() if v is not None}), bar.show)
+    how = TurnOptions(**{k: v for k, v in given.items() if v is not None})
+    return open_realsense_isolated(path, how, bar.show)

@@ -9,6 +9,9 @@ from typing import NoReturn
 from flatcloth.recordings.lens import COEFFICIENTS, Lens
 from flatcloth.types import Intrinsics
 
+MOST_PIXELS = 25_000_000
+"""Twice those of the largest depth camera; a view of them takes half a gigabyte to read."""
+
 Fail = Callable[[str, str], NoReturn]
 """Raises ``RecordingError``, given cause and remedy; it knows the file."""
 
@@ -34,6 +37,11 @@ def checked_intrinsics(
         Before the names in messages.
     """
     (width, height), (fx, fy), (cx, cy) = size, focal, center
+    if width * height > MOST_PIXELS:
+        fail(
+            f"{where}{width}x{height} px are {width * height / 1e6:.0f} megapixels",
+            f"At most {MOST_PIXELS / 1e6:.0f} are read: scale the images down.",
+        )
     longer = max(width, height)
     for name, value in (("fx", fx), ("fy", fy)):
         if not 0.1 * longer <= value <= 100 * longer:

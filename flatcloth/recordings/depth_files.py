@@ -6,6 +6,7 @@ As for color, an image is decoded only after its announced size was compared wit
 from __future__ import annotations
 
 import struct
+import tokenize
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.errors import RecordingError
+from flatcloth.plain_files import open_plain
 from flatcloth.recordings.images import ImageHeader, decode_raw, read_bytes, read_header
 from flatcloth.types import Float32
 
@@ -34,7 +36,7 @@ def read_depth_header(path: Path) -> ImageHeader:
         If the file is missing, not readable, damaged or of no kind that holds depth.
     """
     try:
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             start = file.read(8)
             if start[:4] in _TIFF:
                 header = _tiff_header(file, _TIFF[start[:4]])
@@ -48,7 +50,7 @@ def read_depth_header(path: Path) -> ImageHeader:
         header = read_header(path)  # says it
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    except (ValueError, struct.error, IndexError):
+    except (ValueError, struct.error, IndexError, SyntaxError, tokenize.TokenError, TypeError):
         header = None
     if header is None:
         raise RecordingError(f"{path}: truncated, damaged or of an unusual kind. Export it as 16-bit PNG.")

@@ -7,6 +7,7 @@ picture that fills the memory.
 
 from __future__ import annotations
 
+import errno
 import struct
 import zlib
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.errors import RecordingError
+from flatcloth.plain_files import open_plain, read_plain
 from flatcloth.types import Intrinsics, Uint8
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -24,6 +26,9 @@ _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 """Color type to channels after decoding; a palette (3) decodes to color."""
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 MAX_FILE_BYTES = 200_000_000
+_MOST_SEGMENTS = 2000
+_MOST_SCANS = 200
+"""A progressive JPEG has about ten; thousands of empty ones take minutes to decode."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +60,7 @@ def read_header(path: Path) -> ImageHeader:
     if not path.is_file():
         raise RecordingError(f"{path}: not a file. Name an image file instead.")
     try:
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             start = file.read(33)
             if start.startswith(_PNG_SIGNATURE):
                 header = _png_header(start)
@@ -82,7 +87,7 @@ def _png_header(start: bytes) -> ImageHeader | None:
 
 
 def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
-    while True:
+    for _ in range(_MOST_SEGMENTS):
         marker = file.read(2)
         if len(marker) < 2 or marker[0] != 0xFF:
             return None
@@ -99,6 +104,7 @@ def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
             bits, height, width, channels = struct.unpack(">BHHB", frame)
             return ImageHeader(kind="jpeg", width=width, height=height, channels=channels, bits=bits)
         file.seek(length - 2, 1)
+    return None
 
 
 def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
@@ -169,10 +175,10 @@ def read_bytes(path: Path) -> bytes:
         If it cannot be read, or is larger than any image.
     """
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise RecordingError(f"{path}: larger than {MAX_FILE_BYTES // 10**6} MB. Export it again.")
-        return path.read_bytes()
+        return read_plain(path, MAX_FILE_BYTES)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise RecordingError(f"{path}: {error.strerror}. Export it again.") from error
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}). Check that it still exists and its permissions."
         ) from error
@@ -196,7 +202,7 @@ def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.ui
 
 def _is_whole(data: bytes) -> bool:
     if data.startswith(b"\xff\xd8"):
-        return b"\xff\xd9" in data[-1024:]
+        return b"\xff\xd9" in data[-1024:] and data.count(b"\xff\xda") <= _MOST_SCANS
     if not data.startswith(_PNG_SIGNATURE):
         return True  # a TIFF: the places of its pixels were compared with its length
     position = len(_PNG_SIGNATURE)

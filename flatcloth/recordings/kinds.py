@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from flatcloth.plain_files import open_plain
 from flatcloth.recordings.angles import GivenAngles
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.manifest import HEADER
@@ -70,26 +71,27 @@ def _is_realsense(path: Path) -> bool:
 
 
 def _open_realsense(path: Path, angles: GivenAngles) -> Recording:
-    from flatcloth.recordings.turned import TurnOptions, open_realsense
+    from flatcloth.recordings.isolated import open_realsense_isolated
+    from flatcloth.recordings.turned import TurnOptions
 
     options = TurnOptions(angles=angles.table)
     if angles.step_deg is not None:
         options = replace(options, step_deg=angles.step_deg)
-    return open_realsense(path, options)
+    return open_realsense_isolated(path, options)
 
 
 def _is_ros(path: Path) -> bool:
     if path.is_dir():
-        with contextlib.suppress(OSError), (path / "metadata.yaml").open("rb") as file:
+        with contextlib.suppress(OSError), open_plain(path / "metadata.yaml") as file:
             return b"rosbag2_bagfile_information" in file.read(65_536)
         return False
     return _first_bytes(path).startswith((_BAG, _MCAP, _SQLITE))
 
 
 def _open_ros(path: Path, angles: GivenAngles) -> Recording:
-    from flatcloth.recordings.ros import open_ros
+    from flatcloth.recordings.isolated import open_ros_isolated
 
-    return open_ros(path, angles)
+    return open_ros_isolated(path, angles)
 
 
 KINDS = (
@@ -104,7 +106,7 @@ KINDS = (
 
 def _first_bytes(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             return file.read(16)
     except OSError:  # a folder, or not readable: whoever opens it says so
         return b""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flatcloth.errors import RecordingError
+from flatcloth.plain_files import read_plain
 from flatcloth.recordings.text import shortened
-
-MAX_LIST_BYTES = 16_000_000
 
 
 def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
@@ -61,12 +61,10 @@ def read_text(path: Path) -> str:
     try:
         if not path.is_file():
             raise RecordingError(f"{path}: missing, or not a file. Restore it.")
-        with path.open("rb") as file:
-            data = file.read(MAX_LIST_BYTES + 1)
+        data = read_plain(path)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    if len(data) > MAX_LIST_BYTES:
-        raise RecordingError(f"{path}: larger than {MAX_LIST_BYTES // 10**6} MB. Split the recording.")
+        remedy = "Split the recording." if error.errno == errno.EFBIG else "Check its permissions."
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}). {remedy}") from error
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.errors import RecordingError
+from flatcloth.plain_files import open_plain
 from flatcloth.recordings.realsense_frames import ALIGNMENTS, FrameFilter, Uint16, apart_s
 from flatcloth.recordings.realsense_library import load_realsense
 from flatcloth.types import Uint8
@@ -47,7 +48,7 @@ def is_realsense(path: Path) -> bool:
     A file that is no bag at all but is named like one counts, so that it is told what is wrong with it.
     """
     try:
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             start = file.read(_SCANNED_BYTES)
             if start.startswith(_ROSBAG):
                 file.seek(max(0, path.stat().st_size - _SCANNED_BYTES))
@@ -192,7 +193,7 @@ def _check_file(path: Path) -> None:
             raise RecordingError(f"{path}: no such file. Give a RealSense recording, .db3 or .bag.")
         if not path.is_file():
             raise RecordingError(f"{path}: a folder, not a file. Give the .db3 or .bag file itself.")
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             start = file.read(16)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error

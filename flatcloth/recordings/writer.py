@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.errors import RecordingError
+from flatcloth.plain_files import read_plain
 from flatcloth.recordings.folder import FolderRecording
 from flatcloth.recordings.manifest import FORMAT, HEADER, MAX_VIEWS
 from flatcloth.types import Bool, Intrinsics, RotationAxis, Uint8
@@ -227,7 +228,7 @@ class RecordingWriter:
 
     def _take_up(self, path: Path) -> None:
         try:
-            header = json.loads(path.read_bytes())
+            header = json.loads(read_plain(path))
             views = header.pop("views")
             camera, own = header["intrinsics"], self._header["intrinsics"]
             same = header["format"] == FORMAT and math.isclose(

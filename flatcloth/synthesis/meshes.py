@@ -10,15 +10,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from flatcloth.child import Child, ChildError, ChildLostError
+from flatcloth.errors import RecordingError
+from flatcloth.plain_files import open_plain, read_plain
+from flatcloth.recordings.images import decode_color, read_header
+from flatcloth.recordings.text import shortened
 from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.synthesis.native import load_open3d
 from flatcloth.types import Float64, Int32, Uint8
 
 SUFFIXES = (".obj", ".ply", ".glb")
 _MOST_TRIANGLES = 2_000_000
+_MOST_LINES = 4 * _MOST_TRIANGLES
+_MOST_LINE_BYTES = 100_000
+_MOST_TEXTURE_PIXELS = 8192**2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +60,7 @@ def read_mesh(path: Path) -> GarmentMesh:
         raise SynthesisError(f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}.")
     if not path.is_file():
         raise SynthesisError(f"{path}: no such file. Name a mesh file ({', '.join(SUFFIXES)}).")
-    mesh = _ObjReader(path).mesh() if suffix == ".obj" else _read_with_open3d(path)
+    mesh = _ObjReader(path).mesh() if suffix == ".obj" else _read_in_child(path)
     return _checked(mesh, path)
 
 
@@ -116,9 +122,10 @@ class _ObjReader:
         self._libraries: list[str] = []
 
     def mesh(self) -> GarmentMesh:
-        group, material = "", ""
-        for number, (key, words) in enumerate(self._lines(), start=1):
-            try:
+        group, material, number = "", "", 0
+        try:
+            for key, words in self._lines():
+                number += 1
                 if key == "v":
                     self._vertices.append(tuple(map(float, words[:6])))
                     if len(words) < 3:
@@ -133,20 +140,27 @@ class _ObjReader:
                     material = " ".join(words)
                 elif key == "mtllib":
                     self._libraries.append(" ".join(words))
-            except (ValueError, IndexError) as error:
-                raise SynthesisError(
-                    f"{self._path}: line {number} is not valid OBJ ({error}). Export the mesh again."
-                ) from error
+        except (ValueError, IndexError) as error:
+            raise SynthesisError(
+                f"{self._path}: line {max(number, 1)} is not valid OBJ ({shortened(str(error), 120)}). "
+                "Export the mesh again."
+            ) from error
         return self._assembled()
 
     def _lines(self) -> Iterator[tuple[str, list[str]]]:
         try:
-            with self._path.open(encoding="utf-8", errors="replace") as file:
-                for line in file:
-                    key, *words = line.split() or ("",)
+            with open_plain(self._path) as file:
+                for number, line in enumerate(iter(lambda: file.readline(_MOST_LINE_BYTES), b"")):
+                    if len(line) == _MOST_LINE_BYTES:
+                        raise ValueError(f"it is longer than {_MOST_LINE_BYTES} characters")
+                    if number == _MOST_LINES:
+                        raise ValueError(f"at most {_MOST_LINES} lines are read: decimate the mesh")
+                    key, *words = line.decode("utf-8", errors="replace").split() or ("",)
                     yield key, words
         except OSError as error:
-            raise SynthesisError(f"{self._path}: cannot be read ({error.strerror}).") from error
+            raise SynthesisError(
+                f"{self._path}: cannot be read ({error.strerror}). Name a mesh file."
+            ) from error
 
     def _face(self, words: list[str], group: str, material: str) -> None:
         corners = [word.split("/") for word in words]
@@ -175,7 +189,7 @@ class _ObjReader:
         rgb = None
         if self._vertices and all(len(v) == 6 for v in self._vertices):
             level = np.array([v[3:] for v in self._vertices])
-            rgb = np.clip(level * (255 if level.max() <= 1 else 1), 0, 255).astype(np.uint8)
+            rgb = np.clip(np.nan_to_num(level) * (255 if level.max() <= 1 else 1), 0, 255).astype(np.uint8)
         images, image_of_material = self._images()
         return GarmentMesh(
             vertices=np.array([v[:3] for v in self._vertices], dtype=np.float64).reshape(-1, 3),
@@ -191,7 +205,7 @@ class _ObjReader:
     def _images(self) -> tuple[tuple[Uint8, ...], Int32]:
         """Read the color images of the materials in use; -1 for a material without one."""
         files: dict[str, Path] = {}
-        folder = self._path.parent.resolve()
+        folder, name = self._path.parent.resolve(), ""
         for library in self._libraries:
             for key, *words in _words_of(_inside(folder, library, self._path)):
                 if key == "newmtl":
@@ -202,68 +216,58 @@ class _ObjReader:
         place = np.full(max(len(self._materials), 1), -1, dtype=np.int32)
         for name, index in self._materials.items():
             if name in files:
-                bgr = cv2.imread(str(files[name]), cv2.IMREAD_COLOR)
-                if bgr is None:
-                    raise SynthesisError(
-                        f"{files[name]}: the texture cannot be read. Put it beside the mesh, "
-                        "or choose a generated pattern with --texture."
-                    )
                 place[index] = len(images)
-                images.append(np.ascontiguousarray(bgr[..., ::-1]).astype(np.uint8))
+                images.append(_texture(files[name]))
         return tuple(images), place
 
 
 def _words_of(path: Path) -> list[list[str]]:
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_plain(path).decode("utf-8", errors="replace")
     except OSError:
         return []  # a missing material library only costs the colors
     return [line.split() for line in text.splitlines() if line.split()]
 
 
 def _inside(folder: Path, name: str, mesh: Path) -> Path:
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder):
-        raise SynthesisError(f"{mesh}: {name!r} leads outside its folder. Copy the file beside the mesh.")
+    try:
+        path = (folder / name).resolve()
+    except (OSError, RuntimeError, ValueError):  # a loop of links, or no name at all
+        path = None
+    if path is None or not path.is_relative_to(folder) or not name.isprintable():
+        raise SynthesisError(
+            f"{mesh}: {shortened(name)} leads outside its folder, or nowhere. Copy the file beside the mesh."
+        )
     return path
 
 
-def _read_with_open3d(path: Path) -> GarmentMesh:
-    o3d = load_open3d()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        read = o3d.io.read_triangle_mesh(str(path))
-    vertices, triangles = np.asarray(read.vertices).copy(), np.asarray(read.triangles, dtype=np.int32)
-    if len(triangles) == 0:
-        raise SynthesisError(f"{path}: damaged, or has no triangles. Export the surface again.")
-    rgb = None
-    if read.has_vertex_colors():
-        rgb = np.clip(np.asarray(read.vertex_colors) * 255, 0, 255).astype(np.uint8)
-    uv = np.asarray(read.triangle_uvs).reshape(-1, 3, 2).copy() if read.has_triangle_uvs() else None
-    images: list[Uint8] = []
-    image = np.full(len(triangles), -1, dtype=np.int32)
-    materials = np.asarray(read.triangle_material_ids)
-    for n, texture in enumerate(read.textures):
-        pixels = np.asarray(texture)
-        if not texture.is_empty() and pixels.dtype == np.uint8 and pixels.ndim == 3:
-            image[materials == n if len(materials) == len(triangles) else slice(None)] = len(images)
-            # Open3D turns the images of such a mesh upside down.
-            images.append(np.ascontiguousarray(pixels[::-1, :, :3]))
-    vertices, triangles, rgb = _welded(vertices, triangles, rgb)
+def _texture(path: Path) -> Uint8:
+    try:
+        header = read_header(path)
+        if header.width * header.height > _MOST_TEXTURE_PIXELS:
+            raise RecordingError(f"{path}: {header.width}x{header.height} px. Make it smaller.")
+        return decode_color(path)
+    except RecordingError as error:
+        raise SynthesisError(
+            f"{error} It is the mesh's texture; or choose a generated pattern with --texture."
+        ) from error
+
+
+def _read_in_child(path: Path) -> GarmentMesh:
+    try:
+        found = Child("flatcloth.synthesis.mesh_reader", path).ask({"path": str(path)}).arrays
+    except ChildError as error:
+        raise SynthesisError(str(error)) from error
+    except ChildLostError as error:
+        raise SynthesisError(f"{path}: damaged: its reader {error}. Export the surface again.") from error
+    count = sum(name.startswith("image") for name in found) - 1
     return GarmentMesh(
-        vertices=vertices,
-        triangles=triangles,
-        group=np.zeros(len(triangles), dtype=np.int32),
+        vertices=found["vertices"],
+        triangles=found["triangles"],
+        group=np.zeros(len(found["triangles"]), dtype=np.int32),
         group_names=("",),
-        corner_uv=uv,
-        vertex_rgb=rgb,
-        images=tuple(images) if uv is not None else (),
-        image=image if images and uv is not None else None,
+        corner_uv=found.get("uv"),
+        vertex_rgb=found.get("rgb"),
+        images=tuple(found[f"image{n}"] for n in range(count)),
+        image=found.get("image"),
     )
-
-
-def _welded(vertices: Float64, triangles: Int32, rgb: Uint8 | None) -> tuple[Float64, Int32, Uint8 | None]:
-    """Make vertices one that a file doubles along texture seams."""
-    grain = 1e-6 * max(float(np.ptp(vertices, axis=0).max()), 1e-12)
-    _, first, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)
-    merged = place.reshape(-1)[triangles].astype(np.int32)
-    return vertices[first], merged, None if rgb is None else rgb[first]

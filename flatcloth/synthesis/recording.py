@@ -149,7 +149,9 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
             progress(n / len(angles), f"view {n + 1} of {len(angles)}")
             view = scene.view(request.camera, pose)
             if not view.depth_m.any():
-                raise SynthesisError(f"View {n} shows nothing of the mesh. Choose another --distance.")
+                raise SynthesisError(
+                    f"{request.mesh}: view {n} shows nothing of it. Choose another --distance or --scale."
+                )
             depth, rgb = measure(view, np.random.default_rng([request.seed, 2, n]))
             mask = (view.panel == of_interest) & view.outer & (depth > 0)
             writer.add(angle, rgb, depth, mask, view.truth_bgr())

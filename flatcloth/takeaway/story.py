@@ -17,6 +17,7 @@ from flatcloth.grasping import Grip
 from flatcloth.grips import read_grips
 from flatcloth.journal import FORMAT, Pick
 from flatcloth.journal_lines import Entry, PickAdded, PickDeleted, PickRenamed, decode
+from flatcloth.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.session import (
     Accept,
     Document,
@@ -208,7 +209,7 @@ def read_story(folder: Path) -> Story:
 def _header(folder: Path) -> dict[str, Any]:
     path = folder / "session.json"
     try:
-        header = json.loads(path.read_bytes())
+        header = json.loads(read_plain(path))
     except FileNotFoundError as error:
         raise JournalError(
             f"{folder}: is no session folder, it has no session.json. Name the folder of --out or --session."
@@ -225,7 +226,7 @@ def _header(folder: Path) -> dict[str, Any]:
 
 def _replay(path: Path, n_views: int) -> _Replay:
     try:
-        data = path.read_bytes()
+        data = read_plain(path, MOST_JOURNAL_BYTES)
     except FileNotFoundError:
         data = b""
     except OSError as error:

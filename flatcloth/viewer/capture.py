@@ -49,6 +49,17 @@ LOOK_INTERVAL_S = 0.5
 REFRAME_M = 0.15
 """An item that hangs this far from where the 3D view was framed is framed anew."""
 
+_NO_FRAMES = "This is a camera: there are no frames to go to."
+_NO_RECORDING = "A camera shows one moment; open what was captured with view."
+_NOT_WITH_A_CAMERA = {
+    "live_back": _NO_FRAMES,
+    "live_forward": _NO_FRAMES,
+    "live_turn": _NO_FRAMES,
+    "teach": _NO_RECORDING,
+    "export": _NO_RECORDING,
+}
+"""Why the actions that need a whole recording are not allowed here."""
+
 _NOT_BEGUN = "No capture has begun; begin one first."
 
 
@@ -180,7 +191,7 @@ class CaptureApplication(LiveApplication):
                 self.act(action, angle_deg)
                 self._publish()
             case messages.Play() if message.frame is not None or message.step is not None:
-                raise IllegalDecisionError("This is a camera: there are no frames to go to.")
+                raise IllegalDecisionError(_NO_FRAMES)
             case _:
                 super()._take(client, message)
 
@@ -301,6 +312,8 @@ class CaptureApplication(LiveApplication):
         for action in state["actions"]:
             if action["mode"] == "capture":
                 action["why_not"] = status["why_not"][action["name"]]
+            else:
+                action["why_not"] = _NOT_WITH_A_CAMERA.get(action["name"], action["why_not"])
         return state
 
     def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
