@@ -173,12 +173,20 @@ class JointConfig:
     """A pixel at the rim of the surface is placed worse by this, fading over a few pixels."""
     robust_std: float = 3.0
     """A pair that is off by this many standard deviations counts a quarter."""
-    quiet_std: float = 1.1
-    """A view whose best pair is at most so many times ``pair_std_m`` off has no noise to speak of."""
+    smooth_cos: float = 0.95
+    """A pair whose normals differ by more than this angle crosses a crease, or two layers: ..."""
+    creased_evidence: float = 0.25
+    """... it tells this much less of its ends being one piece of cloth."""
     large_part: int = 40
     """Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
-    least_trust: float = 4.0
-    """... so many pairs without noise, or more with."""
+    least_evidence: float = 2.0
+    """... so many smooth pairs without noise, or more with."""
+    bent_deg: tuple[float, float] = (2.0, 8.0)
+    """Normals of a pair that differ by more than this (without, with noise) tell how it is bent."""
+    strip_width: float = 3.0
+    """Cloth narrower than so many typical pairs is a strip: directions hold it, not lengths alone."""
+    direction_weight: float = 0.5
+    """What the direction of a pair counts there, beside its length."""
     outgrown: float = 1.3
     """Another piece that has so many times the nodes of the main one becomes the main one."""
     arap_steps: int = 8
@@ -191,16 +199,16 @@ class JointConfig:
 class UncertaintyConfig:
     """How sure each place of the joint shape is (method ``robust``)."""
 
-    strain: float = 0.007
+    strain: float = 0.006
     """Standard deviation of the strain that the flattening cannot know."""
-    turn_rad: float = 0.10
-    """Standard deviation of the direction in which a node sees its neighbours."""
     extent_m: float = 0.04
-    """Over this extent strain and turn are alike."""
-    bending: float = 0.02
-    """How firmly those directions hold what no lengths hold, relative to the lengths."""
+    """Over this extent strain is alike."""
+    held_reach_m: float = 0.2
+    """So far below the held point strain is twice as much, and inversely nearer and farther."""
     noise_share: float = 1.0
     """Independent error of each pair, in its standard deviations."""
+    strip_noise_m: float = 0.002
+    """Strips are folded and seen aslant: each of their pairs is off by this besides."""
     least_m: float = 0.0005
     """No place is surer than this."""
     draws: int = 24
@@ -208,6 +216,8 @@ class UncertaintyConfig:
     """Waves of which the random strain fields are made."""
     firm_m: float = 0.010
     """A place is firm if its standard deviation is at most this."""
+    most_std_m: float = 0.040
+    """A part of which half is less sure than this floats: nothing determines its place."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,14 +14,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from flatcloth.config import FlatteningConfig, JointConfig
 from flatcloth.connection import hanging_together
 from flatcloth.geometry import Rigid3, fit_rigid2
+from flatcloth.hinges import Hinged, swung
 from flatcloth.minimisation import minimise
 from flatcloth.sightings import Complex128, Nodes, Recognised, Sighting, averaged, no_nodes, recognise, sight
+from flatcloth.sparse import laplacian_factor
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32
 
@@ -189,12 +191,20 @@ def reposed(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointSha
     return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
 
 
-def floating_pieces(shape: JointShape) -> list[Float64]:
-    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere."""
-    return [
-        np.where((shape.piece == n)[:, None], shape.all_uv_m, np.nan)
-        for n in range(1, int(shape.piece.max(initial=0)) + 1)
-    ]
+def floating_pieces(shape: JointShape, loose: Bool | None = None) -> list[Float64]:
+    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
+
+    What of the main piece is ``loose`` (N,) floats too, each connected part of it as a piece.
+    """
+    pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
+    if loose is not None and loose.any():
+        inside = shape.links.edges[loose[shape.links.edges].all(axis=1)]
+        graph = coo_matrix((np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(loose),) * 2)
+        label = np.where(loose, connected_components(graph, directed=False)[1], -1)
+        sizes = np.bincount(label[loose])
+        pieces += [label == n for n in np.flatnonzero(sizes >= _LEAST_PIECE)]
+    pieces.sort(key=lambda own: -int(own.sum()))
+    return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
 def _solved(shape: JointShape, config: JointConfig) -> JointShape:
@@ -274,12 +284,10 @@ def _anchored(shape: JointShape) -> JointShape:
 
 def _hanging(shape: JointShape, config: JointConfig) -> Int32:
     """Return which piece of cloth each node (N,) belongs to."""
-    links = shape.links
-    # Without noise no pair within a view was ever found wrong; with it, ramps and contacts mislead.
-    least = np.array([s.edge_std_m.min(initial=np.inf) for s in shape.sightings])
-    quiet = (least <= config.quiet_std * config.pair_std_m)[links.sighting]
-    trust = shape.weight * np.where(quiet, 1.0, np.power(config.pair_std_m / links.std_m, 4))
-    return hanging_together(len(shape.nodes), links.edges, trust, config.large_part, config.least_trust)
+    evidence = np.concatenate([s.edge_evidence for s in shape.sightings])
+    return hanging_together(
+        len(shape.nodes), shape.links.edges, shape.weight * evidence, config.large_part, config.least_evidence
+    )
 
 
 def _links(sightings: tuple[Sighting, ...]) -> Links:
@@ -377,8 +385,16 @@ def _minimised(
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
         weight = _robust_weight(residual / std, config.robust_std)
+    sheet = Hinged(
+        edges=edges,
+        member=links.member[inside],
+        n_members=links.n_members,
+        length_m=length,
+        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+        offset=links.offset[inside],
+    )
     uv = np.full((len(z), 2), np.nan)
-    uv[own] = x
+    uv[own] = swung(x, sheet, config)
     return uv, weight
 
 
@@ -387,20 +403,6 @@ def _robust_weight(normed: Float64, robust_std: float) -> Float64:
     scale = robust_std * max(1.0, 1.48 * float(np.median(np.abs(normed))))
     weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
     return weight
-
-
-def laplacian_factor(n: int, edges: Int32, weight: Float64) -> SuperLU:
-    """Factor the graph Laplacian; a trace of the identity makes it definite."""
-    i, j = edges[:, 0], edges[:, 1]
-    rows, cols = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
-    values = np.concatenate([weight, weight, -weight, -weight])
-    matrix = coo_matrix((values, (rows, cols)), shape=(n, n)).tocsc()
-    return factor(matrix + csc_matrix((np.full(n, 1e-6), (range(n), range(n))), shape=(n, n)))
-
-
-def factor(matrix: csc_matrix) -> SuperLU:
-    """Factor a sparse symmetric positive definite matrix."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _relaxed(

@@ -42,7 +42,7 @@ from flatcloth.session import Accepted, Document, Later, Side
 from flatcloth.sightings import Recognised, recognise
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
-from flatcloth.uncertainty import placement_std_m, with_placement_std
+from flatcloth.uncertainty import placement_std_m, undetermined, with_placement_std
 
 
 class Views(Protocol):
@@ -192,12 +192,13 @@ class Robust:
         surfaces, c = self.surfaces(shape), self._config
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
-        view = draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint)
-        view = with_placement_std(view, shape, placement_std_m(shape, c.uncertainty))
-        pieces = [
+        std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
+        loose = undetermined(shape, std, c.uncertainty, c.joint)
+        sure, *pieces = [
             draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint, uv_m=uv)
-            for uv in floating_pieces(shape)
+            for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
         ]
+        view = with_placement_std(sure, shape, np.where(loose, np.nan, std))
         least = c.surface.min_component_area_m2
         return Canonical(
             view=view,

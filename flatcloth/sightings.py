@@ -43,7 +43,8 @@ class Sighting:
     ``node`` (K,) int32 their numbers; ``rc`` (K, 2) where the view's (cropped) image shows them;
     ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) those that
     this view added. ``edges`` (M, 2) int32 index into these K; ``edge_length_m`` (M,) along the
-    surface, ``edge_std_m`` (M,) how far that may be off; ``offset`` (M, 2) complex, the other end
+    surface, ``edge_std_m`` (M,) how far that may be off; ``edge_evidence`` (M,) from 0 to 1, how far
+    a pair alone shows that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
     as each end sees it: in its tangent plane, right and down the image.
     """
 
@@ -57,6 +58,7 @@ class Sighting:
     edges: Int32
     edge_length_m: Float64
     edge_std_m: Float64
+    edge_evidence: Float64
     offset: Complex128
 
 
@@ -154,6 +156,8 @@ def sight(
     is_new = node < 0
     node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
     edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface, flattening, config)
+    smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= config.smooth_cos
+    evidence = np.square(config.pair_std_m / std) * np.where(smooth, 1.0, config.creased_evidence)
     sighting = Sighting(
         view_index=surface.frame.view_index,
         node=node,
@@ -165,6 +169,7 @@ def sight(
         edges=edges,
         edge_length_m=length,
         edge_std_m=std,
+        edge_evidence=evidence,
         offset=offset,
     )
     return averaged(nodes, sighting, held_from_camera), sighting
@@ -225,15 +230,37 @@ def _pairs(
     steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
     noise = surface.noise_m * (config.frontal_noise + config.steep_noise * steepness[edges].mean(axis=1))
     std = np.hypot(config.pair_std_m, noise)
-    right, down = tangent_basis(normal)
+    return edges, length, std, _offsets(edges, points, normal, length, config.bent_deg[int(surface.noisy)])
+
+
+def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, bent_deg: float) -> Complex128:
+    """Return where the other end of each pair lies (M, 2) as each end sees it, in its tangent plane.
+
+    Cloth between two normals that differ by more than ``bent_deg`` is unrolled as a cylinder: what
+    lies along its rulings stays, what lies across them is as long as the arc. Cloth that is bent
+    less has no ruling to speak of; there the chord is turned into the tangent plane.
+    """
     chord = points[edges[:, 1]] - points[edges[:, 0]]
+    ruling = np.cross(normal[edges[:, 0]], normal[edges[:, 1]])
+    sine = np.linalg.norm(ruling, axis=1)
+    ruling /= np.maximum(sine, 1e-12)[:, None]
+    along = (chord * ruling).sum(axis=1)[:, None] * ruling
+    half = 0.5 * np.arcsin(np.clip(sine, 0.0, 1.0))
+    arc = np.linalg.norm(chord - along, axis=1) * half / np.maximum(np.sin(half), 1e-12)
+    bent = np.square(2.0 * half / np.radians(bent_deg))
+    bent = (bent / (1.0 + bent))[:, None]
+    right, down = tangent_basis(normal)
     offset = np.empty((len(edges), 2), dtype=np.complex128)
     for end in (0, 1):
         at = edges[:, end]
-        offset[:, end] = (chord * right[at]).sum(axis=1) + 1j * (chord * down[at]).sum(axis=1)
-    size = np.abs(offset)
-    offset *= length[:, None] / np.maximum(size, 1e-9)
-    return edges, length, std, offset
+        across = np.cross(ruling, normal[at])
+        unrolled = along + (arc * np.sign((chord * across).sum(axis=1)))[:, None] * across
+        flat = chord - (chord * normal[at]).sum(axis=1)[:, None] * normal[at]
+        flat *= (length / np.maximum(np.linalg.norm(flat, axis=1), 1e-12))[:, None]
+        place = bent * unrolled + (1.0 - bent) * flat
+        offset[:, end] = (place * right[at]).sum(axis=1) + 1j * (place * down[at]).sum(axis=1)
+    offset *= length[:, None] / np.maximum(np.abs(offset), 1e-9)
+    return offset
 
 
 def averaged(nodes: Nodes, sighting: Sighting, held_from_camera: Rigid3) -> Nodes:

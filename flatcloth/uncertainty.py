@@ -8,30 +8,35 @@ minimisation tells how the nodes would move: far where much hangs on a narrow ne
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, eye_array
+from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
 from scipy.spatial import cKDTree
 
-from flatcloth.config import UncertaintyConfig
-from flatcloth.joint import JointShape, factor
-from flatcloth.types import FlattenedView, Float64
+from flatcloth.config import JointConfig, UncertaintyConfig
+from flatcloth.hinges import bodies, limp, nearest_body
+from flatcloth.joint import JointShape
+from flatcloth.sparse import factor
+from flatcloth.types import Bool, FlattenedView, Float64, Int32
 
-Int64 = NDArray[np.int64]
 
-
-def placement_std_m(shape: JointShape, config: UncertaintyConfig) -> Float64:
+def placement_std_m(
+    shape: JointShape, held_point_m: Float64, config: UncertaintyConfig, joint: JointConfig
+) -> Float64:
     """Return the standard deviation (N,) of each node's place, relative to the start view's main piece.
 
     Parameters
     ----------
     shape : JointShape
         The shape.
+    held_point_m : (3,) float64
+        Where the item is held, held frame: there all of its weight stretches little cloth.
     config : UncertaintyConfig
         Strain, its extent, and the number of draws.
+    joint : JointConfig
+        What a strip is, and what directions count there.
 
     Returns
     -------
@@ -40,7 +45,7 @@ def placement_std_m(shape: JointShape, config: UncertaintyConfig) -> Float64:
     """
     links = shape.links
     placed = np.flatnonzero(shape.placed)
-    number = np.full(len(shape.nodes), -1, dtype=np.int64)
+    number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
     inside = np.flatnonzero(shape.placed[links.edges].all(axis=1))
     edges = number[links.edges[inside]]
@@ -49,14 +54,24 @@ def placement_std_m(shape: JointShape, config: UncertaintyConfig) -> Float64:
     unit = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     weight = shape.weight[inside] / np.square(links.std_m[inside])
     random = np.random.default_rng(0)
-    change = _strained(uv[edges].mean(axis=1), unit, config, random) * links.length_m[inside][:, None]
+    below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
+    more = 1.0 + config.held_reach_m / np.maximum(below_m, config.extent_m)
+    change = _strained(uv[edges].mean(axis=1), unit, config, random)
+    change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
     noise = config.noise_share * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
-    change += noise * links.std_m[inside][:, None] * random.standard_normal(change.shape)
-    turns = config.turn_rad * _smooth(uv[edges].mean(axis=1), 1, config, random)[0]
-    moved = _displaced(len(uv), edges, along, weight, change, turns, config.bending)
+    body = bodies(uv, edges, joint)
+    loose = limp(body, edges)
+    own = np.hypot(noise * links.std_m[inside], config.strip_noise_m * loose)[:, None]
+    change += own * random.standard_normal(change.shape)
+    stars = np.zeros(len(uv), dtype=np.bool_)
+    stars[edges[loose]] = True
+    sheet = _Sheet(len(uv), edges, along, weight, joint.direction_weight, stars)
+    moved = _displaced(sheet, change, own, random)
     anchor = number[shape.sightings[0].node]
     anchor = anchor[anchor >= 0]
+    if (body[anchor] >= 0).any():
+        anchor = anchor[body[anchor] == np.bincount(body[anchor][body[anchor] >= 0]).argmax()]
     spread = np.empty((len(uv), config.draws))
     for k in range(config.draws):
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
@@ -64,6 +79,25 @@ def placement_std_m(shape: JointShape, config: UncertaintyConfig) -> Float64:
     std[placed] = np.sqrt(spread.mean(axis=1))
     result: Float64 = np.hypot(std, config.least_m)
     return result
+
+
+def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, joint: JointConfig) -> Bool:
+    """Tell which nodes (N,) of the main piece hang on it so loosely that their place is anybody's guess.
+
+    They are told by their wide parts, each as a whole: half of its nodes have a standard deviation
+    ``std_m`` (N,) of more than the limit.
+    """
+    placed = np.flatnonzero(shape.placed)
+    number = np.full(len(shape.nodes), -1, dtype=np.int32)
+    number[placed] = np.arange(placed.size)
+    edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
+    uv = shape.uv_m[placed]
+    nearest = nearest_body(uv, edges, bodies(uv, edges, joint))
+    loose = np.zeros(len(shape.nodes), dtype=np.bool_)
+    for body in range(int(nearest.max(initial=-1)) + 1):
+        own = placed[nearest == body]
+        loose[own] = float(np.median(std_m[own])) > config.most_std_m
+    return loose
 
 
 def with_placement_std(view: FlattenedView, shape: JointShape, std_m: Float64) -> FlattenedView:
@@ -104,39 +138,71 @@ def _smooth(at: Float64, count: int, config: UncertaintyConfig, random: np.rando
     ]
 
 
-def _displaced(
-    n: int, edges: Int64, along: Float64, weight: Float64, change: Float64, turns: Float64, bending: float
-) -> Float64:
-    """Solve for the displacements (n, 2, draws) that changes of length and turns (M, draws) bring about.
+@dataclass(frozen=True)
+class _Sheet:
+    """Pairs ``edges`` (M, 2) between n nodes, ``along`` (M, 2) the plane, with a ``weight`` (M,).
 
-    What the pairs leave free (a string of nodes, a hinge) is held by their directions, softly, and
-    follows as these turn.
+    The directions in which ``stars`` (n,) see their neighbours count too, ``direction_weight`` as much.
     """
-    i, j = edges[:, 0], edges[:, 1]
-    unit = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    rows, cols, values = [], [], []
+
+    n: int
+    edges: Int32
+    along: Float64
+    weight: Float64
+    direction_weight: float
+    stars: Bool
+
+
+def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Float64:
+    """Solve for the displacements (n, 2, draws) that changes of length (M, draws) bring about.
+
+    Where lengths leave a sheet limp (a string of nodes, a hinge), every node sees its neighbours in
+    directions relative to each other that are off too: by ``off_m`` (M, 1) at the other end.
+    """
+    n, (i, j) = sheet.n, sheet.edges.T
+    unit = sheet.along / np.maximum(np.linalg.norm(sheet.along, axis=1), 1e-9)[:, None]
+    across = np.stack([-sheet.along[:, 1], sheet.along[:, 0]], axis=1)
+    turn_at = np.full(n, -1, dtype=np.int64)
+    turn_at[sheet.stars] = 2 * n + np.arange(int(sheet.stars.sum()))
+    size = 2 * n + int(sheet.stars.sum())
+    # Rows: how much longer each pair becomes, then, for both ends, how it leaves the direction seen.
+    pair = np.arange(len(i))
+    rows, columns, values = [], [], []
     for p in range(2):
-        for q in range(2):
-            stiffness = weight * (unit[:, p] * unit[:, q] + (bending if p == q else 0.0))
-            rows += [2 * i + p, 2 * j + p, 2 * i + p, 2 * j + p]
-            cols += [2 * i + q, 2 * j + q, 2 * j + q, 2 * i + q]
-            values += [stiffness, stiffness, -stiffness, -stiffness]
+        rows += [pair, pair]
+        columns += [2 * i + p, 2 * j + p]
+        values += [-unit[:, p], unit[:, p]]
+    root, wanted = [np.sqrt(sheet.weight)], [change]
+    count = len(i)
+    for end in (i, j):
+        seen = np.flatnonzero(sheet.stars[end])
+        normal = across[seen] / np.maximum(np.linalg.norm(across[seen], axis=1), 1e-9)[:, None]
+        row = count + np.arange(seen.size)
+        for p in range(2):
+            rows += [row, row]
+            columns += [2 * i[seen] + p, 2 * j[seen] + p]
+            values += [-normal[:, p], normal[:, p]]
+        rows.append(row)
+        columns.append(turn_at[end[seen]])
+        values.append(-np.linalg.norm(across[seen], axis=1))
+        root.append(np.sqrt(sheet.direction_weight * sheet.weight[seen]))
+        wanted.append(off_m[seen] * random.standard_normal((seen.size, change.shape[1])))
+        count += seen.size
     matrix = coo_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(2 * n, 2 * n)
-    ).tocsc()
-    held = 1e-9 * float(np.median(matrix.diagonal()))
-    solve = factor(matrix + held * eye_array(2 * n, format="csc"))
-    force = np.zeros((2 * n, change.shape[1]))
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    for p in range(2):
-        pull = (weight * unit[:, p])[:, None] * change + (bending * weight * across[:, p])[:, None] * turns
-        for k in range(change.shape[1]):
-            force[p::2, k] = np.bincount(j, pull[:, k], n) - np.bincount(i, pull[:, k], n)
-    displaced: Float64 = solve.solve(force).reshape(n, 2, -1)
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(count, size)
+    ).tocsr()
+    weighted = diags_array(np.square(np.concatenate(root))) @ matrix
+    normal_matrix = csc_matrix(matrix.T @ weighted)
+    held = _HELD * normal_matrix.diagonal().mean()
+    solve = factor(normal_matrix + held * eye_array(size, format="csc"))
+    displaced: Float64 = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n].reshape(n, 2, -1)
     return displaced
 
 
-def _without_rigid(moved: Float64, uv: Float64, anchor: Int64) -> Float64:
+_HELD = 1e-9
+
+
+def _without_rigid(moved: Float64, uv: Float64, anchor: Int32) -> Float64:
     """Take off (N, 2) the small rigid motion that leaves the anchors where they are, on average."""
     center = uv[anchor].mean(axis=0)
     offset = uv - center

@@ -201,7 +201,7 @@ def test_an_unknown_method_names_the_known_ones() -> None:
 
 def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
     made = Integration(Cylinder(span_deg=(-1.0, 1.0), half_height_m=0.004))
-    with pytest.raises(FlatteningError, match=r"No view .*masks"):
+    with pytest.raises(FlatteningError, match=r"no view .*masks"):
         started(made)
 
 
