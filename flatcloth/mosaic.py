@@ -126,6 +126,10 @@ def _pixel_cost(surface: Surface, config: JointConfig) -> Float32:
     return cost
 
 
+_POINT_COST = 100.0
+"""A triangle is better than a point."""
+
+
 @njit(cache=True, nogil=True)
 def _composite(
     points: Float64,
@@ -154,6 +158,15 @@ def _composite(
                 _fill(points, pixel_cost, r, c + 1, r + 1, c + 1, r, c, number, source, cost, label)
             if not whole and e and a and d and left and below:
                 _fill(points, pixel_cost, r + 1, c, r, c, r + 1, c + 1, number, source, cost, label)
+    # What no triangle holds (strips a pixel wide, folded rims) is drawn as points.
+    for r in range(part.shape[0]):
+        for c in range(part.shape[1]):
+            if part[r, c] and math.isfinite(points[r, c, 0]):
+                row, col = math.floor(points[r, c, 1] + 0.5), math.floor(points[r, c, 0] + 0.5)
+                if 0 <= row < cost.shape[0] and 0 <= col < cost.shape[1] and math.isinf(cost[row, col]):
+                    source[row, col, 0], source[row, col, 1] = r, c
+                    cost[row, col] = pixel_cost[r, c] + _POINT_COST
+                    label[row, col] = number
 
 
 @njit(cache=True, nogil=True)

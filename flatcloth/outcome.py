@@ -14,6 +14,7 @@ from flatcloth.errors import FlatclothError
 from flatcloth.integration import Integration
 from flatcloth.pipeline import Run
 from flatcloth.plain_files import read_plain
+from flatcloth.registration import describe
 from flatcloth.types import FlattenedView
 
 FORMAT = "flatcloth-outcome/1"
@@ -64,7 +65,27 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
         "area_cm2": round(1e4 * canonical.view.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         **_sureness(canonical.view),
+        **_cameras(integration, run),
     }
+
+
+def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
+    """Return what the registration of the views' cameras found, by the method ``robust``."""
+    if integration.robust is None:
+        return {}
+    registered = integration.robust.registered(integration.robust.shape(run.state.document).views)
+    views = [
+        {
+            "view_index": seen.view_index,
+            "turned_deg": round(seen.turned_deg, 3),
+            "swung_deg": round(seen.swung_deg, 3),
+            "moved_mm": round(1e3 * seen.moved_m, 2),
+            "std_deg": [round(float(v), 3) for v in seen.std_deg],
+            "std_mm": [round(1e3 * float(v), 2) for v in seen.std_m],
+        }
+        for seen in registered.views
+    ]
+    return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
 
 
 def _sureness(view: FlattenedView) -> dict[str, float]:
@@ -97,6 +118,8 @@ def told(outcome: dict[str, Any]) -> list[str]:
             f"Place of a pixel: {outcome['placement_std_median_mm']:.1f} mm (median standard deviation); "
             f"{outcome['firm_share']:.0%} firm."
         )
+    if "cameras" in outcome:
+        lines.append(outcome["cameras"]["found"])
     if outcome["floating_cm2"]:
         areas = ", ".join(f"{area:.0f}" for area in outcome["floating_cm2"])
         lines.append(f"Floating pieces, which nothing seen connects: {areas} cm2.")

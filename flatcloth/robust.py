@@ -117,11 +117,8 @@ class Robust:
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
         """Return ``held_from_camera`` of each view: as known, unless the views say that this is not so."""
-        registered, c = self.registered(views), self._config.registration
-        turn_deg, axis_m, swing_deg = registered.looseness
-        if turn_deg > c.loose_turn_deg or axis_m > c.loose_axis_m or swing_deg > c.loose_swing_deg:
-            return registered.held_from_camera
-        return registered.known
+        registered = self.registered(views)
+        return registered.held_from_camera if registered.is_loose else registered.known
 
     def _scan(self, view_index: int) -> Scan:
         return self._scans.get(

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.config import RegistrationConfig
-from flatcloth.geometry import Rigid3, rotation_about
+from flatcloth.geometry import Rigid3
+from flatcloth.looseness import motion
 from flatcloth.scans import CHANNELS, TERMS, Agreement, Scan, compare
 from flatcloth.types import Float64
 
@@ -175,13 +176,3 @@ def _inflation(matrix: Float64, scores: Float64, precision: Float64) -> Float64:
     scatter = np.linalg.solve(normed, own.transpose(0, 2, 1) @ own)
     inflation: Float64 = np.maximum(1.0, precision * np.einsum("tii->t", scatter) / 6)
     return inflation
-
-
-def motion(twist: Float64, center_m: Float64) -> Rigid3:
-    """Return the motion that turns about a center by a rotation vector, and then shifts."""
-    angle = float(np.linalg.norm(twist[:3]))
-    turn = rotation_about(twist[:3] / angle, angle) if angle > 0 else np.eye(3)
-    return Rigid3(turn, center_m - turn @ center_m + twist[3:])
-
-
-__all__ = ["CHANNELS", "PairFit", "fit_pair", "motion"]

@@ -109,6 +109,8 @@ def scan(surface: Surface, config: RegistrationConfig) -> Scan:
     grid = np.zeros_like(surface.usable)
     grid[::stride, ::stride] = True
     pixel = np.argwhere(grid & surface.usable).astype(np.int32)
+    if not len(pixel):
+        pixel = np.argwhere(surface.usable).astype(np.int32)  # a scrap between the grid's points
     at = pixel[:, 0], pixel[:, 1]
     return Scan(
         surface=surface,

@@ -32,7 +32,7 @@ def placement_std_m(
     shape : JointShape
         The shape.
     held_point_m : (3,) float64
-        Where the item is held, held frame: there all of its weight stretches little cloth.
+        Where the item is held, held frame: cloth is gathered there, and surest to be misjudged.
     config : UncertaintyConfig
         Strain, its extent, and the number of draws.
     joint : JointConfig

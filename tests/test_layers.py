@@ -21,6 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("recordings",),
     ("ramps", "patches", "surface", "upsampling", "raster", "sampling", "necks", "minimisation", "sparse"),
     ("axis", "axis_estimation", "axis_views"),
+    ("looseness",),
     ("flattening", "scans", "scan_pairs", "registration", "surroundings", "cameras", "capture"),
     ("sightings", "connection", "hinges", "joint"),
     ("document",),
@@ -54,6 +55,7 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 # Numerics know no viewer, no web and no files.
 NUMERICS = {
+    "looseness",
     "geometry",
     "ramps",
     "patches",
