@@ -1,11 +1,11 @@
-"""``python -m benchmarks [size] [flattening] [page] [confidence] [fused] [growth]``: most write results."""
+"""``python -m benchmarks [NAME ...]``, all by default: most write their results."""
 
 from __future__ import annotations
 
 import argparse
 import os
 
-BENCHMARKS = ("size", "flattening", "page", "confidence", "fused", "growth")
+BENCHMARKS = ("size", "flattening", "page", "canvas", "confidence", "fused", "growth")
 
 
 def pin_to_one_core() -> None:
@@ -29,6 +29,10 @@ def main() -> None:
         from benchmarks import size
 
         size.run(quick=arguments.quick)  # in processes of its own, with all cores
+    if "canvas" in (arguments.name or BENCHMARKS):
+        from benchmarks import canvas
+
+        canvas.run(write=not arguments.quick)  # a browser and a server, with all cores
     pin_to_one_core()
     # Imported late: the libraries read their number of threads when they are loaded.
     if "flattening" in (arguments.name or BENCHMARKS):

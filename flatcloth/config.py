@@ -125,6 +125,7 @@ class RegistrationConfig:
     most_surprise: float = 40.0
     """A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
     same_normal_cos: float = 0.9
+    """Points correspond if their normals differ by at most the angle of this cosine."""
     least_facing_cos: float = 0.45
     """Surface that either camera sees more steeply than this does not count, ..."""
     full_facing_cos: float = 0.8
@@ -212,6 +213,7 @@ class UncertaintyConfig:
     least_m: float = 0.0005
     """No place is surer than this."""
     draws: int = 24
+    """Random strain fields from which the standard deviations are taken."""
     waves: int = 32
     """Waves of which the random strain fields are made."""
     firm_m: float = 0.010
@@ -308,7 +310,9 @@ class PlanningConfig:
     occluding_edge_min_m: float = 0.03
     """A side with less occluding edge than this has nothing more to give."""
     rotation_min_deg: float = 10.0
+    """Least next rotation that is chosen."""
     rotation_max_deg: float = 50.0
+    """Greatest next rotation that is chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -144,6 +144,7 @@ class Integration:
         self._clouds: Memory[ViewCloud] = Memory(MAX_VIEWS, 96 * _MIB)
         self._flattenings: Memory[Flattening | FlatclothError] = Memory(MAX_VIEWS, 512 * _MIB)
         self._proposals: Memory[Proposal] = Memory(16)
+        self._overlays: Memory[FlattenedView] = Memory(2)
         angles = self.recording.angles_deg
         self._method: Paper | Robust = Paper(self, angles) if self.method == "paper" else Robust(self, angles)
 
@@ -234,9 +235,13 @@ class Integration:
 
     def overlay(self, document: Document) -> FlattenedView:
         """Return the pending view, rastered on the current plane at the placement in force."""
-        assert document.pending is not None
-        new = self.part(document.pending.view_index, document.pending.component)
-        return place(new, document.pending.current_from_new)
+        pending = document.pending
+        assert pending is not None
+        placed = pending.view_index, pending.component, pending.current_from_new
+        return self._overlays.get(
+            (document.start_view, document.accepted, *placed),
+            lambda: place(self.part(pending.view_index, pending.component), pending.current_from_new),
+        )
 
     def new_points(self, document: Document) -> Bool:
         """Return (H, W) of :meth:`overlay`: where it lies beyond the canonical view."""

@@ -4,6 +4,7 @@ import { drawMark, drawPick, drawScale } from "/static/canvas_marks.js";
 import { byId } from "/static/dom.js";
 import { contains, grown, Transform, union } from "/static/geometry.js";
 import { Picture } from "/static/picture.js";
+import { Pyramid } from "/static/pyramid.js";
 
 const CLICK_PX = 4;
 const MARGIN_PX = 34;
@@ -208,9 +209,11 @@ export class FlatCanvas {
     this.transform.apply(context);
     if (moved) this.applyPreview();
     // A pixel of cloth is a measurement: zoomed in, it is shown as the square it stands for.
-    context.imageSmoothingEnabled = this.transform.scale * grid.pixel_size_m * devicePixelRatio < 2;
-    context.imageSmoothingQuality = "high";
-    context.drawImage(image, box.left, box.top, box.right - box.left, box.bottom - box.top);
+    const scale = this.transform.scale * grid.pixel_size_m * devicePixelRatio;
+    const source = image instanceof Pyramid ? image.at(scale) : image;
+    context.imageSmoothingEnabled = scale < 2;
+    context.imageSmoothingQuality = "low";
+    context.drawImage(source, box.left, box.top, box.right - box.left, box.bottom - box.top);
     context.restore();
   }
 

@@ -7,15 +7,18 @@ import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { showExports } from "/static/exports.js";
 import { count, number } from "/static/format.js";
+import { startKeys } from "/static/keys.js";
 import { LiveBar } from "/static/live.js";
 import { Looking } from "/static/look.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
 import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
+import { showPalette } from "/static/palette.js";
 import { Repair } from "/static/repair.js";
 import { Ruler } from "/static/ruler.js";
 import { loadScene, startScene } from "/static/scene.js";
+import { SettingsSheet } from "/static/settings.js";
 import { Teaching } from "/static/teaching.js";
-import { applyTheme, toggleTheme } from "/static/theme.js";
+import { applyTheme, chosenTheme, setTheme, toggleTheme } from "/static/theme.js";
 import { Why } from "/static/why.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
 import { Verdicts } from "/static/verdicts.js";
@@ -33,17 +36,13 @@ let nudge = null;
 let askedLayer = null; // in live mode: what the next frame was asked for with
 
 const page = {
-  layer: "color", increment: 2,
-  increments: [[0.5, 0.2], [1, 0.5], [2, 1], [5, 2]],
+  layer: "color",
   setOpacity(value) {
     comparison.opacity = value;
     canvas.redraw();
   },
-  setThreshold(value) {
-    if (Number.isFinite(value)) send({ type: "auto", threshold: Math.min(1, Math.max(0, value)) });
-  },
-  setIncrement(index) {
-    page.increment = index;
+  setStep(mm, deg) {
+    send({ type: "set", step_mm: mm, step_deg: deg });
   },
 };
 
@@ -79,6 +78,7 @@ const verdicts = new Verdicts({
   notify, propose: proposeView, reopen: (view) => decide("reopen", { view_index: view.index }),
   action: (name) => state.actions.find((a) => a.name === name),
 });
+const settings = new SettingsSheet({ send, theme: chosenTheme, setTheme });
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
@@ -143,6 +143,7 @@ function show(next) {
   showPick(state, copyPick, send);
   showPicks(state, send);
   showTimeline(state, chooseView);
+  settings.update(state);
   if (isLive()) showLive();
   else showLayer();
   takeServerLog(state.log);
@@ -304,10 +305,13 @@ const PAGE_ACTIONS = {
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
   follow: () => {
-    if (send({ type: "follow", follow: !state.follow })) notify("info", state.follow ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
+    const on = state.settings.follow.value;
+    if (send({ type: "set", follow: !on })) notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
   copy: copyPick,
   export: () => showExports(notify, state.recording.name),
+  settings: () => settings.open(),
+  palette: () => showPalette(state.actions.filter((a) => a.name !== "palette" && ["", modeNow()].includes(a.mode)), run),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(state.actions, state.mode),
@@ -320,8 +324,11 @@ const PAGE_ACTIONS = {
   live_turn: () => send({ type: "play", forward: !state.live.forward }),
 };
 
+/** The mode whose keys come first. */
+const modeNow = () => (teaching.status.open ? "teaching" : isLive() ? "live" : state.capture ? "capture" : "session");
+
 function keyNudge([turn, u, v], times) {
-  const [mm, deg] = page.increments[page.increment];
+  const [mm, deg] = [state.settings.step_mm.value, state.settings.step_deg.value];
   const by = canvas.asSeen((turn * deg * times * Math.PI) / 180, (u * mm * times) / 1000, (v * mm * times) / 1000);
   canvas.movePreview(by);
   nudge ??= { view: state.pending.view_index, by: { theta: 0, u: 0, v: 0 } };
@@ -383,51 +390,10 @@ async function copyPick() {
   notify("info", `Copied the numbers of ${state.pick.name}.`);
 }
 
-// --- keys --------------------------------------------------------------------------------------
-
-let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
-
-function onKeyDown(event) {
-  if (event.key === "Tab") tabbed = true;
-  if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
-  const target = event.target;
-  if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
-  if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
-  const key = keyOf(event);
-  const action = (event.shiftKey && actionOf(`Shift+${key}`)) || actionOf(key);
-  if (!action) return;
-  // Space presses the button that was tabbed to.
-  if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
-  // Without a proposal the arrow keys keep their own meaning, such as scrolling.
-  if (action.name in MOVES && !state.pending) return;
-  event.preventDefault();
-  event.stopPropagation();
-  if (event.repeat && !(action.name in MOVES) && !REPEATED.includes(action.name)) return;
-  run(action.name, event.shiftKey);
-}
-
-const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
-
-/** What a key means now: the mode that is open comes first, and the other modes' keys stay the browser's. */
-function actionOf(key) {
-  const mode = teaching.status.open ? "teaching" : isLive() ? "live" : state.capture ? "capture" : "session";
-  const having = state.actions.filter((a) => a.keys.includes(key));
-  return having.find((a) => a.mode === mode) ?? having.find((a) => ["", "session"].includes(a.mode));
-}
-
-function keyOf(event) {
-  if (event.key === " ") return "Space";
-  if (event.ctrlKey) return `Ctrl+${event.key.toLowerCase()}`;
-  return event.key.length === 1 ? event.key.toLowerCase() : event.key;
-}
-
-document.addEventListener("keydown", onKeyDown);
-document.addEventListener("pointerdown", () => (tabbed = false));
-window.addEventListener("blur", () => (tabbed = false));
 byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
-startScene(onKeyDown);
+startScene(startKeys({ state: () => state, mode: modeNow, run }));
 showValues(null);
 
 window.flatcloth = {

@@ -75,14 +75,14 @@ export function showProposal(state, send) {
   section.hidden = !pending;
   if (!pending) return;
   const view = state.views[pending.view_index];
-  const low = pending.score !== null && pending.score < state.auto.threshold;
-  rebuild(byId("proposal-values"), [pending, state.auto.threshold, state.layers?.revision], () => [
+  const low = pending.score !== null && pending.score < state.settings.auto_threshold.value;
+  rebuild(byId("proposal-values"), [pending, state.settings.auto_threshold.value, state.layers?.revision], () => [
     make("h2", {}, `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
-    make("div", { class: `score${low ? " low" : ""}`, data: { tip: `Score of the present place, 0 to 1. Auto accepts from ${state.auto.threshold}.` } },
+    make("div", { class: `score${low ? " low" : ""}`, data: { tip: `Score of the present place, 0 to 1. Auto accepts from ${state.settings.auto_threshold.value}.` } },
       make("meter", { min: 0, max: 1, value: pending.score ?? 0, "aria-label": "Score" }),
       make("strong", {}, pending.score === null ? "no score" : number(pending.score, 2)),
       make("span", {}, low ? "below Auto's limit" : "score")),
-    make("details", { class: "parts", open: localStorage.getItem("flatcloth-parts") === "open", on: { toggle: (event) => localStorage.setItem("flatcloth-parts", event.target.open ? "open" : "closed") } },
+    make("details", { class: "parts", id: "parts-of-score", open: localStorage.getItem("flatcloth-parts") === "open", on: { toggle: (event) => localStorage.setItem("flatcloth-parts", event.target.open ? "open" : "closed") } },
       make("summary", {}, "Parts of the score"),
       make("dl", { class: "values" }, ...Object.entries(pending.parts).flatMap(([name, value]) => {
       const [words, unit] = unitless(name);

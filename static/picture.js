@@ -1,6 +1,7 @@
 // The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
 
 import { boxOf } from "/static/geometry.js";
+import { Pyramid } from "/static/pyramid.js";
 
 const OUTLINE = [230, 126, 0];
 
@@ -35,7 +36,7 @@ export class Picture {
     if (this.wanted !== address) return;
     const anew = this.shown?.revision !== revision;
     const shape = !withOutline ? {} : anew ? outlineOf(image) : { alpha: this.shown.alpha, outline: this.shown.outline };
-    this.shown = { address, revision, grid, box: boxOf(grid), image, ...shape };
+    this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
     this.onReady(anew);
   }
 
@@ -69,5 +70,5 @@ function outlineOf(image) {
     }
   }
   context.putImageData(data, 0, 0);
-  return { alpha, outline: canvas };
+  return { alpha, outline: new Pyramid(canvas) };
 }

@@ -32,7 +32,7 @@ export class Repair {
     }
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
-    rebuild(byId("repair-tools"), ["repair"], () => [this.handlers.button("pairs"), this.handlers.button("refine", "Refine from here")]);
+    rebuild(byId("repair-tools"), ["repair"], () => [this.handlers.button("pairs"), this.handlers.button("refine", "Refine")]);
     for (const name of ["pairs", "refine"]) {
       byId("repair-tools").querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(name === "pairs" && this.picking));
     }
@@ -77,7 +77,9 @@ export class Repair {
     }, SEEN_EVERY_MS);
     if (!this.pending) return;
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
-    setText(byId("reach"), message.why ?? `Here ${fit(message.score, message.apart_mm)}. Refined from here: ${fit(message.reached_score, message.reached_apart_mm)}.`);
+    const here = fit(message.score, message.apart_mm);
+    const reached = fit(message.reached_score, message.reached_apart_mm);
+    setText(byId("reach"), message.why ?? `Here ${here}. ${here === reached ? "Refining gains nothing." : `Refined from here: ${reached}.`}`);
   }
 
   /** After a lost connection nobody answers any more. */

@@ -12,7 +12,7 @@ const STATE_MS = 650; // how long the way from one recorded state to the next ta
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
-const PASSED_ON = ["theme", "help", "log"];
+const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
 export class Teaching {
   /** `session`: actions(), tip(action), startView(), notify(level, text). */

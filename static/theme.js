@@ -10,10 +10,16 @@ export function onTheme(listener) {
   listeners.push(listener);
 }
 
-export function toggleTheme() {
-  localStorage.setItem(STORED, isDark() ? "light" : "dark");
+/** What the operator chose; nothing: as the system. */
+export const chosenTheme = () => localStorage.getItem(STORED) ?? "";
+
+export function setTheme(name) {
+  if (name) localStorage.setItem(STORED, name);
+  else localStorage.removeItem(STORED);
   applyTheme();
 }
+
+export const toggleTheme = () => setTheme(isDark() ? "light" : "dark");
 
 export function applyTheme() {
   document.documentElement.dataset.theme = isDark() ? "dark" : "light";

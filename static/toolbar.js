@@ -6,7 +6,8 @@ import { keyName } from "/static/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
-const PAGE = ["teach", "export", "log", "theme", "help"];
+const PAGE = ["teach", "export", "settings", "palette", "help"];
+const STEPS = [[0.5, 0.2], [1, 0.5], [2, 1], [5, 2]]; // of the keys that move the proposal: mm, degrees
 export const LAYERS = {
   layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source",
   layer_stretch: "stretch", layer_incidence: "incidence", layer_density: "density",
@@ -59,8 +60,7 @@ export class Toolbar {
     const auto = document.querySelector('[data-action="auto"]');
     auto.setAttribute("aria-pressed", String(state.auto.running));
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
-    const threshold = byId("threshold");
-    if (document.activeElement !== threshold) threshold.value = state.auto.threshold;
+    showSteps(byId("increment"), state.settings);
     for (const [name, mode] of Object.entries(MODES)) this.setPressed(name, mode === this.page.comparison.mode);
     this.page.comparison.showKinds(byId("difference-kinds"));
     this.setPressed("why", this.page.why.open);
@@ -121,17 +121,18 @@ export class Toolbar {
         }))),
       make("label", { class: "field", data: { tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged." } },
         make("span", {}, "Arrows, [ ]"),
-        make("select", { data: { id: "increment" }, on: { change: (event) => page.setIncrement(Number(event.target.value)) } },
-          ...page.increments.map(([mm, deg], i) =>
-            make("option", { value: i, selected: i === page.increment }, `${mm} mm · ${deg}°`)))),
-      make("label", { class: "field", data: { tip: "Auto accepts a proposal with this score or more; below it stops and leaves the decision to you." } },
-        make("span", {}, "Auto accepts from"),
-        make("input", {
-          type: "number", id: "threshold", min: 0, max: 1, step: 0.05, data: { id: "threshold" },
-          on: { change: (event) => page.setThreshold(event.target.valueAsNumber) },
-        })),
+        make("select", { id: "increment", data: { id: "increment" }, on: { change: (event) => page.setStep(...STEPS[event.target.value]) } })),
     ]);
   }
+}
+
+function showSteps(select, { step_mm, step_deg }) {
+  const now = STEPS.findIndex(([mm, deg]) => mm === step_mm.value && deg === step_deg.value);
+  const told = ([mm, deg]) => `${mm} mm · ${deg}°`;
+  rebuild(select, [step_mm.value, step_deg.value], () => [
+    ...STEPS.map((step, i) => make("option", { value: i, selected: i === now }, told(step))),
+    ...(now < 0 ? [make("option", { value: "", selected: true, disabled: true }, told([step_mm.value, step_deg.value]))] : []),
+  ]);
 }
 
 /** The reasons to reject, as a menu under its button. */

@@ -95,6 +95,18 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     assert made.score(document).total == pytest.approx(proposal.alignment.score.total)
 
 
+def test_the_overlay_is_made_once_for_each_placement() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    before = made.overlay(state.document)
+    made.new_points(state.document)
+    assert made.overlay(state.document) is before
+    moved = apply(state, Nudge(state.document.pending.view_index, Rigid2(0.0, 0.01, 0.0)))  # type: ignore[union-attr]
+    assert made.overlay(moved.document) is not before
+    # Taken back, it lies where it was.
+    np.testing.assert_array_equal(made.overlay(apply(moved, Undo()).document).valid, before.valid)
+
+
 def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
     made = integration()
     state = stepped(made, started(made, 0), Propose())

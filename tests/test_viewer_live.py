@@ -184,8 +184,8 @@ def test_a_slow_tab_skips_frames_and_nothing_is_queued(serve, player):
         player.wait_for(2)
         for frame in (4, 5, 6):
             tab.say(type="play", frame=frame)
-        tab.say(type="follow", follow=False)
-        tab.state_where(lambda s: not s["follow"])
+        tab.say(type="set", follow=False)
+        tab.state_where(lambda s: not s["settings"]["follow"]["value"])
         assert player.shown == [0, 3]
         assert len(tab.frames) == 1
         assert tab.frame_where(lambda _: True)["view_index"] == 3
@@ -201,8 +201,8 @@ def test_a_pause_holds_and_frames_go_both_ways_by_hand(serve, player):
         tab.frame_where(lambda f: f["view_index"] == 8)
         tab.ready()
         count = len(player.shown)
-        tab.say(type="follow", follow=False)
-        tab.state_where(lambda s: not s["follow"])
+        tab.say(type="set", follow=False)
+        tab.state_where(lambda s: not s["settings"]["follow"]["value"])
         assert len(player.shown) == count
         for step, view in ((-1, 7), (-1, 6), (1, 7)):
             tab.say(type="play", step=step)

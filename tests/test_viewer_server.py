@@ -110,8 +110,8 @@ def test_an_illegal_decision_is_told_to_who_made_it_only(server):
         one.ready()
         one.say(type="do", action="accept")
         note = one.note()
-        one.say(type="follow", follow=False)
-        two.state_where(lambda s: not s["follow"])
+        one.say(type="set", follow=False)
+        two.state_where(lambda s: not s["settings"]["follow"]["value"])
     assert note["level"] == "warning"
     assert note["text"] == "There is no proposal to decide about; step first."
     assert two.notes == []
@@ -182,8 +182,8 @@ def test_a_click_in_3d_on_the_background_picks_nothing(server):
     with Tab(server) as tab:
         tab.ready()
         server.application.click_ray((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-        tab.say(type="follow", follow=False)
-        state = tab.state_where(lambda s: not s["follow"])
+        tab.say(type="set", follow=False)
+        state = tab.state_where(lambda s: not s["settings"]["follow"]["value"])
     assert state["picks"] == []
 
 
@@ -266,7 +266,8 @@ def test_a_measure_is_answered_with_its_three_lengths(server):
         ('{"type": "pick", "u_m": 1, "v_m": 0, "w_m": 2}', "no field 'w_m'"),
         ('{"type": "pick", "u_m": NaN, "v_m": 0}', "u_m must be"),
         ('{"type": "hover", "id": 1.5, "u_m": 0, "v_m": 0}', "id must be"),
-        ('{"type": "auto", "threshold": 2}', "between 0 and 1"),
+        ('{"type": "auto"}', "a field is missing"),
+        ('{"type": "set", "auto_threshold": 2}', "Auto accepts from: between 0 and 1, not 2"),
         ('{"type": "auto", "running": 1}', "running must be"),
         ('{"type": "rename_pick", "id": 1, "name": " "}', "characters"),
         ('{"type": "move", "view_index": true}', "view_index must be"),
@@ -281,8 +282,8 @@ def test_a_bad_message_is_a_notification_and_nothing_more(server, text, told):
         revision = tab.ready()["revision"]
         tab.say_raw(text)
         assert told in tab.note()["text"]
-        tab.say(type="follow", follow=False)
-        assert tab.state_where(lambda s: not s["follow"])["revision"] == revision + 1
+        tab.say(type="set", follow=False)
+        assert tab.state_where(lambda s: not s["settings"]["follow"]["value"])["revision"] == revision + 1
 
 
 @pytest.mark.parametrize(
@@ -344,7 +345,8 @@ def test_auto_stops_when_unsure(server, integration):
     integration.scores = 0.1
     with Tab(server) as tab:
         tab.ready()
-        tab.say(type="auto", running=True, threshold=0.75)
+        tab.say(type="set", auto_threshold=0.75)
+        tab.say(type="auto", running=True)
         state = tab.state_where(lambda s: s["log"])
     assert not state["auto"]["running"]
     assert state["pending"]["view_index"] == 1

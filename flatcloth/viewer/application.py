@@ -20,7 +20,9 @@ from flatcloth.session import (
     Nudge,
     Phase,
     Propose,
+    Reject,
     Request,
+    Skip,
     Start,
     apply,
 )
@@ -72,6 +74,7 @@ class Application(PageDesk):
         self._asked: Document | None = None
         self._cancel: tuple[int, threading.Event] | None = None
         self._progress_at_s = 0.0
+        self._going_on = False
         self._back = Worker("flatcloth-work")
         self._repair = RepairBench(integration, audience.tell)
         self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
@@ -96,7 +99,7 @@ class Application(PageDesk):
     # --- the application thread --------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._stage.follow(self._desk.follow)
+        self._stage.follow(self._page_settings.now.follow)
         document = self._state.document
         if self._state.request is None and document.start_view is None:
             self._do(Start())
@@ -130,13 +133,8 @@ class Application(PageDesk):
                 self._desk = replace(self._desk, edges=show)
                 self._why.show_edges(show)
                 self._publish()
-            case messages.SetAuto(running=running, threshold=threshold):
-                desk = self._desk
-                self._desk = replace(
-                    desk,
-                    auto=desk.auto if running is None else running,
-                    auto_threshold=desk.auto_threshold if threshold is None else threshold,
-                )
+            case messages.SetAuto(running=running):
+                self._desk = replace(self._desk, auto=running)
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
@@ -144,7 +142,9 @@ class Application(PageDesk):
     def _decide(self, client: int, do: messages.Do) -> None:
         given = {"view_index": do.view_index, "reason": do.reason, "score": self._score_now()}
         before = self._state
-        self._by_hand(command_of(do.action, before, {k: v for k, v in given.items() if v is not None}))
+        command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
+        self._going_on = self._page_settings.now.advance and isinstance(command, Accept | Reject | Skip)
+        self._by_hand(command)
         if do.action == "undo":
             self._tell(client, "info", f"Undone: {before.undo[-1].name}.")
         elif do.action == "redo":
@@ -249,6 +249,14 @@ class Application(PageDesk):
         self._publish()
         if self._desk.auto:
             self._put(None, self._auto_step)
+        elif self._going_on and self._state.phase is not Phase.COMPUTING:
+            self._put(None, self._go_on)
+
+    def _go_on(self) -> None:
+        """Propose the next view after a verdict and what followed it, unless something is asked."""
+        if self._going_on and self._state.phase is Phase.READY:
+            self._going_on = False
+            self._do(Propose())
 
     def _settle_work(self) -> None:
         request = self._state.request
@@ -264,7 +272,7 @@ class Application(PageDesk):
             self._back.put(lambda: self._work_on_request(document, request, cancelled))
 
     def _auto_step(self) -> None:
-        state, desk = self._state, self._desk
+        state, desk, threshold = self._state, self._desk, self._page_settings.now.auto_threshold
         up_to_date = self._picture is not None and self._picture.document is state.document
         started = state.document.start_view is not None
         if not desk.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
@@ -274,13 +282,13 @@ class Application(PageDesk):
             self._end_auto("info", f"Auto has finished. {state.document.finished}")
         elif pending is None:
             self._do(Propose() if started else Start())
-        elif math.isfinite(pending.score) and pending.score >= desk.auto_threshold:
+        elif math.isfinite(pending.score) and pending.score >= threshold:
             self._do(Accept(pending.view_index, self._score_now()))
         else:
             self._end_auto(
                 "warning",
                 f"Auto stopped: the score of view {pending.view_index} is {pending.score:.2f}, below"
-                f" {desk.auto_threshold:.2f}. Accept, move or reject it.",
+                f" {threshold:.2f}. Accept, move or reject it.",
             )
 
     def _end_auto(self, level: str, text: str) -> None:

@@ -169,7 +169,7 @@ class CaptureApplication(LiveApplication):
                 center = np.median(points, axis=0) if len(points) else None
                 if center is not None:
                     gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M
-                    anew = bool(gone and self._desk.follow)
+                    anew = bool(gone and self._page_settings.now.follow)
                     self._framed_at = center if anew or self._framed_at is None else self._framed_at
             self._stage.see(points, colors, anew=anew)
         except Exception:  # noqa: BLE001 - the next frame may do; the thread must live on
@@ -321,7 +321,7 @@ class CaptureApplication(LiveApplication):
 
     def routes(self) -> list[BaseRoute]:
         """Return the addresses for turntables and robots, and the picture of the view that waits."""
-        return capture_routes(self)
+        return [*super().routes(), *capture_routes(self)]
 
     @property
     def view_png(self) -> bytes:

@@ -22,6 +22,7 @@ from flatcloth.types import Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.viewer import messages
 from flatcloth.viewer.picks import PickDesk, PlaceBook
 from flatcloth.viewer.picture import Picture, attributes_at, finite
+from flatcloth.viewer.settings import Settings, SettingsBook, numbers_route
 from flatcloth.viewer.snapshot import Desk, Note
 from flatcloth.viewer.worker import Worker
 
@@ -99,7 +100,11 @@ class PageDesk(ABC):
         self._folder = folder
         self._stage = stage
         self._audience = audience
-        self._desk = Desk(auto_threshold=integration.accept_score)
+        self._desk = Desk()
+        # A session that is kept in memory keeps its settings there too.
+        self._page_settings = SettingsBook(
+            getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
+        )
         self._picks = PickDesk(folder, integration.axis, stage.show_pick)
         self._places = PlaceBook()
         self._picture: Picture | None = None
@@ -121,8 +126,8 @@ class PageDesk(ABC):
         return self._snapshot
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves for this mode alone."""
-        return []
+        """Return what the web server serves for this mode."""
+        return [numbers_route(self._integration.config)]
 
     @abstractmethod
     def start(self) -> None:
@@ -145,7 +150,7 @@ class PageDesk(ABC):
 
     def set_follow(self, follow: bool) -> None:
         """Let the cameras follow the view, or not."""
-        self._put(None, lambda: self._set_follow(follow))
+        self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
     def describe(self, hover: messages.Hover) -> dict[str, Any]:
         """Answer a hover read-out; cheap, reads only the present picture."""
@@ -207,8 +212,8 @@ class PageDesk(ABC):
             case messages.SetGrip(id=pick_id, axis_deg=axis_deg, outline=outline, opening_m=opening_m):
                 self._picks.grip(self._picture, pick_id, axis_deg, outline, opening_m)
                 self._publish()
-            case messages.SetFollow(follow=follow):
-                self._set_follow(follow)
+            case messages.Set():
+                self._set(message)
             case messages.Hover():
                 self._audience.tell(client, self.describe(message))
             case messages.Measure():
@@ -240,7 +245,7 @@ class PageDesk(ABC):
 
     def _publish(self) -> None:
         self._revision += 1
-        self._snapshot = self._state_of_page(self._revision)
+        self._snapshot = {**self._state_of_page(self._revision), "settings": self._page_settings.told()}
         self._audience.show(self._snapshot)
 
     def _tell(self, client: int | None, level: str, text: str) -> None:
@@ -256,7 +261,11 @@ class PageDesk(ABC):
         if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
             self._publish()
 
-    def _set_follow(self, follow: bool) -> None:
-        self._desk = replace(self._desk, follow=follow)
-        self._stage.follow(follow)
+    def _set(self, message: messages.Set) -> None:
+        values = {k: v for k, v in vars(message).items() if k != "reset" and v is not None}
+        if message.reset:
+            self._page_settings.reset()
+        if values:
+            self._page_settings.change(**values)
+        self._stage.follow(self._page_settings.now.follow)
         self._publish()

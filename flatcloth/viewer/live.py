@@ -89,7 +89,7 @@ class LiveApplication(PageDesk):
     # --- the page's own thread ---------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._stage.follow(self._desk.follow)
+        self._stage.follow(self._page_settings.now.follow)
         self._publish()
 
     def _take(self, client: int, message: messages.Message) -> None:

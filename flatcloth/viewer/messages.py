@@ -149,17 +149,21 @@ class SetGrip:
 
 @dataclass(frozen=True, kw_only=True)
 class SetAuto:
-    """Switch Auto on or off, or set the score below which it stops."""
+    """Switch Auto on or off."""
 
-    running: bool | None = None
-    threshold: float | None = None
+    running: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetFollow:
-    """Let the cameras of the 3D scene follow the view, or not."""
+class Set:
+    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before."""
 
-    follow: bool
+    reset: bool = False
+    auto_threshold: float | None = None
+    advance: bool | None = None
+    follow: bool | None = None
+    step_mm: float | None = None
+    step_deg: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +214,7 @@ Message = (
     | DeletePick
     | SetGrip
     | SetAuto
-    | SetFollow
+    | Set
     | ShowEdges
     | Play
     | Ready
@@ -232,7 +236,7 @@ KINDS: dict[str, type[Message]] = {
     "delete_pick": DeletePick,
     "grip": SetGrip,
     "auto": SetAuto,
-    "follow": SetFollow,
+    "set": Set,
     "edges": ShowEdges,
     "play": Play,
     "ready": Ready,
@@ -319,8 +323,6 @@ def _check(message: Message) -> None:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case Pairs(weights=weights) if len(weights) > MAX_PAIRS or any(w <= 0 for w in weights):
             raise MessageError(f"There are up to {MAX_PAIRS} pairs, and their weights are above 0.")
-        case SetAuto(threshold=float(threshold)) if not 0 <= threshold <= 1:
-            raise MessageError(f"The threshold of Auto lies between 0 and 1, not at {threshold:g}.")
         case Play(fps=float(fps)) if not 0 < fps <= MAX_FPS:
             raise MessageError(f"The frame rate lies above 0 and up to {MAX_FPS:g}, not at {fps:g}.")
         case Capture(action=action, angle_deg=angle):

@@ -65,7 +65,8 @@ def make_picture(integration: Integration, document: Document, previous: Picture
     view = integration.canonical(document).view
     present = present_view(document)
     assert present is not None
-    revision = 1 if previous is None else previous.revision + (view is not previous.view)
+    same = previous if previous is not None and previous.view is view else None
+    revision = 1 if previous is None else previous.revision + (same is None)
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
@@ -79,7 +80,7 @@ def make_picture(integration: Integration, document: Document, previous: Picture
         angle_deg=angles_deg[present],
         cloud=integration.cloud(present),
         energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
-        legends=legends(view, integration.axis, angles_deg),
+        legends=legends(view, integration.axis, angles_deg) if same is None else same.legends,
         overlay=overlay,
     )
 

@@ -46,11 +46,9 @@ class Note:
 
 @dataclass(frozen=True, kw_only=True)
 class Desk:
-    """What belongs to the page and not to the session: Auto, follow, progress, messages."""
+    """What belongs to the page and not to the session: Auto, progress, messages."""
 
     auto: bool = False
-    auto_threshold: float = 0.75
-    follow: bool = True
     edges: bool = False
     progress: tuple[float, str] | None = None
     log: tuple[Note, ...] = field(default=())
@@ -148,8 +146,7 @@ def _common(
             "n_views": len(recording),
         },
         "notes": list(integration.notes),
-        "auto": {"running": desk.auto, "threshold": desk.auto_threshold},
-        "follow": desk.follow,
+        "auto": {"running": desk.auto},
         "edges": desk.edges,
         "layers": None if picture is None else _layers(picture),
         "pick": _pick(picks.current, picture, places, integration.axis),
