@@ -58,30 +58,28 @@ def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Floa
 
     Afterwards these nodes change sides where that makes the cut between two parts smaller.
     """
-    n, fixed = len(label), label >= 0
-    label = label.copy()
+    names, compact = np.unique(label, return_inverse=True)
+    own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
+    count = int(own.max()) + 1
+    if count == 0:
+        return label
     ends, others = np.concatenate([i, j]), np.concatenate([j, i])
     weight = np.concatenate([trust, trust])
-    open_ = ~fixed[ends]
+    open_ = own[ends] < 0
     ends, others, weight = ends[open_], others[open_], weight[open_]
+    voters, voter = np.unique(ends, return_inverse=True)
     settled = 0
-    for _ in range(4 * n):
-        says = label[others] >= 0
-        if not says.any():
+    while settled <= _SWEEPS:
+        says = own[others] >= 0
+        votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
+        votes = votes.reshape(voters.size, count)
+        best = np.where(votes.any(axis=1), votes.argmax(axis=1), own[voters])
+        if (best == own[voters]).all():
             break
-        votes = coo_matrix(
-            (weight[says], (ends[says], label[others[says]])), shape=(n, int(label.max()) + 1)
-        ).tocsr()
-        voters = np.unique(ends[says])
-        best = np.asarray(votes[voters].argmax(axis=1)).ravel().astype(np.int32)
-        if (label[voters] == best).all():
-            break
-        grew = bool((label[voters] < 0).any())
-        label[voters] = best
-        settled += not grew
-        if settled > _SWEEPS:
-            break
-    return label
+        settled += not (own[voters] < 0)[best >= 0].any()
+        own[voters] = best
+    grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
+    return grown
 
 
 _SWEEPS = 4

@@ -161,3 +161,14 @@ def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> Non
     told = capsys.readouterr().out
     for command in COMMANDS:
         assert f"\n    {command} " in told
+
+
+def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
+    script = (
+        "import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None); import flatcloth.cli as cli\n"
+        "assert 'numpy' not in sys.modules\n"
+        "try: cli.main(['run', 'no-such-recording', '--session', 'x'])\n"
+        "finally: print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "1", done.stderr
