@@ -167,7 +167,7 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
     script = (
         "import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None); import flatcloth.cli as cli\n"
         "assert 'numpy' not in sys.modules\n"
-        "try: cli.main(['run', 'no-such-recording', '--session', 'x'])\n"
+        "try: cli.main(['run', 'no-such-recording', '--out', 'x'])\n"
         "finally: print(os.environ['OPENBLAS_NUM_THREADS'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
