@@ -1,7 +1,8 @@
 // What a key means: looked up in the table of actions, in the mode that is open.
 
+import { isMove } from "/static/nudges.js";
+
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
-export const MOVES = ["left", "right", "up", "down", "turn_left", "turn_right"];
 
 /** `page`: state(), mode(), run(name, large). Returns the listener, for frames that want it as well. */
 export function startKeys(page) {
@@ -20,7 +21,7 @@ export function startKeys(page) {
     // Space presses the button that was tabbed to.
     if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
     // Without a proposal the arrow keys keep their own meaning, such as scrolling.
-    const moves = MOVES.includes(action.name);
+    const moves = isMove(action.name);
     if (moves && !state.pending) return;
     event.preventDefault();
     event.stopPropagation();

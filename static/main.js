@@ -11,6 +11,7 @@ import { startKeys } from "/static/keys.js";
 import { LiveBar } from "/static/live.js";
 import { Looking } from "/static/look.js";
 import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/notices.js";
+import { isMove, KeyNudges } from "/static/nudges.js";
 import { markPresent, pickText, showLegend, showPick, showPicks, showProposal, showReadout, showTimeline } from "/static/panels.js";
 import { showPalette } from "/static/palette.js";
 import { Repair } from "/static/repair.js";
@@ -23,16 +24,10 @@ import { Why } from "/static/why.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/toolbar.js";
 import { Verdicts } from "/static/verdicts.js";
 
-const MOVES = {
-  left: [0, -1, 0], right: [0, 1, 0], up: [0, 0, -1], down: [0, 0, 1], turn_left: [-1, 0, 0], turn_right: [1, 0, 0],
-};
-const NUDGE_PAUSE_MS = 250; // arrow keys closer together than this are one gesture, one item to undo
-
 let state = null;
 let hoverId = 0;
 let hoverWanted = null;
 let hoverBusy = false;
-let nudge = null;
 let askedLayer = null; // in live mode: what the next frame was asked for with
 
 const page = {
@@ -55,6 +50,7 @@ const canvas = new FlatCanvas({
   moving: (by) => repair.ask(by),
   placed: () => repair.moved(),
 });
+const nudges = new KeyNudges(canvas, () => state, sendMove);
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const looking = page.looking = new Looking(canvas, () => state && show(state));
 const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
@@ -106,7 +102,7 @@ const HANDLERS = {
   capture: (message) => state?.capture && capturePanel.take(message),
   note: (message) => {
     notify(message.level, message.text, message.time_s);
-    if (!nudge) canvas.resetPreview(); // what was just refused may have been a move
+    if (!nudges.gesture) canvas.resetPreview(); // what was just refused may have been a move
   },
   preview: (message) => repair.takePreview(message),
   pairs: (message) => repair.takePairs(message),
@@ -230,7 +226,7 @@ function showNotes() {
 // --- do ----------------------------------------------------------------------------------------
 
 function decide(action, more = {}) {
-  flushNudge();
+  nudges.flush();
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
   const view = ["accept", "reject", "skip"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
   send({ type: "do", action, ...view, ...more });
@@ -260,8 +256,8 @@ function run(name, large = false) {
     show(state);
   } else if (name in MODES) {
     comparison.choose(name);
-  } else if (name in MOVES) {
-    keyNudge(MOVES[name], large ? 10 : 1);
+  } else if (isMove(name)) {
+    nudges.move(name, large ? 10 : 1);
   } else if (name in PAGE_ACTIONS) {
     PAGE_ACTIONS[name]();
   } else {
@@ -271,7 +267,7 @@ function run(name, large = false) {
 
 const PAGE_ACTIONS = {
   auto: () => {
-    flushNudge();
+    nudges.flush();
     send({ type: "auto", running: !state.auto.running });
   },
   reject_menu: () => rejectMenu.open(state.reject_reasons),
@@ -280,11 +276,11 @@ const PAGE_ACTIONS = {
     show(state);
   },
   fit_pairs: () => {
-    flushNudge();
+    nudges.flush();
     repair.fitNow();
   },
   refine: () => {
-    flushNudge();
+    nudges.flush();
     send({ type: "refine", view_index: state.pending.view_index });
   },
   reopen: () => verdicts.reopen(state),
@@ -326,24 +322,6 @@ const PAGE_ACTIONS = {
 
 /** The mode whose keys come first. */
 const modeNow = () => (teaching.status.open ? "teaching" : isLive() ? "live" : state.capture ? "capture" : "session");
-
-function keyNudge([turn, u, v], times) {
-  const [mm, deg] = [state.settings.step_mm.value, state.settings.step_deg.value];
-  const by = canvas.asSeen((turn * deg * times * Math.PI) / 180, (u * mm * times) / 1000, (v * mm * times) / 1000);
-  canvas.movePreview(by);
-  nudge ??= { view: state.pending.view_index, by: { theta: 0, u: 0, v: 0 } };
-  for (const axis of ["theta", "u", "v"]) nudge.by[axis] += by[axis];
-  clearTimeout(nudge.timer);
-  nudge.timer = setTimeout(flushNudge, NUDGE_PAUSE_MS);
-}
-
-function flushNudge() {
-  if (!nudge) return;
-  clearTimeout(nudge.timer);
-  const { view, by } = nudge;
-  nudge = null;
-  if (state.pending?.view_index === view) sendMove(by);
-}
 
 function sendMove(by) {
   send({ type: "move", view_index: state.pending.view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });

@@ -5,6 +5,7 @@ import { number } from "/static/format.js";
 
 const REACH_PX = 11;
 const SEEN_EVERY_MS = 60;
+const LEAST_GAIN = 0.005; // of the score
 
 export class Repair {
   /** `handlers`: send(message), notify(level, text), button(name, title). `canvas` shows the markers. */
@@ -79,7 +80,7 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const reached = fit(message.reached_score, message.reached_apart_mm);
-    setText(byId("reach"), message.why ?? `Here ${here}. ${here === reached ? "Refining gains nothing." : `Refined from here: ${reached}.`}`);
+    setText(byId("reach"), message.why ?? `Here ${here}. ${message.reached_score - message.score < LEAST_GAIN ? "Refining gains nothing." : `Refined from here: ${reached}.`}`);
   }
 
   /** After a lost connection nobody answers any more. */

@@ -202,4 +202,5 @@ export function showHelp(actions, mode) {
       make("dt", {}, "Right drag"), make("dd", {}, "Pan, also over the proposal."),
       make("dt", {}, "Wheel"), make("dd", {}, "Zoom at the pointer."))));
   byId("help").showModal();
+  byId("help").scrollTop = 0; // the button that has the focus is at its end
 }

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import httpx
 import pytest
 from page_tabs import Tab
 from viewer_fakes import CylinderIntegration, MemoryFolder
@@ -128,3 +129,8 @@ def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
         tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 1)
         tab.say(type="do", action="reject", view_index=1)
         tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)
+
+
+def test_the_page_gets_the_numbers_of_the_method(server):
+    answer = httpx.get(f"http://127.0.0.1:{server.port}/settings/numbers.json")
+    assert answer.json() == json.loads(json.dumps(method_numbers(Config())))

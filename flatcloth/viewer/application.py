@@ -83,7 +83,7 @@ class Application(PageDesk):
 
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of a session."""
-        return self._why.routes()
+        return [*super().routes(), *self._why.routes()]
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
