@@ -200,7 +200,7 @@ class JointConfig:
 class UncertaintyConfig:
     """How sure each place of the joint shape is (method ``robust``)."""
 
-    strain: float = 0.0055
+    strain: float = 0.005
     """Standard deviation of the strain that the flattening cannot know."""
     extent_m: float = 0.04
     """Over this extent strain is alike."""
@@ -216,6 +216,14 @@ class UncertaintyConfig:
     """Random strain fields from which the standard deviations are taken."""
     waves: int = 32
     """Waves of which the random strain fields are made."""
+    beside_std_m: float = 0.012
+    """A rim pixel of a noisy view is so unsure where another layer lies beside it: ..."""
+    beside_rim_px: float = 3.5
+    """... at most so far from the rim, ..."""
+    beside_reach_px: int = 5
+    """... within so many pixels of a layer ..."""
+    beside_step_m: float = 0.012
+    """... that is so much farther or nearer."""
     firm_m: float = 0.010
     """A place is firm if its standard deviation is at most this."""
     most_std_m: float = 0.040

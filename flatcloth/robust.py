@@ -195,7 +195,7 @@ class Robust:
             draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint, uv_m=uv)
             for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
         ]
-        view = with_placement_std(sure, shape, np.where(loose, np.nan, std))
+        view = with_placement_std(sure, shape, np.where(loose, np.nan, std), surfaces, c.uncertainty)
         least = c.surface.min_component_area_m2
         return Canonical(
             view=view,

@@ -8,6 +8,7 @@ minimisation tells how the nodes would move: far where much hangs on a narrow ne
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import cv2
@@ -19,6 +20,7 @@ from flatcloth.config import JointConfig, UncertaintyConfig
 from flatcloth.hinges import bodies, limp, nearest_body
 from flatcloth.joint import JointShape
 from flatcloth.sparse import factor
+from flatcloth.surface import Surface
 from flatcloth.types import Bool, FlattenedView, Float64, Int32
 
 
@@ -100,10 +102,17 @@ def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, j
     return loose
 
 
-def with_placement_std(view: FlattenedView, shape: JointShape, std_m: Float64) -> FlattenedView:
+def with_placement_std(
+    view: FlattenedView,
+    shape: JointShape,
+    std_m: Float64,
+    surfaces: Mapping[int, Surface],
+    config: UncertaintyConfig,
+) -> FlattenedView:
     """Return a view of a joint shape that says how sure the place of each pixel is.
 
-    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane.
+    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. Where the view
+    that it is taken from is noisy and shows another layer beside it, its depth may be that one's.
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
     rows, cols = view.shape
@@ -115,7 +124,38 @@ def with_placement_std(view: FlattenedView, shape: JointShape, std_m: Float64) -
     # cv2 aligns the corners of the pixels: the value of a coarse pixel lies in the middle of its block.
     shift = _BLOCK_PX // 2
     std = smooth[shift : shift + rows, shift : shift + cols]
+    std = np.hypot(std, np.float32(config.beside_std_m) * _beside_a_layer(view, surfaces, config))
     return replace(view, placement_std_m=np.where(view.valid, std, np.float32(np.nan)))
+
+
+def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface], config: UncertaintyConfig) -> Bool:
+    """Tell which pixels (R, C) a noisy view shows at the rim of its surface beside another layer."""
+    result = np.zeros(view.shape, dtype=np.bool_)
+    for number, surface in surfaces.items():
+        own = view.valid & (view.view_index == number)
+        if surface.noisy and own.any():
+            rc = np.rint(view.source_rc[own] - np.asarray(surface.frame.offset_rc)).astype(int)
+            rc = np.clip(rc, 0, np.array(surface.usable.shape) - 1)
+            result[own] = _layer_rims(surface, config)[rc[:, 0], rc[:, 1]]
+    return result
+
+
+def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
+    measured = surface.frame.depth_m
+    kernel = np.ones((2 * config.beside_reach_px + 1,) * 2, dtype=np.uint8)
+    depth = surface.xyz_m[..., 2]
+    farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
+    nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
+    inside = cv2.distanceTransform(
+        np.pad(surface.usable.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )[1:-1, 1:-1]
+    step = config.beside_step_m
+    rims: Bool = (
+        surface.usable
+        & (inside <= config.beside_rim_px)
+        & ((farthest - depth > step) | (depth - nearest > step))
+    )
+    return rims
 
 
 _BLOCK_PX = 3

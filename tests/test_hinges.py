@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.config import JointConfig, UncertaintyConfig
 from flatcloth.hinges import Hinged, bodies, limp, nearest_body, swung
 from flatcloth.sightings import _offsets
-from flatcloth.uncertainty import placement_std_m, undetermined
+from flatcloth.uncertainty import _layer_rims, placement_std_m, undetermined
 
 CONFIG = JointConfig()
 STEP_M = 0.008
@@ -156,3 +156,24 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     assert not wide_floats.any()
     assert string_m > UncertaintyConfig().most_std_m
     assert string_floats.all()
+
+
+def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
+    depth = np.full((40, 60), 0.80, dtype=np.float32)
+    depth[:, 30:] = 0.86  # another layer, farther
+    usable = np.zeros(depth.shape, dtype=bool)
+    usable[5:35, 5:29] = True
+    depth[:5] = 0.0  # nothing is measured above
+    surface = cast(
+        Any,
+        SimpleNamespace(
+            frame=SimpleNamespace(depth_m=depth),
+            usable=usable,
+            xyz_m=np.where(usable, depth, np.float32(np.nan))[..., None].repeat(3, axis=2),
+            inverse_depth=np.where(depth > 0, 1.0, 0.0),
+        ),
+    )
+    rims = _layer_rims(surface, UncertaintyConfig())
+    assert rims[20, 26:29].all()  # beside the other layer
+    assert not rims[20, :25].any()  # inside, and at an outline beyond which is no other cloth
+    assert not rims[5:8, 5:24].any()
