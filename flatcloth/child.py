@@ -34,7 +34,7 @@ MEMORY_BYTES = 1_200_000_000
 """What a child may take beyond its libraries; any real recording needs less."""
 _START_S = 120.0
 """A cold disk may take long to give the libraries; nobody's file is read meanwhile."""
-_PATIENCE_S = 8.0
+_PATIENCE_S = 6.0
 _BYTES_PER_S = 20e6
 """A sign of life is waited for longer where the file is large: as long as a slow disk takes to read it."""
 
@@ -188,7 +188,7 @@ def _answered(
     except MemoryError:
         return Message({"lost": f"needs more than {MEMORY_BYTES / 1e9:.1f} GB of memory"})
     except Exception as error:  # noqa: BLE001 - in a damaged file a library stumbles anywhere
-        text = " ".join(str(error).split())[:200]
+        text = "".join(c for c in " ".join(str(error).split()) if c.isprintable())[:200]
         return Message({"lost": f"failed ({type(error).__name__}: {text})"})
 
 

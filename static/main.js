@@ -18,6 +18,7 @@ import { Repair } from "/static/repair.js";
 import { Ruler } from "/static/ruler.js";
 import { loadScene, startScene } from "/static/scene.js";
 import { SettingsSheet } from "/static/settings.js";
+import { SourcePanel } from "/static/sources.js";
 import { Teaching } from "/static/teaching.js";
 import { applyTheme, chosenTheme, setTheme, toggleTheme } from "/static/theme.js";
 import { Why } from "/static/why.js";
@@ -64,6 +65,7 @@ const repair = new Repair(canvas, {
     return button;
   },
 });
+const sources = new SourcePanel({ button: (name, title) => toolbar.button(name, title), tip: (name) => toolbar.tip(state.actions.find((a) => a.name === name)) });
 const liveBar = new LiveBar({ send, drawn: drawFrame });
 const teaching = new Teaching({
   actions: () => state.actions, tip: (action) => toolbar.tip(action), name: () => state.recording.name,
@@ -108,7 +110,10 @@ const HANDLERS = {
   pairs: (message) => repair.takePairs(message),
   hover: (message) => {
     hoverBusy = false;
-    if (message.id === hoverId) showValues(message);
+    if (message.id === hoverId) {
+      showValues(message);
+      sources.mark(message.source);
+    }
     askHover();
   },
   measured: (message) => ruler.take(message),
@@ -140,6 +145,7 @@ function show(next) {
   showPicks(state, send);
   showTimeline(state, chooseView);
   settings.update(state);
+  sources.update(state);
   if (isLive()) showLive();
   else showLayer();
   takeServerLog(state.log);
@@ -297,6 +303,8 @@ const PAGE_ACTIONS = {
     show(state);
   },
   ruler: () => ruler.toggle(),
+  source_image: () => sources.fold(),
+  source_mask: () => sources.toggleMask(),
   fit: () => canvas.fit(),
   zoom_in: () => canvas.zoomBy(1.4),
   zoom_out: () => canvas.zoomBy(1 / 1.4),
@@ -333,6 +341,7 @@ function hover(at) {
   if (at === null) {
     hoverId += 1;
     showValues(null);
+    sources.mark(null);
   } else {
     askHover();
   }
@@ -347,7 +356,7 @@ function askHover() {
   // One question at a time, always about the latest place.
   if (hoverBusy || !hoverWanted || !state?.layers) return;
   hoverId += 1;
-  hoverBusy = send({ type: "hover", id: hoverId, ...hoverWanted });
+  hoverBusy = send({ type: "hover", id: hoverId, ...hoverWanted, ...sources.asked });
   hoverWanted = null;
 }
 
@@ -383,6 +392,7 @@ window.flatcloth = {
   get frame() { return liveBar.frame; },
   get teaching() { return teaching.status; },
   get capture() { return capturePanel.status; },
+  get sources() { return sources.status; },
   get fps() { return liveBar.fps; },
   get layerRevision() { return canvas.layerRevision; },
   get why() { return why.status; },

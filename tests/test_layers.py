@@ -17,7 +17,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("", "errors"),
     ("types", "config", "resources", "memory", "plain_files"),
     ("child",),
-    ("geometry",),
+    ("geometry", "visibility"),
     ("recordings",),
     ("ramps", "patches", "surface", "upsampling", "raster", "sampling", "necks", "minimisation", "sparse"),
     ("axis", "axis_estimation", "axis_views"),
@@ -57,6 +57,7 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 NUMERICS = {
     "looseness",
     "geometry",
+    "visibility",
     "ramps",
     "patches",
     "upsampling",

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.errors import RecordingError
+from flatcloth.recordings.text import shortened
 
 RAW, COMPRESSED, CAMERA_INFO = (
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo")
@@ -141,7 +142,7 @@ class Bag:
         except RecordingError:
             raise
         except Exception as error:  # in a damaged file the library stumbles anywhere
-            text = " ".join(str(error).split()) or type(error).__name__
+            text = shortened(" ".join(str(error).split()), 160) or type(error).__name__
             raise RecordingError(
                 f"{self._path}: cannot be read as a ROS recording ({text}). "
                 "Copy it again, or let ros2 bag reindex (rosbag reindex) mend it."

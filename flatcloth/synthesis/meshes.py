@@ -24,6 +24,7 @@ SUFFIXES = (".obj", ".ply", ".glb")
 _MOST_TRIANGLES = 2_000_000
 _MOST_LINES = 4 * _MOST_TRIANGLES
 _MOST_LINE_BYTES = 100_000
+_LARGEST_COORDINATE = 1e9
 _MOST_TEXTURE_PIXELS = 8192**2
 
 
@@ -74,10 +75,13 @@ def _checked(mesh: GarmentMesh, path: Path) -> GarmentMesh:
         )
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         raise SynthesisError(f"{path}: a face names a vertex that does not exist. Export the mesh again.")
-    corner_uv = mesh.corner_uv
     used = mesh.vertices[mesh.triangles]
-    if not np.isfinite(used).all() or (corner_uv is not None and not np.isfinite(corner_uv).all()):
-        raise SynthesisError(f"{path}: a coordinate is not a finite number. Export the mesh again.")
+    for values in (used, mesh.corner_uv):
+        # False for what is no number, too.
+        if values is not None and not np.abs(values).max() < _LARGEST_COORDINATE:
+            raise SynthesisError(
+                f"{path}: a coordinate is not a number below {_LARGEST_COORDINATE:g}. Export the mesh again."
+            )
     # What no triangle uses must not count as the highest or the farthest point.
     vertices = mesh.vertices.copy()
     vertices[np.setdiff1d(np.arange(len(vertices)), mesh.triangles)] = vertices[mesh.triangles[0, 0]]

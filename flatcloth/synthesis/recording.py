@@ -23,6 +23,7 @@ CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.
 NOISES = ("none", "d435")
 _CLEAN_UNIT_M = 0.0001
 _MOST_FLAT_M = 1.5
+_LARGEST_M = 100.0
 _FOLDED_SHARE = 0.005
 
 
@@ -187,6 +188,9 @@ def _check(request: Request) -> None:
 
 def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
     panels = []
+    size_m = float(np.ptp(hung.points_m, axis=0).max())
+    if size_m > _LARGEST_M:
+        raise SynthesisError(f"It is {size_m:g} m large. Check --scale.")
     for name, members in split_panels(mesh):
         if len(members) == 0:
             raise SynthesisError(f"It has no group named {name}. Name both sides, front and back.")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.axis_file import read_axis
-from flatcloth.errors import FlatclothError, JournalError, RecordingError
+from flatcloth.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.export import GraspFrames
 from flatcloth.geometry import Rigid3
 from flatcloth.grasping import Grip
@@ -127,7 +127,10 @@ def open_session(
             f"{folder}: the session is about another recording ({story.recording_name!r}) than {place}."
             " Name the right one with --recording."
         )
-    integration = Integration(opened, story.config, story.method)
+    try:
+        integration = Integration(opened, story.config, story.method)
+    except ConfigError as error:
+        raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
         integration.turn_about(axis)  # what was decided was decided with it

@@ -219,6 +219,14 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         "flip", "Flip", ("Shift+f",), "Exchange left and right of the flattened view for looking.", "view"
     ),
+    Action(
+        "source_image",
+        "Source image",
+        ("Shift+i",),
+        "Show or fold the source image of the view, with its mask, and the views that saw the pick.",
+        "view",
+    ),
+    Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
     Action("grid", "Grid", ("#",), "Show or hide a grid with its centimetres.", "view"),
     Action(
         "ruler",

@@ -24,13 +24,14 @@ from flatcloth.viewer.picks import PickDesk, PlaceBook
 from flatcloth.viewer.picture import Picture, attributes_at, finite
 from flatcloth.viewer.settings import Settings, SettingsBook, numbers_route
 from flatcloth.viewer.snapshot import Desk, Note
+from flatcloth.viewer.sources import place_under
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.integration import Integration
-    from flatcloth.journal import SessionFolder
+    from flatcloth.journal import Pick, SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -125,6 +126,11 @@ class PageDesk(ABC):
         """The state that was sent last; not to be changed."""
         return self._snapshot
 
+    @property
+    def picks(self) -> tuple[Pick, ...]:
+        """The picks that are kept."""
+        return self._picks.picks
+
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves for this mode."""
         return [numbers_route(self._integration.config)]
@@ -160,7 +166,8 @@ class PageDesk(ABC):
             at = hover.u_m, hover.v_m, axis, picture.angle_deg
             shape = attributes_at(picture.view, *at)
             proposal = None if picture.overlay is None else attributes_at(picture.overlay.view, *at)
-        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal}
+        source = None if hover.view is None else place_under(self._integration, hover.view, proposal, shape)
+        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal, "source": source}
 
     def grasps(self) -> dict[str, Any]:
         """Return the list of picks as it is exported.

@@ -84,11 +84,15 @@ class Pairs:
 
 @dataclass(frozen=True, kw_only=True)
 class Hover:
-    """Ask for all attributes at a place of the plane; ``id`` comes back with the answer."""
+    """Ask for all attributes at a place of the plane; ``id`` comes back with the answer.
+
+    ``view`` asks where it falls in the source image of a view, too.
+    """
 
     id: int
     u_m: float
     v_m: float
+    view: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,7 @@ from flatcloth.viewer.loop import Player
 from flatcloth.viewer.pngs import PngDesk
 from flatcloth.viewer.relay import relay
 from flatcloth.viewer.scene import Scene
+from flatcloth.viewer.sources import SourceDesk
 from flatcloth.viewer.teaching import TeachingDesk
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ class PageServer:
         if isinstance(self.application, Application):
             self._scene.offer_axis(self.application.adjust_axis)
         self._pngs = PngDesk(self.application, integration)
+        self._sources = SourceDesk(self.application, integration)
         self._teaching = TeachingDesk(integration)
         self._exports = ExportDesk(integration, folder)
         self._ready = threading.Event()
@@ -175,6 +177,7 @@ class PageServer:
         routes: list[BaseRoute] = [
             Route("/", _page),
             *self._pngs.routes(),
+            *self._sources.routes(),
             Route("/export/grasps.json", self._grasps),
             Route("/export/{name}", self._exports.serve),
             Route("/teaching/{part}", self._teaching.serve),
