@@ -38,7 +38,9 @@ export function startKeys(page) {
 /** The mode that is open comes first, and the other modes' keys stay the browser's. */
 function actionOf(state, mode, key) {
   const having = state.actions.filter((a) => a.keys.includes(key));
-  return having.find((a) => a.mode === mode) ?? having.find((a) => ["", "session"].includes(a.mode));
+  const elsewhere = ["", "session"].flatMap((m) => having.filter((a) => a.mode === m));
+  // The keys of teaching alone say where they belong; those of live mode and capture stay the browser's.
+  return having.find((a) => a.mode === mode) ?? elsewhere[0] ?? having.find((a) => a.mode === "teaching");
 }
 
 function keyOf(event) {

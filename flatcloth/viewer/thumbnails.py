@@ -12,8 +12,8 @@ WIDTH_PX, HEIGHT_PX = 216, 150
 """Twice what the page shows them at, for sharp screens."""
 
 _MARGIN = 0.04
-_PALE = 0.45
-_PAPER = 236.0
+_PALE = 90
+"""Opacity of the shape, of 255: pale on light and on dark pages."""
 _TINT = np.array([230.0, 126.0, 0.0])
 
 
@@ -25,13 +25,13 @@ def thumbnail(current: FlattenedView, new: FlattenedView, placements: Sequence[R
     uv = _grid(current, new, placements)
     image = np.zeros((HEIGHT_PX, WIDTH_PX, 4), dtype=np.uint8)
     known, color = _look_up(current, uv)
-    image[known, :3] = _PALE * color[known] + (1 - _PALE) * _PAPER
+    image[known, :3], image[known, 3] = color[known], _PALE
     covered, color = _look_up(new, placements[index].inverse().apply(uv.reshape(-1, 2)).reshape(uv.shape))
     image[covered, :3] = color[covered]
     inner = covered.copy()
     inner[1:-1, 1:-1] &= covered[:-2, 1:-1] & covered[2:, 1:-1] & covered[1:-1, :-2] & covered[1:-1, 2:]
     image[covered & ~inner, :3] = _TINT
-    image[known | covered, 3] = 255
+    image[covered, 3] = 255
     return image
 
 
