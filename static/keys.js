@@ -4,7 +4,7 @@ import { isMove } from "/static/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
 
-/** `page`: state(), mode(), run(name, large). Returns the listener, for frames that want it as well. */
+/** `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that want it as well. */
 export function startKeys(page) {
   let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
 
@@ -16,7 +16,8 @@ export function startKeys(page) {
     if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
     if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
     const key = keyOf(event);
-    const action = (event.shiftKey && actionOf(state, page.mode(), `Shift+${key}`)) || actionOf(state, page.mode(), key);
+    const modes = page.modes();
+    const action = (event.shiftKey && actionOf(state, modes, `Shift+${key}`)) || actionOf(state, modes, key);
     if (!action) return;
     // Space presses the button that was tabbed to.
     if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
@@ -35,12 +36,11 @@ export function startKeys(page) {
   return onKeyDown;
 }
 
-/** The mode that is open comes first, and the other modes' keys stay the browser's. */
-function actionOf(state, mode, key) {
+/** The modes that are open come first; of the others, live mode and capture leave their keys to the browser. */
+function actionOf(state, modes, key) {
   const having = state.actions.filter((a) => a.keys.includes(key));
-  const elsewhere = ["", "session"].flatMap((m) => having.filter((a) => a.mode === m));
-  // The keys of teaching alone say where they belong; those of live mode and capture stay the browser's.
-  return having.find((a) => a.mode === mode) ?? elsewhere[0] ?? having.find((a) => a.mode === "teaching");
+  const inOrder = [...modes, "", "session", "teaching"].map((mode) => having.find((a) => a.mode === mode));
+  return inOrder.find(Boolean);
 }
 
 function keyOf(event) {

@@ -315,7 +315,7 @@ const PAGE_ACTIONS = {
   copy: copyPick,
   export: () => showExports(notify, state.recording.name),
   settings: () => settings.open(),
-  palette: () => showPalette(state.actions.filter((a) => a.name !== "palette" && ["", modeNow()].includes(a.mode)), run),
+  palette: () => showPalette(state.actions.filter((a) => a.name !== "palette" && ["", modesNow()[0]].includes(a.mode)), run),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(state.actions, state.mode),
@@ -328,8 +328,8 @@ const PAGE_ACTIONS = {
   live_turn: () => send({ type: "play", forward: !state.live.forward }),
 };
 
-/** The mode whose keys come first. */
-const modeNow = () => (teaching.status.open ? "teaching" : isLive() ? "live" : state.capture ? "capture" : "session");
+/** The modes whose keys come first, the uppermost first. */
+const modesNow = () => [...(teaching.status.open ? ["teaching"] : []), isLive() ? "live" : state.capture ? "capture" : "session"];
 
 function sendMove(by) {
   send({ type: "move", view_index: state.pending.view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });
@@ -380,7 +380,7 @@ async function copyPick() {
 byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
-startScene(startKeys({ state: () => state, mode: modeNow, run }));
+startScene(startKeys({ state: () => state, modes: modesNow, run }));
 showValues(null);
 
 window.flatcloth = {
