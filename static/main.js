@@ -329,7 +329,9 @@ const PAGE_ACTIONS = {
 };
 
 /** The modes whose keys come first, the uppermost first. */
-const modesNow = () => [...(teaching.status.open ? ["teaching"] : []), isLive() ? "live" : state.capture ? "capture" : "session"];
+const modesNow = () => [
+  ...(teaching.status.open ? ["teaching"] : []), ...(state.capture ? ["capture"] : []), isLive() ? "live" : "session",
+];
 
 function sendMove(by) {
   send({ type: "move", view_index: state.pending.view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });
