@@ -199,7 +199,7 @@ def test_a_table_names_views_by_time(tmp_path: Path) -> None:
 
 def test_a_film_is_not_taken_for_one_view_a_frame(tmp_path: Path) -> None:
     path = write(tmp_path / "take.bag", views(40))
-    refused(path, "1.1 turns with --step 10", step_deg=10)
+    refused(path, "the item never stands still", step_deg=10)
     assert len(open_recording(path, step_deg=9)) == 40
 
 

@@ -54,6 +54,16 @@ class GivenAngles:
         if self.table is not None or self.step_deg is not None:
             raise RecordingError(f"{source}: has its own angles. Leave out --angles and --step.")
 
+    def film_step_deg(self, shots: Shots) -> float | None:
+        """Return the step between the stops of a film; None if the shots are views already.
+
+        A film has times, and many more images than a turn has steps.
+        """
+        step_deg = self.step_deg
+        if self.table is not None or step_deg is None or shots.times_s is None:
+            return None
+        return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
+
     def views(self, shots: Shots, beside: Path | None = None) -> list[tuple[int, float]]:
         """Return the views: which shot, and its angle in degrees since the first view.
 
@@ -103,7 +113,7 @@ def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
         raise RecordingError(
             f"--step {step_deg:g}: a view is turned by 0.01 to 180 degrees from the last one."
         )
-    if (shots.count - 2) * abs(step_deg) > 360.0:
+    if _is_film(shots, step_deg):
         turns = shots.count * abs(step_deg) / 360.0
         raise RecordingError(
             f"{shots.source}: its {shots.count} images would be {turns:.1f} turns with --step {step_deg:g}. "
@@ -117,6 +127,10 @@ def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
         angles.append(n * step_deg)
     _check(angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))])
     return list(enumerate(angles))
+
+
+def _is_film(shots: Shots, step_deg: float) -> bool:
+    return (shots.count - 2) * abs(step_deg) > 360.0
 
 
 def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.angles import GivenAngles, Shots, left_out
+from flatcloth.recordings.base import Recording
 from flatcloth.recordings.camera_file import Camera, read_camera
 from flatcloth.recordings.folder import ImageRecording
 from flatcloth.recordings.manifest import Manifest, ViewFiles
@@ -30,7 +31,7 @@ def is_tum(folder: Path) -> bool:
     return lists or any((folder / name).is_file() for name in _ASSOCIATIONS)
 
 
-def open_tum(folder: Path, angles: GivenAngles) -> ImageRecording:
+def open_tum(folder: Path, angles: GivenAngles) -> Recording:
     """Open a TUM RGB-D folder: ``associations.txt``, or ``rgb.txt`` and ``depth.txt``; 5000 units per metre.
 
     Raises
@@ -56,7 +57,7 @@ def is_color_and_depth(folder: Path) -> bool:
     return (folder / "depth").is_dir() and any((folder / name).is_dir() for name in _COLOR_FOLDERS)
 
 
-def open_color_and_depth(folder: Path, angles: GivenAngles) -> ImageRecording:
+def open_color_and_depth(folder: Path, angles: GivenAngles) -> Recording:
     """Open a folder as Open3D has it: ``color/``, ``depth/``, ``intrinsic.json``, and ``mask/`` if wanted.
 
     Raises
@@ -86,10 +87,11 @@ def _recording(
     angles: GivenAngles,
     units_per_m: float,
     description: str,
-) -> ImageRecording:
+) -> Recording:
     names = [color.relative_to(folder).as_posix() for color, _ in pairs]
     shots = Shots(source=str(folder), count=len(pairs), names=names, times_s=times_s)
-    chosen = angles.views(shots, beside=folder)
+    film_step_deg = angles.film_step_deg(shots)
+    chosen = angles.views(shots, beside=folder) if film_step_deg is None else [(n, 0.0) for n in range(len(pairs))]
     camera = read_camera(folder, pairs[0][0])
     masks = _masks(folder, [pairs[n][0] for n, _ in chosen])
     views = tuple(
@@ -102,7 +104,7 @@ def _recording(
         )
         for i, (n, angle) in enumerate(chosen)
     )
-    return ImageRecording(
+    recording = ImageRecording(
         Manifest(
             folder=folder,
             name=one_line(folder.name) or "recording",
@@ -117,6 +119,11 @@ def _recording(
             any_depth=True,
         )
     )
+    if film_step_deg is None or times_s is None:
+        return recording
+    from flatcloth.recordings.film import FilmRecording
+
+    return FilmRecording(recording, times_s, film_step_deg)
 
 
 def _assumed(camera: Camera) -> tuple[str, ...]:

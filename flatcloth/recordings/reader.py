@@ -21,7 +21,7 @@ def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
 
         table = question["table"]
         given = GivenAngles(table=None if table is None else Path(table), step_deg=question["step_deg"])
-        return open_ros(path, given)
+        return open_ros(path, given, progress)
     from flatcloth.recordings.turned import TurnOptions, open_realsense
 
     angles = question["angles"]

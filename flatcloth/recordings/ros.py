@@ -12,13 +12,14 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.angles import GivenAngles, Shots, left_out
+from flatcloth.recordings.base import Recording
 from flatcloth.recordings.camera import checked_intrinsics, checked_lens
 from flatcloth.recordings.lens import Lens
 from flatcloth.recordings.pairing import pair_by_time
 from flatcloth.recordings.ros_bag import CAMERA_INFO, COMPRESSED, RAW, Bag, Place
 from flatcloth.recordings.ros_images import Look, UnreadableImageError, color_of, depth_of, look
 from flatcloth.recordings.text import one_line
-from flatcloth.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 
 _TRANSPORTS = ("/compressed", "/compressedDepth")
 _REGISTERED = ("aligned", "registered")
@@ -115,7 +116,9 @@ class RosRecording:
         raise RecordingError(f"{self._path}: {cause}. {remedy}")
 
 
-def open_ros(path: Path, angles: GivenAngles) -> RosRecording:
+def open_ros(
+    path: Path, angles: GivenAngles, progress: Progress = no_progress
+) -> Recording:
     """Open a ROS recording.
 
     Parameters
@@ -124,6 +127,8 @@ def open_ros(path: Path, angles: GivenAngles) -> RosRecording:
         A ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
     angles : GivenAngles
         Of the pairs of color and depth, in order of their time stamps.
+    progress : callable
+        Told how much of a film was looked through.
 
     Raises
     ------
@@ -147,8 +152,12 @@ def open_ros(path: Path, angles: GivenAngles) -> RosRecording:
         )
     taken_s = [color_s[i] for i, _ in pairs]
     shots = Shots(source=str(path), count=len(pairs), times_s=taken_s)
-    views = angles.views(shots, beside=path if path.is_dir() else None)
-    return RosRecording(
+    film_step_deg = angles.film_step_deg(shots)
+    if film_step_deg is None:
+        views = angles.views(shots, beside=path if path.is_dir() else None)
+    else:
+        views = [(n, 0.0) for n in range(len(pairs))]
+    recording = RosRecording(
         path,
         bag,
         (color.name, depth.name),
@@ -157,6 +166,11 @@ def open_ros(path: Path, angles: GivenAngles) -> RosRecording:
         [(angle, color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, angle in views],
         left_out(shots, views),
     )
+    if film_step_deg is None:
+        return recording
+    from flatcloth.recordings.film import FilmRecording
+
+    return FilmRecording(recording, taken_s, film_step_deg, progress)
 
 
 def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:

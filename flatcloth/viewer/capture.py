@@ -57,6 +57,8 @@ _NOT_WITH_A_CAMERA = {
     "live_turn": _NO_FRAMES,
     "teach": _NO_RECORDING,
     "export": _NO_RECORDING,
+    "source_image": _NO_RECORDING,
+    "source_mask": _NO_RECORDING,
 }
 """Why the actions that need a whole recording are not allowed here."""
 

@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.geometry import held_from_camera
-from flatcloth.types import Bool, Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
 from flatcloth.viewer.axis_panel import AxisPanel
+from flatcloth.viewer.clouds import CloudPanel, clouds_of, dimmed
 from flatcloth.viewer.panels import Panels
 from flatcloth.viewer.picture import Picture
 
 if TYPE_CHECKING:
     import viser
+
+    from flatcloth.integration import Integration
 
 MAX_POINTS = 60_000
 """More points than this make the browser slow, and show no more."""
@@ -28,9 +31,7 @@ MAX_LIVE_POINTS = 25_000
 BALL_RADIUS_M = 0.006
 ARROW_LENGTH_M = 0.06
 FRAME_MARGIN = 1.15
-_HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
 _PICK_COLOR = (225, 29, 116)
-_GREY = 150.0
 
 
 class Scene:
@@ -51,6 +52,8 @@ class Scene:
         self._axis = axis
         self._axis_span_m = (-0.5, 0.5)
         self._axis_panel: AxisPanel | None = None
+        self._cloud_panel: CloudPanel | None = None
+        self._picture: Picture | None = None
         self._lock = threading.RLock()
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._points: dict[str, Float32] = {}
@@ -112,6 +115,8 @@ class Scene:
 
     def stop(self) -> None:
         """Close the viser server."""
+        if self._cloud_panel is not None:
+            self._cloud_panel.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
@@ -136,7 +141,7 @@ class Scene:
             else:
                 live = picture.cloud
                 keep = _evenly(len(live.xyz_m), MAX_LIVE_POINTS)
-                shades = _dimmed(live.rgb[keep], live.of_interest[keep])
+                shades = dimmed(live.rgb[keep], live.of_interest[keep])
                 self._fill("/live/cloud", live.xyz_m[keep], shades, 0.0022)
                 if self._view_from is None:
                     self._place_camera(picture)
@@ -163,22 +168,16 @@ class Scene:
             self._aim_all()
 
     def _show(self, picture: Picture | None) -> None:
+        self._picture = picture
         if picture is None:
             for name in self._clouds:
                 self._fill(name, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
             self._shown = None
             return
-        live = picture.cloud
-        self._fill("/live/cloud", live.xyz_m, _dimmed(live.rgb, live.of_interest), 0.0015)
-        view = picture.view
-        self._fill("/held/cloud", view.xyz_m[view.valid], view.rgb[view.valid], 0.0018)
-        overlay = picture.overlay
-        if overlay is None:
-            self._fill("/proposal/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
-        else:
-            new = overlay.new_points & overlay.view.valid
-            colors = (0.35 * overlay.view.rgb[new] + 0.65 * _HIGHLIGHT).astype(np.uint8)
-            self._fill("/proposal/cloud", overlay.view.xyz_m[new], colors, 0.0026)
+        panel = self._cloud_panel
+        shown = clouds_of(picture, self._axis, 1) if panel is None else panel.clouds(picture, self._axis)
+        for name, cloud in shown.items():
+            self._fill(name, cloud.points_m, cloud.colors, cloud.size_m)
         self._place_camera(picture)
 
     def show_pick(
@@ -307,6 +306,16 @@ class Scene:
         """Offer to set the turning axis by hand; ``on_apply`` is told, from viser's threads."""
         self._axis_panel = AxisPanel(self._server, self._axis, self._draw_axis, on_apply)
 
+    def offer_clouds(self, integration: Integration) -> None:
+        """Offer to choose the points that are shown, and their colours."""
+        self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
+
+    def _show_again(self) -> None:
+        with self._lock, self._server.atomic():
+            if self._picture is not None:
+                self._show(self._picture)
+        self._server.flush()
+
     def set_axis(self, axis: RotationAxis) -> None:
         """Take the turning axis that is in force from now on."""
         with self._lock, self._server.atomic():
@@ -343,11 +352,6 @@ def _start_viser(relay_key: str) -> viser.ViserServer:
 
     socket._client_connect_cb.insert(0, only_our_relay)
     return server
-
-
-def _dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
-    grey = (0.25 * rgb + 0.75 * _GREY).astype(np.uint8)
-    return np.where(of_interest[:, None], rgb, grey)
 
 
 def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:

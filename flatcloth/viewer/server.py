@@ -106,6 +106,7 @@ class PageServer:
         self._scene.on_ray = self.application.click_ray
         self._scene.on_follow = self.application.set_follow
         if isinstance(self.application, Application):
+            self._scene.offer_clouds(integration)
             self._scene.offer_axis(self.application.adjust_axis)
         self._pngs = PngDesk(self.application, integration)
         self._sources = SourceDesk(self.application, integration)
