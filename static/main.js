@@ -179,7 +179,7 @@ function drawFrame(frame, shown) {
 }
 
 function hint() {
-  const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
+  const angle = (i, word = "view") => `${word} ${i} (${number(state.views[i].angle_deg, 0)}°)`;
   const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
   const waiting = state.n_later ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.` : "";
   if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
@@ -190,6 +190,7 @@ function hint() {
       if (state.request.kind === "follow") return `Laying ${angle(state.request.view_index)} on the changed shape.${area}`;
       return state.request.view_index === null ? `Looking for the next view.${area}` : `Laying ${angle(state.request.view_index)} on the shape.${area}`;
     case "deciding":
+      if (state.pending.again && !state.pending.why) return `${angle(state.pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it; Undo (U) leaves it as it was.${waiting}${area}`;
       return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or move it with the arrow keys.${waiting}${area}`;
     case "finished":
       return `Finished: ${state.finished} Click the cloth for a grasp point.${area}`;
@@ -255,6 +256,7 @@ function run(name, large = false) {
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
+    else if (repair.picking) PAGE_ACTIONS.pairs();
     return;
   }
   if (name in LAYERS) {

@@ -243,10 +243,10 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
-    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses, parts."""
+    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
     placing = None if overlay is None else overlay.proposal.placing
     if placing is None or not placing.hypotheses:
-        return {"margin": None, "undetermined": [], "hypotheses": [], "waiting_cm2": []}
+        return {"margin": None, "undetermined": [], "hypotheses": []}
     return {
         "margin": finite(float(placing.margin)),
         "undetermined": list(placing.hypotheses[0].undetermined),
@@ -254,7 +254,6 @@ def _placing(overlay: Overlay | None) -> dict[str, Any]:
             {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
             for h in placing.hypotheses
         ],
-        "waiting_cm2": [1e4 * part.area_m2 for part in placing.parts if part.hypothesis is None],
     }
 
 

@@ -125,7 +125,7 @@ def test_pairs_of_points_are_picked_dragged_weighed_removed_and_fitted(open_tab)
     tab.until("flatcloth.state.pending.nudge.u_mm > 39")
     tab.page.keyboard.press("y")
     tab.until("flatcloth.state.undo?.startsWith('fit pairs of view')")
-    tab.page.keyboard.press("p")
+    tab.page.keyboard.press("Escape")  # ends the picking of pairs
     count = len(tab.state()["picks"])
     tab.page.mouse.click(*chosen[0])  # a click picks a grasp point again
     tab.until(f"flatcloth.state.picks.length === {count + 1}")
