@@ -66,6 +66,15 @@ class Nudge:
 
 
 @dataclass(frozen=True)
+class TakePart:
+    """Place another connected part of the pending view, beginning where it is put."""
+
+    view_index: int
+    component: int
+    current_from_new: Rigid2
+
+
+@dataclass(frozen=True)
 class Undo:
     """Take the last decision back."""
 
@@ -136,5 +145,7 @@ class Failed:
     token: int
 
 
-Command = Start | Propose | Accept | Reject | Skip | Reopen | Nudge | Undo | Redo | Cancel | Restart
+Command = (
+    Start | Propose | Accept | Reject | Skip | Reopen | Nudge | TakePart | Undo | Redo | Cancel | Restart
+)
 Event = Started | Proposed | Followed | NothingMore | Failed

@@ -8,7 +8,7 @@ it was accepted, or well enough to be accepted unattended; else the operator is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from flatcloth.alignment import Alignment
 from flatcloth.errors import AlignmentError, FlatteningError, SurfaceError
-from flatcloth.hypotheses import Placing
+from flatcloth.hypotheses import PartPlace, Placing
 from flatcloth.matching import AlignmentScore
 from flatcloth.planning import Plan
 from flatcloth.session import Document, Followed, Later, Side
@@ -94,11 +94,13 @@ def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
     return chosen
 
 
-def laid_beside(shape: FlattenedView, part: FlattenedView, component: int, side: Side) -> Placing:
-    """Lay a part of a view beside the shape, at one side of it, for the operator to place by hand.
+def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placing:
+    """Lay the first part of a view beside the shape, at one side of it, for the operator to place by hand.
 
-    Upright as it was seen: both planes have their ``v`` along the turning axis.
+    Upright as it was seen: both planes have their ``v`` along the turning axis. ``parts`` by their
+    numbers; each may be taken instead.
     """
+    component, part = next(iter(parts.items()))
     left, top, right, bottom = _extent_m(shape)
     own_left, own_top, own_right, own_bottom = _extent_m(part)
     u_m = left - _GAP_M - own_right if side is Side.LEFT else right + _GAP_M - own_left
@@ -108,7 +110,8 @@ def laid_beside(shape: FlattenedView, part: FlattenedView, component: int, side:
     alignment = Alignment(
         current_from_new=motion, initial=motion, score=nothing, initial_score=nothing, correspondence=None
     )
-    return Placing(component=component, alignment=alignment)
+    waiting = (PartPlace(component=n, area_m2=p.area_m2, hypothesis=None) for n, p in parts.items())
+    return Placing(component=component, alignment=alignment, parts=tuple(waiting))
 
 
 def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:

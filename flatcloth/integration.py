@@ -349,13 +349,13 @@ class Integration:
     ) -> Proposal:
         """Lay the largest part that is not folded beside the shape; if all are, by hand is no help."""
         most = self.config.flattening.max_folded_share
-        for n, component in enumerate(self.flattening(view_index).components):
-            if component.folded_share <= most:
-                canonical, angles_deg = self.canonical(document), self.recording.angles_deg
-                to_side = side_of(document, angles_deg, view_index)
-                placing = laid_beside(canonical.view, component.view, n, to_side)
-                return Proposal(view_index=view_index, side=side, plan=None, placing=placing)
-        raise error
+        components = enumerate(self.flattening(view_index).components)
+        parts = {n: component.view for n, component in components if component.folded_share <= most}
+        if not parts:
+            raise error
+        to_side = side_of(document, self.recording.angles_deg, view_index)
+        placing = laid_beside(self.canonical(document).view, parts, to_side)
+        return Proposal(view_index=view_index, side=side, plan=None, placing=placing)
 
     def _propose(
         self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress

@@ -58,6 +58,7 @@ _KINDS: dict[str, type[Any]] = {
     "skip": session.Skip,
     "reopen": session.Reopen,
     "nudge": session.Nudge,
+    "take part": session.TakePart,
     "undo": session.Undo,
     "redo": session.Redo,
     "cancel": session.Cancel,

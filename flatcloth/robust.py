@@ -145,8 +145,8 @@ class Robust:
         """Keep the nodes whose place on the plane fits the accepted placement, part by part.
 
         Layers that lie on each other are at one place in space. A part whose nodes do not fit a
-        rigid motion on the plane is left for later; where a placement was set by hand against
-        what space says, the nodes under it are taken instead.
+        rigid motion on the plane is left for later; where a part was laid by hand against what
+        space says, or where space says nothing, the nodes under it are taken instead.
         """
         label = self._label(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -158,15 +158,21 @@ class Robust:
         at = np.flatnonzero(known & (part == added.component))
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
         kept[at] = off <= self._config.agreement.gate_m
-        if added.fixed and kept[at].sum() <= 0.5 * at.size:
-            return self._under(shape, added)
+        by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
         for component in np.setdiff1d(part, [added.component]):
             at = np.flatnonzero(known & (part == component))
             for piece in np.unique(shape.piece[recognised.node[at]]):
                 there = at[shape.piece[recognised.node[at]] == piece]
                 kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
+        if not by_hand:
+            return _chosen(recognised, kept)
+        under = self._under(shape, added)
+        kept &= (part != added.component) & ~np.isin(recognised.node, under.node)
+        others = _chosen(recognised, kept)
         return Recognised(
-            node=recognised.node[kept], rc=recognised.rc[kept], incidence_deg=recognised.incidence_deg[kept]
+            node=np.concatenate([others.node, under.node]),
+            rc=np.concatenate([others.rc, under.rc]),
+            incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
         )
 
     def _under(self, shape: JointShape, added: Accepted) -> Recognised:
@@ -416,6 +422,12 @@ class Robust:
                 component.view.area_m2,
             )
         return parts
+
+
+def _chosen(recognised: Recognised, at: Bool) -> Recognised:
+    return Recognised(
+        node=recognised.node[at], rc=recognised.rc[at], incidence_deg=recognised.incidence_deg[at]
+    )
 
 
 def _prefix(document: Document) -> Hashable:

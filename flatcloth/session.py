@@ -34,6 +34,7 @@ from flatcloth.decisions import (
     Skip,
     Start,
     Started,
+    TakePart,
     Undo,
 )
 from flatcloth.document import UNSURE, Accepted, Document, Later, Pending, Rejected, Side, Skipped
@@ -69,6 +70,7 @@ __all__ = [
     "Skipped",
     "Start",
     "Started",
+    "TakePart",
     "Undo",
     "apply",
     "why_illegal",
@@ -174,14 +176,14 @@ def _why_not_reopen(document: Document, view_index: int) -> str | None:
     return None
 
 
-def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge) -> str | None:
+def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge | TakePart) -> str | None:
     pending = document.pending
     if pending is None:
         return "There is no proposal to decide about; step first."
     if command.view_index != pending.view_index:
         return f"The proposal has changed: it is view {pending.view_index} now, not {command.view_index}."
-    if isinstance(command, Nudge):
-        by = command.by
+    if isinstance(command, Nudge | TakePart):
+        by = command.by if isinstance(command, Nudge) else command.current_from_new
         if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
             return "A nudge needs finite numbers."
     return None
@@ -224,6 +226,11 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             assert document.pending is not None
             moved = replace(document.pending, nudge=by @ document.pending.nudge)
             return _edit(state, f"{how} view {view}", replace(document, pending=moved))
+        case TakePart(view_index=view, component=component, current_from_new=motion):
+            assert document.pending is not None
+            nudge = motion @ document.pending.proposed.inverse()
+            taken = replace(document.pending, component=component, nudge=nudge)
+            return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
         case Undo():
             item = state.undo[-1]
             redo = (*state.redo, HistoryItem(item.name, document))

@@ -12,7 +12,8 @@ export function startKeys(page) {
     if (event.key === "Tab") tabbed = true;
     const state = page.state();
     if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
-    const target = event.target;
+    // The browser lets a dialog that was just closed keep the focus until it draws again.
+    const target = event.target.closest?.("dialog") ? document.body : event.target;
     if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
     if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
     const key = keyOf(event);

@@ -7,6 +7,7 @@ import { Connection } from "/static/connection.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { showExports } from "/static/exports.js";
 import { count, number } from "/static/format.js";
+import { hint } from "/static/hints.js";
 import { startKeys } from "/static/keys.js";
 import { LiveBar } from "/static/live.js";
 import { Looking } from "/static/look.js";
@@ -134,7 +135,7 @@ function show(next) {
   document.title = `${state.recording.name} · flatcloth`;
   byId("live").hidden = !isLive();
   byId("hint").hidden = isLive();
-  setText(byId("hint"), hint());
+  setText(byId("hint"), hint(state));
   toolbar.update(state);
   capturePanel.update(state);
   showProgress(state.progress);
@@ -176,29 +177,6 @@ function drawFrame(frame, shown) {
   markPresent(frame.view_index);
   byId("empty").hidden = shown !== null;
   setText(byId("empty"), frame.reason);
-}
-
-function hint() {
-  const angle = (i) => `view ${i} (${number(state.views[i].angle_deg, 0)}°)`;
-  const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
-  const waiting = state.n_later ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.` : "";
-  if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
-  if (isLive()) return "";
-  switch (state.phase) {
-    case "computing":
-      if (state.request.kind === "start") return "Choosing and flattening the start view.";
-      if (state.request.kind === "follow") return `Laying ${angle(state.request.view_index)} on the changed shape.${area}`;
-      return state.request.view_index === null ? `Looking for the next view.${area}` : `Laying ${angle(state.request.view_index)} on the shape.${area}`;
-    case "deciding":
-      return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or move it with the arrow keys.${waiting}${area}`;
-    case "finished":
-      return `Finished: ${state.finished} Click the cloth for a grasp point.${area}`;
-    default:
-      return state.start_view === null
-        ? "Press Step (S): the start view is chosen and flattened."
-        : state.n_later ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow. Press Step (S) to go on.${area}`
-        : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
-  }
 }
 
 function showLayer() {
@@ -255,6 +233,7 @@ function run(name, large = false) {
   if (action.why_not !== null) {
     // Escape closes things all the time; it needs no lecture.
     if (name !== "cancel") notify("warning", action.why_not);
+    else if (repair.picking) PAGE_ACTIONS.pairs();
     return;
   }
   if (name in LAYERS) {

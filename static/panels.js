@@ -94,8 +94,6 @@ export function showProposal(state, send) {
     pending.margin === null ? null : make("p", { data: { tip: "How much more sure this place is than the second best" } },
       `Margin to the second best: ${number(pending.margin, 2)}`),
     pending.undetermined.length ? make("p", { class: "why" }, `Not determined: ${pending.undetermined.join(", ")}`) : null,
-    pending.waiting_cm2.length ? make("p", { class: "why" },
-      `Waiting for other views: ${pending.waiting_cm2.length} part${pending.waiting_cm2.length > 1 ? "s" : ""}, ${number(pending.waiting_cm2.reduce((a, b) => a + b, 0), 0)} cm²`) : null,
     pending.hypotheses.length > 1 ? make("div", { class: "places", role: "group", "aria-label": "Places found" },
       ...pending.hypotheses.map((h, index) => make("button", {
         type: "button", "aria-label": `${SOURCES[h.source]}, score ${number(h.score, 2)}`, data: { id: `place-${index}`, tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.` },
@@ -103,7 +101,7 @@ export function showProposal(state, send) {
       }, make("img", { src: `/hypothesis/${state.layers.revision}-${pending.view_index}/${index}.png`, alt: "", width: 108, height: 75 }),
       make("span", {}, `${SHORT_SOURCES[h.source]} ${number(h.score, 2)}`)))) : null,
     pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
-    pending.reason ? make("p", { class: "why" }, pending.reason) : null,
+    pending.reason ? make("p", { class: "why" }, pending.reason.replaceAll("cm2", "cm²")) : null,
   ].filter(Boolean));
 }
 

@@ -37,7 +37,19 @@ export class Repair {
     for (const name of ["pairs", "refine"]) {
       byId("repair-tools").querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(name === "pairs" && this.picking));
     }
+    this.showPieces(state.pending);
     this.showPairs();
+  }
+
+  /** The connected parts of the view, if it has several: which one is placed. */
+  showPieces({ pieces, view_index }) {
+    const box = byId("pieces");
+    box.hidden = pieces.length < 2;
+    rebuild(box, [pieces, view_index], () => pieces.map((piece) => make("button", {
+      type: "button", class: "button", "aria-pressed": String(piece.chosen),
+      data: { id: `piece-${piece.component}`, tip: piece.waits ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand." : "Place this part of the view." },
+      on: { click: () => piece.chosen || this.handlers.send({ type: "take_part", view_index, component: piece.component }) },
+    }, `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`)));
   }
 
   /** The proposal is drawn anew where the server has moved it: its fit and residuals are others now. */

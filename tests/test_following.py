@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scenes import Cylinder
 from flatcloth.errors import AlignmentError
 from flatcloth.integration import METHODS, Integration
 from flatcloth.pipeline import Run
+from flatcloth.recordings import open_recording
 from flatcloth.session import (
     Accept,
     Command,
@@ -23,6 +25,7 @@ from flatcloth.session import (
     SessionState,
     Skip,
     Start,
+    TakePart,
     apply,
 )
 from flatcloth.types import Rigid2
@@ -219,3 +222,26 @@ def test_a_view_that_is_laid_where_the_views_share_nothing_in_space_joins_the_sh
     joined = made.canonical(placed.document)
     assert joined.floating == ()
     assert joined.view.area_m2 > 1.3 * shape.area_m2
+
+
+def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> None:
+    recording = open_recording(Path(__file__).parents[1] / "recordings" / "shirt-sleeve-clean")
+    made = Integration(recording)
+    state = done(made, SessionState(len(recording)), Start(), Propose())
+    pending = state.document.pending
+    assert pending is not None
+    waiting = [p.component for p in made.proposal(state.document).placing.parts if p.hypothesis is None]
+    assert waiting
+    plain = made.canonical(done(made, state, Accept(pending.view_index)).document)
+    assert plain.floating  # nothing seen connects it
+    # Reopened, and its piece laid on the right border of the shape.
+    state = done(made, state, Accept(pending.view_index), Reopen(pending.view_index))
+    shape, piece = made.canonical(state.document).view, made.part(pending.view_index, waiting[0])
+    border = max(shape.uv_from_rc(np.argwhere(shape.valid)).tolist())
+    edge = min(piece.uv_from_rc(np.argwhere(piece.valid)).tolist())
+    there = Rigid2(0.0, border[0] - edge[0] - 0.02, border[1] - edge[1])
+    placed = done(made, state, TakePart(pending.view_index, waiting[0], there), Accept(pending.view_index))
+    joined = made.canonical(placed.document)
+    assert joined.floating == ()
+    # The rest of the view lies where it lay: only the piece has come to the shape.
+    assert joined.view.area_m2 == pytest.approx(plain.view.area_m2 + plain.floating[0].area_m2, rel=0.01)

@@ -212,3 +212,33 @@ def test_a_turn_is_told_as_it_is_seen_about_the_proposals_own_centre(server, fol
     stored = folder.state.document.pending.nudge
     assert np.hypot(stored.u_m, stored.v_m) > 0.02  # about the origin, it is another shift
     assert stored != Rigid2()
+
+
+def test_another_part_of_the_view_is_taken_and_placed_by_hand(server, folder):
+    with Tab(server) as tab:
+        state = tab.proposed()
+        assert [(p["waits"], p["chosen"]) for p in state["pending"]["pieces"]] == [
+            (False, True),
+            (True, False),
+        ]
+        tab.say(type="move", view_index=1, u_m=0.010)
+        tab.state_where(lambda s: s["pending"]["nudge"]["u_mm"])
+        tab.say(type="take_part", view_index=1, component=1)
+        state = tab.state_where(lambda s: s["undo"] == "take part 2 of view 1")
+        assert [p["chosen"] for p in state["pending"]["pieces"]] == [False, True]
+        assert folder.state.document.pending.current_from_new.u_m == pytest.approx(
+            0.010
+        )  # begins where it was
+        tab.say(type="take_part", view_index=1, component=0)
+        tab.state_where(lambda s: s["undo"] == "take part 1 of view 1")
+        assert folder.state.document.pending.current_from_new.u_m == pytest.approx(
+            0.003
+        )  # where it was found
+        tab.say(type="take_part", view_index=1, component=2)
+        assert "View 1 has no part 3 to place" in tab.note()["text"]
+        tab.say(type="do", action="undo")
+        tab.state_where(lambda s: s["undo"] == "take part 2 of view 1")
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["step"] == 2)
+    (accepted,) = folder.state.document.accepted
+    assert (accepted.component, accepted.fixed) == (1, True)

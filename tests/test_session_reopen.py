@@ -28,6 +28,7 @@ from flatcloth.session import (
     Skip,
     Start,
     Started,
+    TakePart,
     Undo,
     apply,
     why_illegal,
@@ -236,6 +237,23 @@ def test_what_cannot_be_reopened_says_why(steps: tuple[Command | Event, ...], vi
         apply(state, Reopen(view))
 
 
+# --- another part ---------------------------------------------------------------------------------
+
+
+def test_another_part_is_placed_where_it_is_put_and_undo_brings_the_first_back() -> None:
+    before = after(*PENDING, Nudge(1, at(0.05)))
+    taken = apply(before, TakePart(1, 2, at(0.4)))
+    pending = taken.document.pending
+    assert pending is not None
+    assert (pending.component, pending.current_from_new.u_m) == (2, pytest.approx(0.4))
+    assert taken.undo[-1].name == "take part 3 of view 1"
+    accepted = apply(taken, Accept(1)).document.accepted[0]
+    assert (accepted.component, accepted.fixed) == (2, True)
+    assert apply(taken, Undo()).document == before.document
+    with pytest.raises(IllegalDecisionError, match="finite"):
+        apply(before, TakePart(1, 2, Rigid2(math.nan, 0.0, 0.0)))
+
+
 # --- the journal ----------------------------------------------------------------------------------
 
 AGAIN: tuple[Command | Event, ...] = (
@@ -245,6 +263,7 @@ AGAIN: tuple[Command | Event, ...] = (
     Accept(1, 0.6),
     Followed(5, 2, at(0.25), 0.85),
     Followed(6, 3, at(0.9), math.nan, 1, holds=False, why="It does not fit."),
+    TakePart(3, 2, at(0.7)),
     Skip(3),
     Reopen(3),
 )

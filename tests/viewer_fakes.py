@@ -202,7 +202,12 @@ class CylinderIntegration:
         )
         side = SimpleNamespace(side=Side.LEFT, curves=curves)
         plan = SimpleNamespace(reason="left: A = 30 deg", rotation_deg=30.0, sides=(side,))
-        placing = SimpleNamespace(hypotheses=(), parts=())
+        found = SimpleNamespace(current_from_new=Rigid2(0.0, 0.003, 0.0))
+        parts = (
+            SimpleNamespace(component=0, area_m2=0.03, hypothesis=found),
+            SimpleNamespace(component=1, area_m2=0.008, hypothesis=None),
+        )
+        placing = SimpleNamespace(hypotheses=(), parts=parts)
         return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placing=placing)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:

@@ -24,6 +24,7 @@ from flatcloth.session import (
     Request,
     Skip,
     Start,
+    TakePart,
     apply,
 )
 from flatcloth.types import RotationAxis
@@ -31,7 +32,7 @@ from flatcloth.viewer import messages
 from flatcloth.viewer.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.desk import Audience, PageDesk, Stage
 from flatcloth.viewer.picture import Picture, finite, make_picture
-from flatcloth.viewer.repair import RepairBench, fit_of, meant, told_fit, told_refined
+from flatcloth.viewer.repair import RepairBench, fit_of, meant, place_of_part, told_fit, told_refined
 from flatcloth.viewer.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.why import WhyDesk
 from flatcloth.viewer.worker import Worker
@@ -120,6 +121,10 @@ class Application(PageDesk):
                 self._repair.preview(client, message, self._state.document, self._center())
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
                 self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+            case messages.TakePart(view_index=view, component=component):
+                overlay = None if self._picture is None else self._picture.overlay
+                pending = meant(self._state.document, view)
+                self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():

@@ -62,6 +62,14 @@ class Preview(Move):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TakePart:
+    """Place another connected part of the pending view, the largest being 0."""
+
+    view_index: int
+    component: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Refine:
     """Refine the pending view from where it lies."""
 
@@ -209,6 +217,7 @@ Message = (
     | Choose
     | Preview
     | Refine
+    | TakePart
     | Pairs
     | Hover
     | Measure
@@ -231,6 +240,7 @@ KINDS: dict[str, type[Message]] = {
     "choose": Choose,
     "preview": Preview,
     "refine": Refine,
+    "take_part": TakePart,
     "pairs": Pairs,
     "hover": Hover,
     "measure": Measure,

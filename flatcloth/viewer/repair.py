@@ -21,7 +21,7 @@ from flatcloth.session import Document, Pending
 from flatcloth.types import Rigid2
 from flatcloth.viewer import messages
 from flatcloth.viewer.actions import nudge_about
-from flatcloth.viewer.picture import finite
+from flatcloth.viewer.picture import Overlay, finite
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -113,6 +113,21 @@ def meant(document: Document, view_index: int) -> Pending:
     if pending is None or pending.view_index != view_index:
         raise FlatclothError("The proposal has changed; look again.")
     return pending
+
+
+def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> Rigid2:
+    """Return where another part of the proposal is put first: where the method would, else where it is.
+
+    Raises
+    ------
+    FlatclothError
+        If the view has no such part.
+    """
+    parts = () if overlay is None else overlay.proposal.placing.parts
+    part = next((p for p in parts if p.component == component), None)
+    if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
+        raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
+    return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
 
 
 def told_reach(found: Reach) -> dict[str, Any]:

@@ -214,8 +214,23 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "again": pending.again is not None,
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
+        "pieces": _pieces(pending, overlay),
         **_placing(overlay),
     }
+
+
+def _pieces(pending: Pending, overlay: Overlay | None) -> list[dict[str, Any]]:
+    """Return the parts of the proposal that can be placed; ``waits``: the method finds no place for it."""
+    placing = None if overlay is None else overlay.proposal.placing
+    return [
+        {
+            "component": part.component,
+            "area_cm2": 1e4 * part.area_m2,
+            "waits": part.hypothesis is None,
+            "chosen": part.component == pending.component,
+        }
+        for part in (() if placing is None else placing.parts)
+    ]
 
 
 def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
@@ -228,10 +243,10 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
-    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses, parts."""
+    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
     placing = None if overlay is None else overlay.proposal.placing
     if placing is None or not placing.hypotheses:
-        return {"margin": None, "undetermined": [], "hypotheses": [], "waiting_cm2": []}
+        return {"margin": None, "undetermined": [], "hypotheses": []}
     return {
         "margin": finite(float(placing.margin)),
         "undetermined": list(placing.hypotheses[0].undetermined),
@@ -239,7 +254,6 @@ def _placing(overlay: Overlay | None) -> dict[str, Any]:
             {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
             for h in placing.hypotheses
         ],
-        "waiting_cm2": [1e4 * part.area_m2 for part in placing.parts if part.hypothesis is None],
     }
 
 

@@ -54,6 +54,13 @@ def test_arrows_go_through_the_palette_and_what_is_not_allowed_is_not_done(open_
     assert tab.page.get_by_role("combobox", name="Command").is_visible()
 
 
+def test_a_key_that_comes_before_the_browser_has_drawn_the_closed_dialog_is_heard(open_tab):
+    tab = open_tab().ready()
+    press = "new KeyboardEvent('keydown', {key: '?', bubbles: true})"
+    tab.page.evaluate(f"document.getElementById('palette-box').dispatchEvent({press})")
+    tab.page.locator("#help").wait_for()
+
+
 def test_settings_are_set_kept_and_reset(open_tab, program, tmp_path):
     tab = open_tab().ready()
     keys = tab.page.keyboard

@@ -125,7 +125,7 @@ def test_pairs_of_points_are_picked_dragged_weighed_removed_and_fitted(open_tab)
     tab.until("flatcloth.state.pending.nudge.u_mm > 39")
     tab.page.keyboard.press("y")
     tab.until("flatcloth.state.undo?.startsWith('fit pairs of view')")
-    tab.page.keyboard.press("p")
+    tab.page.keyboard.press("Escape")  # ends the picking of pairs
     count = len(tab.state()["picks"])
     tab.page.mouse.click(*chosen[0])  # a click picks a grasp point again
     tab.until(f"flatcloth.state.picks.length === {count + 1}")
@@ -148,3 +148,21 @@ def test_markers_stay_on_the_cloth_when_the_proposal_is_moved_and_the_view_is_zo
     tab.page.keyboard.press("+")
     tab.page.wait_for_timeout(100)
     assert marker_mm(tab) == [pytest.approx(at_once, abs=0.5)]
+
+
+def test_a_piece_that_floats_is_placed_by_hand(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    view = tab.state()["pending"]["view_index"]
+    piece = tab.page.get_by_role("group", name="Part to place").get_by_role("button", name="waits")
+    revision = tab.page.evaluate("flatcloth.overlayRevision")
+    piece.click()
+    tab.until(
+        f"flatcloth.overlayRevision > {revision} && flatcloth.state.undo === 'take part 2 of view {view}'"
+    )
+    assert piece.get_attribute("aria-pressed") == "true"
+    tab.page.keyboard.press("ArrowRight")
+    tab.until(f"flatcloth.state.undo === 'move view {view}'")
+    tab.shoot("floating-piece")
+    tab.accept()
+    assert tab.state()["views"][view]["state"] == "fixed"
