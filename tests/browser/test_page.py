@@ -128,7 +128,8 @@ def test_arrow_keys_move_the_proposal_as_one_decision(open_tab):
     tab.step()
     # In one go: on a busy machine the driver's own keys may lie further apart than a gesture's.
     tab.page.evaluate(
-        "for (let n = 0; n < 3; n++) document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight'}))"
+        "for (let n = 0; n < 3; n++) "
+        "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight'}))"
     )
     tab.until("flatcloth.state.pending.nudge.u_mm > 0")
     assert tab.state()["pending"]["nudge"]["u_mm"] == pytest.approx(6.0)
