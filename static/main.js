@@ -104,6 +104,7 @@ const HANDLERS = {
   progress: (message) => showProgress(message),
   capture: (message) => state?.capture && capturePanel.take(message),
   note: (message) => {
+    ruler.forget();
     notify(message.level, message.text, message.time_s);
     if (!nudges.gesture) canvas.resetPreview(); // what was just refused may have been a move
   },
@@ -181,6 +182,7 @@ function drawFrame(frame, shown) {
 
 function showLayer() {
   canvas.update(state, page.layer, looking.query(page.layer));
+  ruler.update(state.layers?.revision);
   why.update(state);
   comparison.update(state, looking.query(comparison.looked));
   const [looked, legend] = comparison.legend ? [comparison.looked, comparison.legend] : [page.layer, state.layers?.legends[page.layer]];

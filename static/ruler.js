@@ -40,8 +40,10 @@ export class Ruler {
     this.canvas.redraw();
   }
 
-  /** The cloth is another: what was measured holds no longer. */
-  measureAgain() {
+  /** The shape at a revision is shown: what was measured on another holds no longer. */
+  update(revision) {
+    if (revision === this.revision) return;
+    this.revision = revision;
     if (this.line) this.ask();
   }
 
@@ -84,7 +86,7 @@ export class Ruler {
     this.canvas.redraw();
   }
 
-  /** The connection was lost: nothing that was asked is answered any more. */
+  /** The connection was lost, or something was refused: what was asked may never be answered. */
   forget() {
     this.waiting = false;
   }

@@ -117,6 +117,9 @@ def test_edges_are_drawn_in_3d_while_they_are_wished(desk):
     desk.held.picture.overlay = None  # accepted meanwhile
     desk.desk.picture_changed()
     assert desk.stage.drawn.pop() == (None, None)
+    desk.held.picture = None  # begun anew
+    desk.desk.picture_changed()
+    assert desk.stage.drawn.pop() == (None, None)
     desk.desk.show_edges(False)
     assert desk.stage.drawn.pop() == (None, None)
 

@@ -248,6 +248,7 @@ class Application(PageDesk):
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
                 self._stage.show(None)
+                self._why.picture_changed()
         elif self._asked is not document:
             self._asked = document
             self._back.put(lambda: self._work_on_picture(document))

@@ -156,6 +156,26 @@ def test_the_ruler_measures_and_escape_clears_it(open_tab):
     tab.until("flatcloth.state.picks.length === 1")
 
 
+def test_what_is_measured_follows_the_shape(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    start, end = place(tab, 0.2, 0.2), place(tab, 0.8, 0.8)
+    tab.page.keyboard.press("z")
+    tab.page.mouse.move(*screen(tab, start))
+    tab.page.mouse.down()
+    tab.page.mouse.move(*screen(tab, end), steps=3)
+    tab.page.mouse.up()
+    tab.page.locator(".ruler-label").wait_for()
+    tab.page.evaluate(
+        """() => { const send = WebSocket.prototype.send; window.measures = 0;
+             WebSocket.prototype.send = function (text) {
+               if (String(text).includes('"measure"')) window.measures += 1;
+               return send.call(this, text); }; }"""
+    )
+    tab.accept()
+    tab.page.wait_for_function("window.measures > 0")
+
+
 def test_colours_and_window_change_what_is_seen_and_its_legend(open_tab):
     tab = open_tab().ready()
     tab.close_viser_notice()
