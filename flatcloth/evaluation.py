@@ -259,8 +259,9 @@ def picture(comparison: Comparison, pixels_per_m: float = 400.0) -> Uint8:
     ):
         panel = background.copy()
         r0, c0 = max(at[1], 0), max(at[0], 0)
-        part = panel[r0 : r0 + reachable.shape[0], c0 : c0 + reachable.shape[1]]
-        part += reachable[: part.shape[0], : part.shape[1], None]
+        shown = reachable[r0 - at[1] :, c0 - at[0] :]
+        part = panel[r0 : r0 + shown.shape[0], c0 : c0 + shown.shape[1]]
+        part += shown[: part.shape[0], : part.shape[1], None]
         place = np.rint((points - low) * pixels_per_m).astype(int)
         panel[place[:, 1], place[:, 0]] = colors
         panels.append(panel)

@@ -151,3 +151,13 @@ def test_the_picture_shows_result_truth_and_error_side_by_side() -> None:
     assert shown.shape[1] % 3 == 0
     assert shown.shape[0] >= SIZE * PIXEL * 400
     assert CELL_M == 0.005
+
+
+def test_the_picture_shades_what_was_reachable_where_it_is() -> None:
+    sheet = FlatSheet()
+    right = np.zeros((SIZE, SIZE), dtype=bool)
+    right[:, 100:] = True
+    shown = picture(compare(result(sheet, keep=right), sheet.truth, sheet))  # type: ignore[arg-type]
+    panel = shown[shown.shape[0] // 2, : shown.shape[1] // 3, 0]
+    assert panel[2] == 64  # left of the result, where the sheet goes on
+    assert panel[-2] == 24  # right of it, where it does not
