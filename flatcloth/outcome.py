@@ -50,9 +50,11 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
                 "by_hand": added.fixed,
             }
         )
+    refused = {r.view_index: r.reason for r in document.rejected}
+    skipped = {s.view_index: "skipped" for s in document.skipped}
     left = [
-        {"view_index": r.view_index, "angle_deg": angles[r.view_index], "reason": r.reason}
-        for r in {r.view_index: r for r in document.rejected}.values()
+        {"view_index": view, "angle_deg": angles[view], "reason": reason}
+        for view, reason in {**refused, **skipped}.items()
     ]
     return {
         "format": FORMAT,

@@ -11,6 +11,7 @@ from scenes import Cylinder
 
 from flatcloth.errors import AlignmentError
 from flatcloth.integration import METHODS, Integration
+from flatcloth.outcome import outcome_of
 from flatcloth.pipeline import Run
 from flatcloth.recordings import open_recording
 from flatcloth.session import (
@@ -157,6 +158,9 @@ def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
         state = done(made, state, Skip(pending.view_index), Propose())
     assert len(set(asked[:2])) == 2  # first the other one,
     assert asked[2:] == [*asked[:2], asked[0]]  # then in the order in which they were put off
+    left = outcome_of(made, Run(made, state))["left"]
+    put_off = [s.view_index for s in state.document.skipped]
+    assert [(v["view_index"], v["reason"]) for v in left] == [(view, "skipped") for view in put_off]
     end = Run(made, state).finish()
     assert end.phase is Phase.FINISHED
     assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
