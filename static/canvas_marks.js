@@ -76,3 +76,14 @@ export function drawScale(canvas, style) {
   context.stroke();
   context.fillText(label, x + 4, y - 4);
 }
+
+/** A line through points of the pane. */
+export function strokeLine(context, points, color, width, dash = []) {
+  context.setLineDash(dash);
+  context.strokeStyle = color;
+  context.lineWidth = width;
+  context.beginPath();
+  points.forEach((p, i) => (i ? context.lineTo(p.x, p.y) : context.moveTo(p.x, p.y)));
+  context.stroke();
+  context.setLineDash([]);
+}

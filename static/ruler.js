@@ -1,5 +1,6 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
+import { strokeLine } from "/static/canvas_marks.js";
 import { byId, make } from "/static/dom.js";
 import { number } from "/static/format.js";
 
@@ -126,15 +127,8 @@ export class Ruler {
   }
 }
 
+/** A line that is seen on any cloth. */
 function stroke(context, points, color, dash) {
-  context.save();
-  for (const [paint, width] of [["#fff", 4], [color, 2]]) {
-    context.strokeStyle = paint;
-    context.lineWidth = width;
-    context.setLineDash(paint === "#fff" ? [] : dash);
-    context.beginPath();
-    points.forEach((p, i) => (i ? context.lineTo(p.x, p.y) : context.moveTo(p.x, p.y)));
-    context.stroke();
-  }
-  context.restore();
+  strokeLine(context, points, "#fff", 4);
+  strokeLine(context, points, color, 2, dash);
 }

@@ -1,5 +1,6 @@
 // Why a proposal lies where it does: the paper's curves, linked to the canvas; corresponding lines; strained edges.
 
+import { strokeLine } from "/static/canvas_marks.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { degrees, number } from "/static/format.js";
 import { columns, rows, Sheet } from "/static/teaching_draw.js";
@@ -157,7 +158,7 @@ export class Why {
       sheet.ring(plot.at(k.u_b_mm, k.a_0_deg), 4, color.accent, 2);
       sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, { color: color.accent, weight: 600, plate: true });
     }
-    if (Number.isFinite(this.marked[of])) plot.vertical(this.marked[of], color.mark, "", 1.5);
+    if (this.marked[of] >= ends[0] && this.marked[of] <= ends[1]) plot.vertical(this.marked[of], color.mark, "", 1.5);
   }
 
   /** Mark columns, {current, new} in mm, in the plots and on the canvas. */
@@ -221,7 +222,7 @@ export class Why {
       const u = this.marked[of] / 1000;
       if (!Number.isFinite(u)) continue;
       const ends = [-FAR_M, FAR_M].map((v) => this.at(toPlane[of](u, v)));
-      this.stroke(context, ends, this.sheet.color.mark, 1.5, of === "new" ? [6, 4] : []);
+      strokeLine(context, ends, this.sheet.color.mark, 1.5, of === "new" ? [6, 4] : []);
     }
   }
 
@@ -241,7 +242,7 @@ export class Why {
     const [du, dv] = line.direction;
     const along = line.pixels_uv_m.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
     const ends = [Math.min(...along), Math.max(...along)].map((t) => this.at(place(cu + t * du, cv + t * dv)));
-    this.stroke(context, ends, color, 2.5);
+    strokeLine(context, ends, color, 2.5);
     const point = this.at(place(...line.point_uv_m));
     context.beginPath();
     context.arc(point.x, point.y, 6, 0, 2 * Math.PI);
@@ -256,20 +257,9 @@ export class Why {
     for (const { uv_m: ends, strain } of [edges.shape, edges.new]) {
       ends.forEach((pair, i) => {
         const [a, b] = pair.map((uv) => this.at(uv));
-        this.stroke(context, [a, b], EDGE_COLORS[strain[i] > 0 ? 0 : 1], 2);
+        strokeLine(context, [a, b], EDGE_COLORS[strain[i] > 0 ? 0 : 1], 2);
       });
     }
-  }
-
-  stroke(context, [a, b], color, width, dash = []) {
-    context.setLineDash(dash);
-    context.lineWidth = width;
-    context.strokeStyle = color;
-    context.beginPath();
-    context.moveTo(a.x, a.y);
-    context.lineTo(b.x, b.y);
-    context.stroke();
-    context.setLineDash([]);
   }
 }
 
