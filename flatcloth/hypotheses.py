@@ -65,14 +65,16 @@ class Placing:
     """Where a method lays a view: the ``alignment`` of its part ``component``, and what else it considered.
 
     ``hypotheses`` are those for that part, the best first; ``margin`` is how much more sure the best
-    is than the second (its confidence, if there is no second); ``parts`` tells what becomes of all parts of
-    the view. The paper's method has none of these.
+    is than the second (its confidence, if there is no second); ``cameras`` says in words what the
+    registration found; ``parts`` tells what becomes of all parts of the view. The paper's method has
+    none of these.
     """
 
     component: int
     alignment: Alignment
     hypotheses: tuple[Hypothesis, ...] = ()
     margin: float = math.nan
+    cameras: str = ""
     parts: tuple[PartPlace, ...] = ()
 
 

@@ -36,7 +36,7 @@ from flatcloth.merging import Canonical
 from flatcloth.mosaic import draw_shape
 from flatcloth.outlook import Prospect, prospects
 from flatcloth.planning import Plan
-from flatcloth.registration import Registered, begin_registration, extend_registration
+from flatcloth.registration import Registered, begin_registration, describe, extend_registration
 from flatcloth.scans import Scan, scan
 from flatcloth.session import Accepted, Document, Later, Side
 from flatcloth.sightings import Recognised, recognise
@@ -337,6 +337,7 @@ class Robust:
             ),
             hypotheses=tuple(hypotheses[:4]),
             margin=first.score.total - (second.score.total if second else 0.0),
+            cameras=describe(self.registered((*shape.views, view_index))),
             parts=tuple(
                 PartPlace(component=n, area_m2=part.area_m2, hypothesis=found[n][0] if n in found else None)
                 for n, part in parts.items()

@@ -87,7 +87,8 @@ export function showProposal(state, send) {
       make("dl", { class: "values" }, ...Object.entries(pending.parts).flatMap(([name, value]) => {
       const [words, unit] = unitless(name);
       return [make("dt", {}, words), make("dd", {}, value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`)];
-      }))),
+      })),
+      ...(pending.cameras ? [make("p", { class: "why", data: { tip: "What the registration of all views in space found" } }, pending.cameras.replaceAll("+-", "±"))] : [])),
     make("dl", { class: "values" },
       make("dt", { data: { tip: "What you have moved the proposal by: its centre by u, v on the plane, and clockwise" } }, "moved"),
       make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`)),

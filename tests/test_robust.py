@@ -111,6 +111,7 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     assert pending.score > 0.9
     assert 0 < placing.margin <= 1
     assert placing.hypotheses[0].undetermined == ()
+    assert placing.cameras.startswith("Angles and axis hold as recorded")
     assert {"place_agreement", "color_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
             "twice_share", "other_cloth_share"} <= set(placing.alignment.score.parts)  # fmt: skip
 

@@ -246,8 +246,9 @@ def _placing(overlay: Overlay | None) -> dict[str, Any]:
     """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
     placing = None if overlay is None else overlay.proposal.placing
     if placing is None or not placing.hypotheses:
-        return {"margin": None, "undetermined": [], "hypotheses": []}
+        return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
     return {
+        "cameras": placing.cameras,
         "margin": finite(float(placing.margin)),
         "undetermined": list(placing.hypotheses[0].undetermined),
         "hypotheses": [
