@@ -22,7 +22,7 @@ demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
 	$(BIN)/flatcloth view
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
