@@ -54,8 +54,9 @@ def drag_slider(tab: Tab, share: float) -> int:
     tab.page.mouse.move(box["x"] + 8 + (box["width"] - 16) * value / most, y)
     tab.page.mouse.down()
     tab.page.mouse.move(box["x"] + box["width"] * share, y, steps=6)
+    chosen = int(slider.input_value())  # once it is let go, it follows the frames that still arrive
     tab.page.mouse.up()
-    return int(slider.input_value())
+    return chosen
 
 
 @LIVE
