@@ -1,5 +1,6 @@
 # make demo    the operator page on a bundled recording; sets everything up the first time
 # make test    linters, types and all tests, as CI runs them
+# make thorough  the tests of the page on further screens
 # make lint    linters and types only
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
@@ -14,7 +15,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test lint fuzz bench clean
+.PHONY: demo test thorough lint fuzz bench clean
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
@@ -22,7 +23,10 @@ demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
 	$(BIN)/flatcloth view
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"
+
+thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
+	$(BIN)/python -m pytest -m thorough
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

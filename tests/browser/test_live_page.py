@@ -83,7 +83,9 @@ def test_frames_advance_a_pause_holds_and_the_slider_shows_its_frame_on_both_sid
 
 
 @LIVE
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(1280, 720), pytest.param(1920, 1080, marks=pytest.mark.thorough)]
+)
 def test_quality_is_shown_with_its_legend_and_its_numbers(open_tab, width, height):
     tab = live_tab(open_tab, width, height)
     pause(tab)

@@ -194,8 +194,15 @@ def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program
         again.stop()
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (2560, 1440)])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"),
+    [
+        (1280, 720, "light"),
+        (2560, 1440, "dark"),
+        pytest.param(1280, 720, "dark", marks=pytest.mark.thorough),
+        pytest.param(2560, 1440, "light", marks=pytest.mark.thorough),
+    ],
+)
 def test_the_page_fits_its_window(open_tab, width, height, scheme):
     tab = open_tab(width, height, scheme).ready()
     tab.close_viser_notice()

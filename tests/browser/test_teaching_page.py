@@ -83,7 +83,9 @@ def open_lesson(open_tab):
 
 
 @pytest.mark.parametrize(
-    ("width", "height", "scheme"), [(1280, 720, "light"), (2560, 1440, "dark")], ids=["small", "large"]
+    ("width", "height", "scheme"),
+    [(1280, 720, "light"), pytest.param(2560, 1440, "dark", marks=pytest.mark.thorough)],
+    ids=["small", "large"],
 )
 def test_all_stages_by_keyboard(open_lesson, width, height, scheme):
     lesson = open_lesson(width, height, scheme).open()
