@@ -78,7 +78,7 @@ def test_inputs_that_are_damaged_or_hostile_end_in_a_clear_error_or_a_valid_resu
     assert done.returncode == 0, done.stdout + done.stderr
     name, cases, errors, results, faults, *_ = done.stdout.splitlines()[-1].split()
     assert (name, int(cases), int(faults)) == ("all", 60, 0)
-    assert int(errors) > 50  # the inputs were really spoiled
+    assert int(errors) > 20  # the inputs were really spoiled; the others stayed readable
     assert int(results) > 15
 
 
