@@ -133,6 +133,8 @@ _MISFITS = (
     OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, NotImplementedError,
     RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
 )  # fmt: skip
+"""What zipfile and numpy raise for a file that is damaged or none; ``NotImplementedError`` is zipfile's
+for an unknown compression."""
 
 
 def read_shape(path: Path) -> FlattenedView:

@@ -1,11 +1,15 @@
-"""What all tests share: no test touches the user's own session folders."""
+"""What all tests share: no test touches the user's own session folders; a page without a recording."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from viewer_fakes import CylinderIntegration, MemoryFolder
+
+from flatcloth.viewer import PageServer
 
 # A slow machine must not fail a property.
 settings.register_profile("flatcloth", deadline=None)
@@ -18,3 +22,21 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     home = tmp_path / "state-home"
     monkeypatch.setenv("XDG_STATE_HOME", str(home))
     return home
+
+
+@pytest.fixture
+def integration() -> CylinderIntegration:
+    return CylinderIntegration()
+
+
+@pytest.fixture
+def folder() -> MemoryFolder:
+    return MemoryFolder()
+
+
+@pytest.fixture
+def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[PageServer]:
+    """The page's server over an exact cylinder, with its session in memory."""
+    with PageServer(integration, folder, port=0) as running:
+        yield running
+        integration.gate.set()

@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 import time
 
+import httpx
 from websockets.sync.client import connect
 
 from flatcloth.viewer import PageServer
 
 WAIT_S = 20
+
+
+def get(server: PageServer, path: str, **headers: str) -> httpx.Response:
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers)
 
 
 class Tab:

@@ -99,7 +99,8 @@ def write_realsense(path: Path, shots: Iterable[Shot], **options: Any) -> Path:
 def _frames_in(path: Path) -> int:
     with contextlib.closing(sqlite3.connect(path)) as base:
         counted = base.execute(
-            "SELECT count(*) FROM messages JOIN topics ON topics.id = topic_id WHERE name LIKE '%/image/data/%'"
+            "SELECT count(*) FROM messages JOIN topics ON topics.id = topic_id"
+            " WHERE name LIKE '%/image/data/%'"
         )
         return int(counted.fetchone()[0])
 

@@ -7,29 +7,10 @@ import math
 import numpy as np
 import pytest
 from page_tabs import Tab
-from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.errors import FlatclothError
 from flatcloth.session import Nudge
 from flatcloth.types import Rigid2
-from flatcloth.viewer import PageServer
-
-
-@pytest.fixture
-def integration():
-    return CylinderIntegration()
-
-
-@pytest.fixture
-def folder():
-    return MemoryFolder()
-
-
-@pytest.fixture
-def server(integration, folder):
-    with PageServer(integration, folder, port=0) as running:
-        yield running
-        integration.gate.set()
 
 
 def preview(tab, number, **by):

@@ -4,27 +4,9 @@ from __future__ import annotations
 
 import pytest
 from page_tabs import Tab
-from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.session import Accept, Cancel, Followed, Reject, Reopen
 from flatcloth.viewer import PageServer
-
-
-@pytest.fixture
-def integration():
-    return CylinderIntegration()
-
-
-@pytest.fixture
-def folder():
-    return MemoryFolder()
-
-
-@pytest.fixture
-def server(integration, folder):
-    with PageServer(integration, folder, port=0) as running:
-        yield running
-        integration.gate.set()
 
 
 def views(state, *indices):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sized
 from typing import Protocol
 
 from flatcloth.types import Float64, Intrinsics, RgbdFrame, RotationAxis
@@ -59,6 +60,12 @@ class Recording(Protocol):
     def __getitem__(self, view_index: int) -> RgbdFrame:
         """Read one view; raises ``RecordingError`` with file, cause and remedy."""
         ...
+
+
+def check_index(recording: Sized, view_index: int) -> None:
+    """Raise ``IndexError`` if a recording has no such view; negative numbers do not count from the end."""
+    if not 0 <= view_index < len(recording):
+        raise IndexError(f"view {view_index} of {len(recording)}")
 
 
 def fingerprint(recording: Recording) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.averaging import average_color, average_depth
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Recording, check_index
 from flatcloth.recordings.stillness import StopFinder, glance
 from flatcloth.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 
@@ -61,31 +61,13 @@ class FilmRecording:
                 f"{frames.location}: the item never stands still for half a second. "
                 "Name a view for each stop: --angles FILE.csv."
             )
+        self.name, self.description, self.location = frames.name, frames.description, frames.location
+        self.intrinsics: Intrinsics = frames.intrinsics
         count = len(self._stops)
         self.notes: tuple[str, ...] = (
             f"A film: {count} {'stop was' if count == 1 else 'stops were'} found in {len(frames)} images, "
             f"taken as {step_deg:g} degrees apart.",
         )
-
-    @property
-    def name(self) -> str:
-        """Short name."""
-        return self._frames.name
-
-    @property
-    def description(self) -> str:
-        """One sentence."""
-        return self._frames.description
-
-    @property
-    def location(self) -> str:
-        """Where the film is."""
-        return self._frames.location
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The camera, after lens distortion was undone."""
-        return self._frames.intrinsics
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
@@ -106,8 +88,7 @@ class FilmRecording:
         RecordingError
             If a frame is damaged.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         angle_deg, numbers = self._stops[view_index]
         read = [self._frames[n] for n in numbers]
         units = [np.clip(np.rint(f.depth_m * _UNITS_PER_M), 0, 65535).astype(np.uint16) for f in read]

@@ -9,6 +9,7 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings import depth_files, images
+from flatcloth.recordings.base import check_index
 from flatcloth.recordings.manifest import Manifest, ViewFiles, read_manifest
 from flatcloth.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 
@@ -100,8 +101,7 @@ class ImageRecording:
         RecordingError
             If an image is damaged, has changed since opening, or shows nothing.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         view = self._manifest.views[view_index]
         self._check(view.color, images.check_color)
         color = self._manifest.lens.undistort(images.decode_color(view.color), blend=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from flatcloth.child import Child, ChildError, ChildLostError, Message
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.angles import GivenAngles
+from flatcloth.recordings.base import check_index
 from flatcloth.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 
 if TYPE_CHECKING:
@@ -59,8 +60,7 @@ class IsolatedRecording:
         RecordingError
             If it is damaged, or the other process has ended over it.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         arrays = self._asked({"view": view_index}, no_progress).arrays
         return RgbdFrame(
             view_index=view_index,

@@ -12,7 +12,7 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.angles import GivenAngles, Shots, left_out
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Recording, check_index
 from flatcloth.recordings.camera import checked_intrinsics, checked_lens
 from flatcloth.recordings.lens import Lens
 from flatcloth.recordings.pairing import pair_by_time
@@ -86,8 +86,7 @@ class RosRecording:
         RecordingError
             If a message is damaged or shows nothing.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         angle, *places = self._views[view_index]
         color, depth = (self._pixels(t, p, view_index) for t, p in zip(self._topics, places, strict=True))
         depth_m = self._lens.undistort(depth, blend=False)

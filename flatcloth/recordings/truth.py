@@ -9,6 +9,7 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings import images
+from flatcloth.recordings.base import check_index
 from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
 from flatcloth.types import Bool, Float32, Uint8
 
@@ -62,8 +63,7 @@ class Truth:
         RecordingError
             If its image is missing, damaged, or of the wrong kind or size.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         path = self._manifest.views[view_index].truth
         assert path is not None  # the constructor has seen to it
         header = images.read_header(path)

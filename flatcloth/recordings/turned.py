@@ -14,6 +14,7 @@ import numpy as np
 
 from flatcloth.errors import RecordingError
 from flatcloth.recordings.averaging import average_color, average_depth
+from flatcloth.recordings.base import check_index
 from flatcloth.recordings.realsense import Pair, RealsensePlayer
 from flatcloth.recordings.realsense_frames import ALIGNMENTS
 from flatcloth.recordings.stillness import Stop, StopFinder, glance
@@ -90,8 +91,7 @@ class TurnedRecording:
         IndexError
             If there is no such view.
         """
-        if not 0 <= view_index < len(self):
-            raise IndexError(f"view {view_index} of {len(self)}")
+        check_index(self, view_index)
         view = self._views[view_index]
         return RgbdFrame(
             view_index=view_index,
