@@ -1,6 +1,6 @@
 # make demo    the operator page on a bundled recording; sets everything up the first time
 # make test    linters, types and all tests, as CI runs them
-# make thorough  the tests of the page on further screens
+# make thorough  the page on further screens, and ten times as many random cases, others each time
 # make lint    linters and types only
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
@@ -27,6 +27,7 @@ test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest -m thorough
+	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -l "^from hypothesis import" tests/test_*.py)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -59,7 +59,7 @@ def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
     before = [run.state.document]
     run.finish()
     for document, view in documents:
-        shape, parts = robust.shape(document), robust.parts(document, view)
+        shape, parts = robust.shapes.shape(document), robust.parts(document, view)
         placing = integration.proposal(document).placing
         found = {p.component: p.hypothesis for p in placing.parts if p.hypothesis is not None}
         node_truth = _truth_of_nodes(integration, document, truth)
@@ -106,10 +106,10 @@ def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
 def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
     robust = integration.robust
     assert robust is not None
-    shape = robust.shape(document)
+    shape = robust.shapes.shape(document)
     result = np.full((len(shape.nodes), 2), np.nan)
     for sighting in shape.sightings:
-        offset = np.array(robust.surfaces(shape)[sighting.view_index].frame.offset_rc)
+        offset = np.array(robust.shapes.surfaces(shape)[sighting.view_index].frame.offset_rc)
         result[sighting.node] = _truth_at(truth, sighting.view_index, sighting.rc + offset)
     return result
 

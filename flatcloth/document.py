@@ -138,9 +138,10 @@ class Document:
 
     @property
     def reopenable_views(self) -> frozenset[int]:
-        """The views about which something was decided that can be decided again."""
+        """The views about which something was decided that can be decided again; not the proposal's own."""
         left = [d.view_index for d in self.rejected] + [d.view_index for d in self.skipped]
-        return self.later_views.union((a.view_index for a in self.accepted), left)
+        asked = [] if self.pending is None else [self.pending.view_index]
+        return self.later_views.union((a.view_index for a in self.accepted), left).difference(asked)
 
 
 def accept(document: Document, score: float | None) -> Document:

@@ -75,7 +75,8 @@ def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
     """Return what the registration of the views' cameras found, by the method ``robust``."""
     if integration.robust is None:
         return {}
-    registered = integration.robust.registered(integration.robust.shape(run.state.document).views)
+    shapes = integration.robust.shapes
+    registered = shapes.registered(shapes.shape(run.state.document).views)
     views = [
         {
             "view_index": seen.view_index,

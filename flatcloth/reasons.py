@@ -178,7 +178,7 @@ def _edges_of_view(
 
 def _edges_of_shape(integration: Integration, document: Document) -> StrainedEdges:
     if integration.robust is not None:
-        shape = integration.robust.shape(document)
+        shape = integration.robust.shapes.shape(document)
         # One joint flattening: an edge counts once for each view that saw it.
         return strained_edges(shape.uv_m, shape.nodes.xyz_m, shape.links.edges, shape.links.length_m)
     placements, parts = integration.canonical(document).current_from_view, document.parts

@@ -92,15 +92,7 @@ def fit_pair(
     """
     precision = np.linalg.inv(covariance)
     noise_m = max(seen.surface.noise_m for seen in scans)
-    if before is None:
-        plan = [
-            (max(config.least_reach_m, config.reach_m * _REACH_SHRINKS**n), 2) for n in range(config.rounds)
-        ]
-        spread = np.zeros(TERMS)
-        spread[0] = config.reach_m / 3
-    else:
-        plan, spread = [], before.spread
-    plan += [(config.least_reach_m, 1)] * config.fine_rounds
+    plan, spread = _rounds(config, before)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()
     for n, (reach_m, every) in enumerate(plan):
@@ -133,6 +125,17 @@ def fit_pair(
         distance_m=(at_first, float(found.spread[0])),
         likeness=found.likeness,
     )
+
+
+def _rounds(config: RegistrationConfig, before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
+    """Return reach and thinning of each round, and which differences (4,) are usual at first."""
+    fine = [(config.least_reach_m, 1)] * config.fine_rounds
+    if before is not None:
+        return fine, before.spread
+    reaches = [max(config.least_reach_m, config.reach_m * _REACH_SHRINKS**n) for n in range(config.rounds)]
+    spread = np.zeros(TERMS)
+    spread[0] = config.reach_m / 3
+    return [*((reach_m, 2) for reach_m in reaches), *fine], spread
 
 
 def _usual(found: Float64, config: RegistrationConfig) -> Float64:

@@ -3,11 +3,14 @@
 import { length, niceLength } from "/static/format.js";
 
 export function drawMark(canvas, mark, style) {
-  const { x, y } = canvas.transform.toPane(...mark.uv_m);
-  const context = canvas.context;
+  drawDot(canvas.context, canvas.transform.toPane(...mark.uv_m), style.getPropertyValue("--pick"), 4);
+}
+
+/** A dot that is seen on any cloth. */
+export function drawDot(context, { x, y }, color, radius) {
   context.beginPath();
-  context.arc(x, y, 4, 0, 2 * Math.PI);
-  context.fillStyle = style.getPropertyValue("--pick");
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.fillStyle = color;
   context.strokeStyle = "#fff";
   context.lineWidth = 1.5;
   context.fill();
@@ -66,15 +69,14 @@ export function drawScale(canvas, style) {
   context.fillStyle = style.getPropertyValue("--panel");
   context.fillRect(x - 8, y - 24, Math.max(width, context.measureText(label).width) + 16, 34);
   context.globalAlpha = 1;
-  context.fillStyle = context.strokeStyle = style.getPropertyValue("--text");
-  context.lineWidth = 1.5;
-  context.beginPath();
-  context.moveTo(x, y - 5);
-  context.lineTo(x, y);
-  context.lineTo(x + width, y);
-  context.lineTo(x + width, y - 5);
-  context.stroke();
+  context.fillStyle = style.getPropertyValue("--text");
+  strokeScale(context, x, y, width, context.fillStyle);
   context.fillText(label, x + 4, y - 4);
+}
+
+/** The bar of a scale, its ends turned up. */
+export function strokeScale(context, x, y, width, color) {
+  strokeLine(context, [{ x, y: y - 5 }, { x, y }, { x: x + width, y }, { x: x + width, y: y - 5 }], color, 1.5);
 }
 
 /** A line through points of the pane. */

@@ -1,6 +1,6 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
-import { strokeLine } from "/static/canvas_marks.js";
+import { drawDot, strokeLine } from "/static/canvas_marks.js";
 import { byId, make } from "/static/dom.js";
 import { number } from "/static/format.js";
 
@@ -101,15 +101,7 @@ export class Ruler {
     const path = (this.measured?.path_uv_m ?? []).map(([u, v]) => at.toPane(u, v));
     if (path.length > 2) stroke(context, path, color, [5, 4]);
     stroke(context, [a, b], color, []);
-    for (const end of [a, b]) {
-      context.beginPath();
-      context.arc(end.x, end.y, 4, 0, 2 * Math.PI);
-      context.fillStyle = color;
-      context.strokeStyle = "#fff";
-      context.lineWidth = 1.5;
-      context.fill();
-      context.stroke();
-    }
+    for (const end of [a, b]) drawDot(context, end, color, 4);
     this.showLabel(b);
   }
 

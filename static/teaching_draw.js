@@ -1,5 +1,6 @@
 // The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
 
+import { strokeScale } from "/static/canvas_marks.js";
 import { length, niceLength } from "/static/format.js";
 
 const COLORS = ["panel", "raised", "line", "text", "soft", "accent", "sample", "pair", "unused", "point", "short", "even", "long", "count", "mean", "before", "limit", "mark", "band", "kept", "new"];
@@ -285,14 +286,7 @@ export class Sheet {
     context.fillStyle = this.color.panel;
     context.fillRect(x - 5, y - 1.7 * this.em, Math.max(width, context.measureText(length(mm)).width) + 12, 1.7 * this.em + 5);
     context.restore();
-    context.strokeStyle = this.color.text;
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(x, y - 5);
-    context.lineTo(x, y);
-    context.lineTo(x + width, y);
-    context.lineTo(x + width, y - 5);
-    context.stroke();
+    strokeScale(context, x, y, width, this.color.text);
     this.text(length(mm), x + 4, y - 5, { size: 0.85 });
   }
 

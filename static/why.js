@@ -1,6 +1,6 @@
 // Why a proposal lies where it does: the paper's curves, linked to the canvas; corresponding lines; strained edges.
 
-import { strokeLine } from "/static/canvas_marks.js";
+import { drawDot, strokeLine } from "/static/canvas_marks.js";
 import { byId, make, rebuild, setText } from "/static/dom.js";
 import { degrees, number } from "/static/format.js";
 import { columns, rows, Sheet } from "/static/teaching_draw.js";
@@ -243,14 +243,7 @@ export class Why {
     const along = line.pixels_uv_m.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
     const ends = [Math.min(...along), Math.max(...along)].map((t) => this.at(place(cu + t * du, cv + t * dv)));
     strokeLine(context, ends, color, 2.5);
-    const point = this.at(place(...line.point_uv_m));
-    context.beginPath();
-    context.arc(point.x, point.y, 6, 0, 2 * Math.PI);
-    context.fillStyle = color;
-    context.strokeStyle = "#fff";
-    context.lineWidth = 2;
-    context.fill();
-    context.stroke();
+    drawDot(context, this.at(place(...line.point_uv_m)), color, 6);
   }
 
   paintEdges(context, edges) {

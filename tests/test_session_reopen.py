@@ -211,6 +211,12 @@ def test_a_refused_or_skipped_view_is_reopened_on_the_present_shape(verdict: Com
     assert apply(state, Undo()).document.reopenable_views == {1, 2}
 
 
+def test_a_refused_view_that_is_proposed_again_is_not_to_be_reopened() -> None:
+    asked = after(*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1)))
+    assert asked.document.reopenable_views == frozenset()
+    assert why_illegal(asked, Reopen(1)) == "View 1 is the proposal already."
+
+
 def test_reopening_goes_on_after_the_end() -> None:
     from flatcloth.session import NothingMore
 

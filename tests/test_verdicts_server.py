@@ -103,7 +103,7 @@ def test_what_cannot_be_reopened_is_told(server):
         tab.say(type="do", action="reopen")
         assert tab.note()["text"] == "Action 'reopen' needs a view_index."
         assert action(tab.state, "least_sure")["why_not"] == "No view has been accepted yet."
-        assert action(tab.state, "reopen")["why_not"] == "Nothing was decided yet."
+        assert action(tab.state, "reopen")["why_not"] == "There is no decision to reopen."
 
 
 def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from page_tabs import WAIT_S, Tab
 from viewer_fakes import CylinderIntegration, CylinderPlayer, MemoryFolder, point_on_cylinder
-from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.errors import FlatteningError
@@ -20,7 +20,6 @@ from flatcloth.viewer import PageServer
 from flatcloth.viewer.live import packed, unpacked
 from flatcloth.viewer.playhead import Playhead, RateMeter, ticks_due
 
-WAIT_S = 20
 STILL = 1e-4
 """Frames a second: the clock does not tick while a test runs."""
 FAST = 200.0
@@ -96,24 +95,13 @@ def serve(integration, player):
         server.stop()
 
 
-class Tab:
+class LiveTab(Tab):
     """A tab in live mode; draws, and acknowledges, only when told to."""
 
     def __init__(self, server: PageServer, layer: str = "color") -> None:
-        address = f"127.0.0.1:{server.port}"
-        self._socket = connect(f"ws://{address}/ws", origin=f"http://{address}", max_size=None)
+        super().__init__(server)
         self.layer = layer
         self.frames: list[dict] = []
-        self.state: dict = {}
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._socket.close()
-
-    def say(self, **message):
-        self._socket.send(json.dumps(message))
 
     def ready(self):
         self.say(type="ready", layer=self.layer)
@@ -139,9 +127,6 @@ class Tab:
                 return message
             assert time.monotonic() < end
 
-    def state_where(self, found):
-        return self.until(lambda m: m["type"] == "state" and found(m))
-
     def frame(self):
         return self.until(lambda m: m["type"] == "frame")
 
@@ -155,7 +140,7 @@ class Tab:
 
 def test_frames_come_with_all_that_both_sides_need(serve):
     server = serve(STILL)
-    with Tab(server) as tab:
+    with LiveTab(server) as tab:
         frame = tab.frame_where(lambda _: True)
         # It was told before or after the frame.
         state = tab.state if tab.state["layers"] else tab.state_where(lambda s: s["layers"])
@@ -170,14 +155,14 @@ def test_frames_come_with_all_that_both_sides_need(serve):
 
 
 def test_playing_goes_on_by_itself(serve):
-    with Tab(serve(FAST)) as tab:
+    with LiveTab(serve(FAST)) as tab:
         tab.frame_where(lambda f: f["sequence"] >= 12)
     assert all(b["sequence"] > a["sequence"] for a, b in zip(tab.frames, tab.frames[1:], strict=False))
     assert len({f["view_index"] for f in tab.frames}) > 2
 
 
 def test_a_slow_tab_skips_frames_and_nothing_is_queued(serve, player):
-    with Tab(serve(STILL)) as tab:
+    with LiveTab(serve(STILL)) as tab:
         tab.frame_where(lambda f: f["view_index"] == 0)
         # Not acknowledged: one frame more is flattened ahead, and no other.
         tab.say(type="play", frame=3)
@@ -194,7 +179,7 @@ def test_a_slow_tab_skips_frames_and_nothing_is_queued(serve, player):
 
 
 def test_a_pause_holds_and_frames_go_both_ways_by_hand(serve, player):
-    with Tab(serve(FAST)) as tab:
+    with LiveTab(serve(FAST)) as tab:
         tab.frame_where(lambda f: f["sequence"] > 2)
         tab.say(type="play", playing=False)
         tab.say(type="play", frame=8)
@@ -216,7 +201,7 @@ def test_a_pause_holds_and_frames_go_both_ways_by_hand(serve, player):
 
 
 def test_the_rate_and_the_direction_are_set(serve):
-    with Tab(serve(STILL)) as tab:
+    with LiveTab(serve(STILL)) as tab:
         tab.say(type="play", frame=5)
         tab.say(type="play", fps=7.5)
         tab.say(type="play", forward=False)
@@ -226,7 +211,7 @@ def test_the_rate_and_the_direction_are_set(serve):
 
 def test_a_frame_without_cloth_is_empty_and_says_why(serve, player):
     player.errors[3] = FlatteningError("View 3 shows too little cloth.")
-    with Tab(serve(STILL)) as tab:
+    with LiveTab(serve(STILL)) as tab:
         tab.say(type="play", frame=3)
         frame = tab.frame_where(lambda f: f["view_index"] == 3)
         assert frame["reason"] == "View 3 shows too little cloth."
@@ -240,7 +225,7 @@ def test_a_frame_without_cloth_is_empty_and_says_why(serve, player):
 
 def test_an_unexpected_error_is_told_and_pauses(serve, player, caplog):
     player.errors[1] = ZeroDivisionError("division by zero")
-    with Tab(serve(FAST)) as tab:
+    with LiveTab(serve(FAST)) as tab:
         tab.ready()
         state = tab.until(lambda m: tab.ready() or (m["type"] == "state" and bool(m["log"])))
         assert "division by zero" in state["log"][-1]["text"]
@@ -250,7 +235,7 @@ def test_an_unexpected_error_is_told_and_pauses(serve, player, caplog):
 
 
 def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(serve):
-    with Tab(serve(FAST)) as tab:
+    with LiveTab(serve(FAST)) as tab:
         seen = tab.frame_where(lambda f: f["sequence"] > 4)
         u, v = seen["grid"]["origin_uv_m"]
         u, v = u + 15 * seen["grid"]["pixel_size_m"], v + 0.1
@@ -270,7 +255,7 @@ def test_a_click_pauses_and_picks_on_the_frame_that_was_seen(serve):
 
 def test_a_click_in_the_scene_pauses_and_picks(serve):
     server = serve(FAST)
-    with Tab(server) as tab:
+    with LiveTab(server) as tab:
         tab.frame_where(lambda f: f["sequence"] > 2)
         tab.say(type="play", frame=0)
         tab.frame_where(lambda f: f["view_index"] == 0)
@@ -285,7 +270,7 @@ def test_a_click_in_the_scene_pauses_and_picks(serve):
 
 def test_every_tab_gets_its_own_layer(serve):
     server = serve(STILL)
-    with Tab(server, "stretch") as one, Tab(server, "density") as two:
+    with LiveTab(server, "stretch") as one, LiveTab(server, "density") as two:
         legends = [t.frame_where(lambda _: True)["legend"]["title"] for t in (one, two)]
         assert legends == ["Stretch (%)", "Density (px/cm²)"]
         one.layer = "color"
@@ -294,7 +279,7 @@ def test_every_tab_gets_its_own_layer(serve):
 
 @pytest.mark.parametrize("action", ["step", "accept", "undo", "restart"])
 def test_nothing_is_decided_in_live_mode(serve, action):
-    with Tab(serve(STILL)) as tab:
+    with LiveTab(serve(STILL)) as tab:
         tab.say(type="do", action=action)
         note = tab.until(lambda m: m["type"] == "note")
     assert note["level"] == "warning"
@@ -303,15 +288,15 @@ def test_nothing_is_decided_in_live_mode(serve, action):
 
 def test_nobody_looking_means_no_work_and_the_next_tab_goes_on(serve, player):
     server = serve(FAST)
-    with Tab(server) as tab:
+    with LiveTab(server) as tab:
         tab.frame_where(lambda f: f["sequence"] > 2)
-    with Tab(server) as tab:
+    with LiveTab(server) as tab:
         assert tab.frame_where(lambda f: f["sequence"] > 5)["grid"]
 
 
 def test_stopping_ends_all_threads(integration, player):
     with PageServer(integration, MemoryFolder(), port=0, player=player, fps=FAST) as server:
-        tab = Tab(server)
+        tab = LiveTab(server)
         tab.frame_where(lambda f: f["sequence"] > 2)
         tab.ready()
     with tab:  # the server has left it in the middle of playing

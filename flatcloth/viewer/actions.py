@@ -329,7 +329,7 @@ def _why_not_timeline(name: str, state: SessionState) -> str | None:
     if name == "reopen":
         if state.phase is Phase.COMPUTING:
             return why_illegal(state, Reopen(0))
-        return None if document.reopenable_views else "Nothing was decided yet."
+        return None if document.reopenable_views else "There is no decision to reopen."
     return None
 
 

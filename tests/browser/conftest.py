@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,30 +18,41 @@ from playwright.sync_api import Browser, Frame, Page, sync_playwright
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+GRAPHICS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+"""Drawing in 3D without a graphics card; it makes all drawing slow."""
 FLAGS = [
     "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
 ]
+VISER = re.compile(r"/viser/?(\?|$)")
 WAIT_MS = 90_000
 START_LIMIT_S = 60
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator[Browser]:
+def launch() -> Iterator[Callable[[list[str]], Browser]]:
     with sync_playwright() as playwright:
         # Without one of the system's, Playwright's own serves, if it is installed.
         if CHROMIUM is None and not Path(playwright.chromium.executable_path).exists():
             pytest.fail("There is no Chromium; install it (apt-get install chromium).", pytrace=False)
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield lambda flags: playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *flags])
+
+
+@pytest.fixture(scope="session")
+def chromium(launch: Callable[[list[str]], Browser]) -> Iterator[Browser]:
+    """A browser that draws in 3D."""
+    with launch(GRAPHICS) as browser:
         yield browser
-        browser.close()
+
+
+@pytest.fixture(scope="session")
+def flat_chromium(launch: Callable[[list[str]], Browser]) -> Iterator[Browser]:
+    with launch(["--disable-gpu"]) as browser:
+        yield browser
 
 
 class Program:
@@ -111,8 +122,10 @@ def program(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Program]
 class Tab:
     """The operator page in a tab, with what tests want to know of it."""
 
-    def __init__(self, page: Page, url: str) -> None:
-        self.page = page
+    def __init__(self, page: Page, url: str, *, has_scene: bool) -> None:
+        self.page, self.has_scene = page, has_scene
+        if not has_scene:
+            page.route(VISER, lambda route: route.fulfill(body="<!doctype html><title>no scene</title>"))
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.set_default_timeout(WAIT_MS)
@@ -120,7 +133,7 @@ class Tab:
 
     @property
     def scene(self) -> Frame:
-        return next(f for f in self.page.frames if re.search(r"/viser/?(\?|$)", f.url))
+        return next(f for f in self.page.frames if VISER.search(f.url))
 
     def until(self, expression: str) -> None:
         self.page.wait_for_function(f"() => window.flatcloth && ({expression})")
@@ -132,9 +145,10 @@ class Tab:
         return self.page.evaluate("flatcloth.pick")
 
     def ready(self) -> Tab:
-        """Wait until the start view is drawn on both sides."""
+        """Wait until the start view is drawn, on both sides if there is a scene."""
         self.until("flatcloth.layerRevision > 0 && flatcloth.phase === 'ready'")
-        self.scene_shows("/live/cloud")
+        if self.has_scene:
+            self.scene_shows("/live/cloud")
         return self
 
     def scene_shows(self, node: str) -> None:
@@ -176,8 +190,16 @@ class Tab:
 
     def close_viser_notice(self) -> None:
         """Dismiss viser's remark about software rendering, which is none of ours."""
+        if not self.has_scene:
+            return
         with contextlib.suppress(Exception):
             self.scene.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
+
+    def overflow(self) -> list[int]:
+        """Return by how many pixels the page is wider and higher than its window."""
+        return self.page.evaluate(
+            "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
+        )
 
     def shoot(self, name: str) -> None:
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
@@ -185,12 +207,15 @@ class Tab:
 
 
 @pytest.fixture
-def open_tab(chromium: Browser, program: Program, request: pytest.FixtureRequest):
+def open_tab(program: Program, request: pytest.FixtureRequest):
+    """Open tabs; they have the 3D scene only where a test is marked ``scene``."""
     tabs: list[Tab] = []
+    has_scene = request.node.get_closest_marker("scene") is not None
+    browser = request.getfixturevalue("chromium" if has_scene else "flat_chromium")
 
     def open_one(width: int = 1280, height: int = 720, scheme: str = "light") -> Tab:
-        page = chromium.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
-        tabs.append(Tab(page, program.url))
+        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        tabs.append(Tab(page, program.url, has_scene=has_scene))
         return tabs[-1]
 
     yield open_one

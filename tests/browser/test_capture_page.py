@@ -32,7 +32,7 @@ def tab(chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRe
     desk = capture_desk(integration, session, feed, settings)
     with PageServer(integration, session, port=0, desk=desk) as server:
         page = chromium.new_page(viewport={"width": 1280, "height": 720})
-        tab = Tab(page, server.url)
+        tab = Tab(page, server.url, has_scene=True)
         yield tab
         tab.shoot(f"last-{request.node.name}-0")
         page.close()

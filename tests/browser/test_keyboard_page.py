@@ -141,10 +141,7 @@ def test_repair_and_dialogs_fit_their_window(open_tab, width, height, scheme):
         tab.shoot(f"{dialog}-{width}-{scheme}")
         tab.page.keyboard.press("Escape")
         tab.page.locator(f"#{dialog}").wait_for(state="hidden")
-    overflow = tab.page.evaluate(
-        "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
-    )
-    assert overflow == [0, 0]
+    assert tab.overflow() == [0, 0]
     cut = tab.page.evaluate(
         "[...document.querySelectorAll('.bar .button, .repair .button, .status p')]"
         ".filter(e => e.offsetParent && e.getBoundingClientRect().right > innerWidth + 1)"

@@ -12,7 +12,7 @@ from flatcloth.config import Config
 from flatcloth.geometry import held_from_camera
 from flatcloth.recordings import open_recording
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.scene]
 
 SAMPLE = "recordings/shirt-corner-d435"
 LIVE = pytest.mark.parametrize("program", [f"{SAMPLE} --live"], indirect=True, ids=["live"])

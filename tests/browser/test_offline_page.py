@@ -343,6 +343,7 @@ def test_the_report_prints_on_a4_pages(chromium: Browser, session: OpenedSession
     assert json.dumps(pdf[:5].decode()) == '"%PDF-"'
 
 
+@pytest.mark.scene
 @pytest.mark.parametrize(
     "program", ["recordings/shirt-sleeve-clean --method paper"], indirect=True, ids=["paper"]
 )

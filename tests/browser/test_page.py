@@ -14,6 +14,7 @@ def distance_m(a, b):
     return math.dist(a, b)
 
 
+@pytest.mark.scene
 def test_step_accept_undo_and_click_the_centre(open_tab):
     tab = open_tab(1600, 900).ready()
     tab.close_viser_notice()
@@ -52,6 +53,7 @@ def test_the_read_out_and_the_pick_tell_the_same(open_tab):
     assert all(number in told for number in position)
 
 
+@pytest.mark.scene
 def test_a_click_in_the_scene_marks_the_flattened_pixel(open_tab):
     tab = open_tab().ready()
     first = tab.click_shape()
@@ -71,6 +73,7 @@ def test_a_click_in_the_scene_marks_the_flattened_pixel(open_tab):
     assert distance_m(tab.pick()["position_held_m"], first["position_held_m"]) < 0.008
 
 
+@pytest.mark.scene
 def test_a_reload_loses_nothing(open_tab, tmp_path):
     tab = open_tab().ready()
     tab.step()
@@ -90,6 +93,7 @@ def test_a_reload_loses_nothing(open_tab, tmp_path):
     assert all(json.loads(line) for line in lines)
 
 
+@pytest.mark.scene
 def test_two_tabs_show_the_same(open_tab):
     one, two = open_tab().ready(), open_tab(scheme="dark").ready()
     one.step()
@@ -164,6 +168,7 @@ def test_dragging_the_proposal_is_one_decision(open_tab):
     tab.until("flatcloth.state.pending.nudge.u_mm === 0")
 
 
+@pytest.mark.scene
 def test_keys_work_while_the_scene_has_the_focus(open_tab):
     tab = open_tab().ready()
     tab.scene.evaluate("document.body.focus(), window.focus()")
@@ -171,6 +176,7 @@ def test_keys_work_while_the_scene_has_the_focus(open_tab):
     tab.until("flatcloth.phase === 'deciding'")
 
 
+@pytest.mark.scene
 def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program):
     tab = open_tab().ready()
     pick = tab.click_shape()
@@ -194,6 +200,7 @@ def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program
         again.stop()
 
 
+@pytest.mark.scene
 @pytest.mark.parametrize(
     ("width", "height", "scheme"),
     [
@@ -208,10 +215,7 @@ def test_the_page_fits_its_window(open_tab, width, height, scheme):
     tab.close_viser_notice()
     tab.step()
     tab.click_shape()
-    overflow = tab.page.evaluate(
-        "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
-    )
-    assert overflow == [0, 0]
+    assert tab.overflow() == [0, 0]
     cut = tab.page.evaluate(
         "[...document.querySelectorAll('.values dd, .readout dd, .button, .status p')]"
         ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"

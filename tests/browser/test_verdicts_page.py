@@ -21,12 +21,18 @@ def decided(tab, count):
     )
 
 
-def test_each_verdict_by_its_key(open_tab):
-    tab = open_tab().ready()
+def step_and_skip(tab):
+    """Skip the next proposal; return its view."""
     tab.step()
     skipped = pending(tab)
     tab.page.keyboard.press("k")
     tab.until("flatcloth.phase === 'ready'")
+    return skipped
+
+
+def test_each_verdict_by_its_key(open_tab):
+    tab = open_tab().ready()
+    skipped = step_and_skip(tab)
     tab.step()
     rejected = pending(tab)
     assert rejected != skipped
@@ -87,10 +93,7 @@ def test_an_accepted_view_is_reopened_on_the_timeline_and_undo_brings_all_back(o
 
 def test_jumps_lead_to_what_waits_and_to_the_least_sure_by_keys_alone(open_tab):
     tab = open_tab().ready()
-    tab.step()
-    skipped = pending(tab)
-    tab.page.keyboard.press("k")
-    tab.until("flatcloth.phase === 'ready'")
+    skipped = step_and_skip(tab)
     tab.step()
     tab.accept()
     tab.page.keyboard.press("j")
