@@ -37,7 +37,6 @@ class Look:
 
 def look(surface: Surface, config: AgreementConfig) -> Look:
     """Return what a surface looks like."""
-    color = surface.frame.color.astype(np.float32)
     inside = surface.usable.astype(np.float32)
     sigma_px = config.texture_size_m / surface.pixel_pitch_m
 
@@ -45,16 +44,17 @@ def look(surface: Surface, config: AgreementConfig) -> Look:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
 
     known = np.maximum(mean(inside, 1.5), 0.05)
-    fine = mean(color * inside[..., None], 1.5) / known[..., None]
-    gray = fine.mean(axis=-1)
+    fine = mean(np.asarray(surface.frame.color * inside[..., None], dtype=np.float32), 1.5)
+    red, green, blue = (fine[..., k] / known for k in range(3))
+    gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
     brightness = np.maximum(gray, 8.0)
-    hue = np.stack(
-        [gray - coarse, 64.0 * fine[..., 0] / brightness - 64.0, 64.0 * fine[..., 2] / brightness - 64.0],
-        axis=-1,
-    )
+    hue = np.empty_like(fine)
+    hue[..., 0] = gray - coarse
+    hue[..., 1] = 64.0 * red / brightness - 64.0
+    hue[..., 2] = 64.0 * blue / brightness - 64.0
     hue[~surface.usable] = np.nan
-    return Look(hue=hue.astype(np.float32))
+    return Look(hue=hue)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,8 +160,24 @@ def _space_from_plane(shape: JointShape) -> Float64:
             frames[:, row, col] = np.bincount(i, product, n) + np.bincount(j, product, n)
     normal = shape.nodes.normal
     frames -= normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
-    u, _, v = np.linalg.svd(frames, full_matrices=False)
-    isometry: Float64 = u @ v
+    return _nearest_isometries(frames)
+
+
+def _nearest_isometries(maps: Float64) -> Float64:
+    """Return the isometries nearest to linear maps M (N, 3, 2): M (M'M)^(-1/2), the root in closed form."""
+    a, b, d = (np.einsum("ni,ni->n", maps[:, :, i], maps[:, :, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    root_det = np.sqrt(np.maximum(a * d - b * b, 0.0))
+    trace = np.sqrt(a + d + 2.0 * root_det)
+    scale = 1.0 / np.maximum(root_det * trace, 1e-30)
+    # The root of a 2 x 2 matrix S is (S + sqrt(det) 1) / trace; its inverse is the adjugate over sqrt(det).
+    inverse = np.empty((len(maps), 2, 2))
+    inverse[:, 0, 0], inverse[:, 1, 1] = scale * (d + root_det), scale * (a + root_det)
+    inverse[:, 0, 1] = inverse[:, 1, 0] = -scale * b
+    isometry: Float64 = maps @ inverse
+    flat = root_det <= 1e-6 * (a + d)
+    if flat.any():
+        u, _, v = np.linalg.svd(maps[flat], full_matrices=False)
+        isometry[flat] = u @ v
     return isometry
 
 

@@ -9,6 +9,7 @@ another view joins them better.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -42,8 +43,8 @@ def hanging_together(n: int, edges: Int32, trust: Float64, large: int, least_tru
     trusted: Float64 = np.bincount(where, trust, key.size).astype(np.float64)
     ones = np.ones(2 * key.size, dtype=np.int32)
     adjacency = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)).tocsr()
-    triangles = np.asarray((adjacency[i].multiply(adjacency[j])).sum(axis=1)).ravel()
-    firm = triangles >= _TRIANGLES
+    adjacency.sort_indices()
+    firm = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
     part = _components(n, i[firm], j[firm])
     cores = np.bincount(part) >= large
     label = _grown(np.where(cores[part], part, -1), i, j, trusted)
@@ -51,6 +52,22 @@ def hanging_together(n: int, edges: Int32, trust: Float64, large: int, least_tru
     label[rest] = n + _components(n, i[rest[i] & rest[j]], j[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
     return _joined(label, i, j, trusted, least_trust)
+
+
+@njit(cache=True, nogil=True)
+def _neighbours_in_common(
+    first: Int32, neighbour: Int32, i: NDArray[np.int64], j: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Count for each pair (M,) the neighbours that both ends have; each node's neighbours come sorted."""
+    counts = np.zeros(i.size, dtype=np.int64)
+    for e in range(i.size):
+        a, b = first[i[e]], first[j[e]]
+        while a < first[i[e] + 1] and b < first[j[e] + 1]:
+            counts[e] += neighbour[a] == neighbour[b]
+            step_a, step_b = neighbour[a] <= neighbour[b], neighbour[b] <= neighbour[a]
+            a += step_a
+            b += step_b
+    return counts
 
 
 def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Float64) -> Int32:

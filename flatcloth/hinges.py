@@ -8,9 +8,11 @@ tangent plane) are weighed together: a small problem that Gauss-Newton solves in
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -110,19 +112,29 @@ def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:
     return distance
 
 
+@njit(cache=True, nogil=True)
 def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
     """Tell which nodes (N,) have no neighbour within a wide angle."""
-    node = np.concatenate([edges[:, 0], edges[:, 1]])
-    angle = np.arctan2(along[:, 1], along[:, 0])
-    angle = np.concatenate([angle, np.where(angle > 0, angle - np.pi, angle + np.pi)])
-    order = np.lexsort((angle, node))
-    node, angle = node[order], angle[order]
-    first = np.flatnonzero(np.diff(node, prepend=-1))
-    last = np.append(first[1:], len(node)) - 1
-    gap = np.diff(angle, append=0.0)
-    gap[last] = angle[first] + 2.0 * np.pi - angle[last]
+    first = np.zeros(n + 1, dtype=np.int64)
+    for e in range(edges.shape[0]):
+        first[edges[e, 0] + 1] += 1
+        first[edges[e, 1] + 1] += 1
+    first = np.cumsum(first)
+    angle, filled = np.empty(2 * edges.shape[0]), first[:-1].copy()
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        angle[filled[i]] = math.atan2(along[e, 1], along[e, 0])
+        angle[filled[j]] = math.atan2(-along[e, 1], -along[e, 0])
+        filled[i] += 1
+        filled[j] += 1
     rim = np.ones(n, dtype=np.bool_)
-    rim[node[first]] = np.maximum.reduceat(gap, first) > _RIM_RAD
+    for node in range(n):
+        own = np.sort(angle[first[node] : first[node + 1]])
+        if own.size:
+            widest = own[0] + 2.0 * math.pi - own[-1]
+            for k in range(own.size - 1):
+                widest = max(widest, own[k + 1] - own[k])
+            rim[node] = widest > _RIM_RAD
     return rim
 
 
@@ -244,7 +256,9 @@ class _System:
         """Return each membership's unit turn (n_members,) that fits its pairs best."""
         total = np.zeros(self._n_members, dtype=np.complex128)
         for end in (0, 1):
-            np.add.at(total, self._member[:, end], self._turn_weight * z * np.conj(self._offset[:, end]))
+            agreement = self._turn_weight * z * np.conj(self._offset[:, end])
+            for part, unit in ((agreement.real, 1.0), (agreement.imag, 1j)):
+                total += unit * np.bincount(self._member[:, end], part, self._n_members)
         size = np.abs(total)
         turns: Complex128 = np.where(size > 0, total / np.where(size > 0, size, 1.0), 0.0)
         return turns

@@ -21,9 +21,9 @@ from flatcloth.config import FlatteningConfig, JointConfig
 from flatcloth.connection import hanging_together
 from flatcloth.geometry import Rigid3, fit_rigid2
 from flatcloth.hinges import Hinged, swung
-from flatcloth.minimisation import minimise
+from flatcloth.minimisation import banding, minimise
+from flatcloth.relaxation import relaxed, turns
 from flatcloth.sightings import Complex128, Nodes, Recognised, Sighting, averaged, no_nodes, recognise, sight
-from flatcloth.sparse import laplacian_factor
 from flatcloth.surface import Surface
 from flatcloth.types import Bool, Float64, Int32
 
@@ -323,7 +323,7 @@ def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     while True:
         known = np.isfinite(z.real[edges])
         both: Bool = np.asarray(known.all(axis=1))
-        turn = _turns(z, edges, member, offset, both, links.n_members)
+        turn = turns(z, edges, member, offset, both, links.n_members)
         sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
         for end, sign in ((0, 1.0), (1, -1.0)):
             says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
@@ -335,20 +335,6 @@ def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
         if not found.any():
             return z
         z[found] = sums[found] / counts[found]
-
-
-def _turns(
-    z: Complex128, edges: Int32, member: Int32, offset: Complex128, used: Bool, n_members: int
-) -> Complex128:
-    """Return each membership's unit turn from its tangent plane to the plane; 0 where nothing tells."""
-    along = z[edges[used, 1]] - z[edges[used, 0]]
-    total = np.zeros(n_members, dtype=np.complex128)
-    for end in (0, 1):
-        agreement = along * np.conj(offset[used, end])
-        at = member[used, end]
-        total += np.bincount(at, agreement.real, n_members) + 1j * np.bincount(at, agreement.imag, n_members)
-    size = np.abs(total)
-    return np.where(size > 0, total / np.where(size > 0, size, 1.0), 0.0)
 
 
 # ------------------------------------------------------------------ minimising
@@ -364,7 +350,8 @@ def _minimised(
     edges = place[links.edges[inside]]
     std = links.std_m[inside]
     accuracy = np.square(np.median(std) / std)
-    x = _relaxed(
+    narrow = banding(own.size, edges)
+    x = relaxed(
         z[own],
         edges,
         links.member[inside],
@@ -372,6 +359,7 @@ def _minimised(
         accuracy * weight,
         links.n_members,
         config.arap_steps,
+        narrow,
     )
     length = links.length_m[inside]
     for _ in range(config.robust_rounds):
@@ -382,6 +370,7 @@ def _minimised(
             weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
             majorisations=_MAJORISATIONS,
             energy_tolerance=_TOLERANCE,
+            narrow=narrow,
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
         weight = _robust_weight(residual / std, config.robust_std)
@@ -403,30 +392,3 @@ def _robust_weight(normed: Float64, robust_std: float) -> Float64:
     scale = robust_std * max(1.0, 1.48 * float(np.median(np.abs(normed))))
     weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
     return weight
-
-
-def _relaxed(
-    z: Complex128,
-    edges: Int32,
-    member: Int32,
-    offset: Complex128,
-    weight: Float64,
-    n_members: int,
-    steps: int,
-) -> Float64:
-    """As-rigid-as-possible relaxation (N, 2): each membership turns, then all nodes move (one solve)."""
-    solve = laplacian_factor(len(z), edges, weight)
-    i, j, n = edges[:, 0], edges[:, 1], len(z)
-    used = np.ones(len(edges), dtype=bool)
-    center = z.mean()
-    z = z - center
-    for _ in range(steps):
-        turn = _turns(z, edges, member, offset, used, n_members)
-        along = 0.5 * weight * (turn[member] * offset).sum(axis=1)
-        rhs = np.empty((n, 2))
-        rhs[:, 0] = np.bincount(j, along.real, n) - np.bincount(i, along.real, n) + 1e-6 * z.real
-        rhs[:, 1] = np.bincount(j, along.imag, n) - np.bincount(i, along.imag, n) + 1e-6 * z.imag
-        moved = solve.solve(rhs)
-        z = moved[:, 0] + 1j * moved[:, 1]
-    z = z + center
-    return np.stack([z.real, z.imag], axis=1)

@@ -53,6 +53,52 @@ class Minimum:
     state_iterations: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Banding:
+    """An order of points in which the pairs of a graph are near each other, and its matrices narrow bands.
+
+    ``order`` (N,) the points in it; ``place`` (N,) where each point comes; ``pairs`` (M, 2) int32 the
+    pairs, by those places, the lower first.
+    """
+
+    order: Int32
+    place: Int32
+    pairs: Int32
+
+
+def banding(n: int, edges: Int32) -> Banding:
+    """Find a narrow order of ``n`` points with pairs ``edges`` (M, 2) int32."""
+    order = _narrow_order(n, edges)
+    place = np.argsort(order).astype(np.int32)
+    return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
+
+
+class BandedLaplacian:
+    """A graph's Laplacian plus a trace of the identity, factored once to be solved often.
+
+    Parameters
+    ----------
+    narrow : Banding
+        The points' order, and the pairs.
+    weight : (M,) float64
+        Weights of the pairs, not negative.
+    held : float
+        Share of the identity, which makes it definite.
+    """
+
+    def __init__(self, narrow: Banding, weight: Float64, held: float) -> None:
+        self._narrow = narrow
+        band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
+        band[0] += held
+        band[0, 0] -= 1.0
+        self._factor = cast("Float64", _factor(band))
+
+    def solve(self, rhs: Float64) -> Float64:
+        """Return the solution (N, 2) for a right-hand side (N, 2)."""
+        solved: Float64 = _solved(self._factor, rhs[self._narrow.order].T).T[self._narrow.place]
+        return solved
+
+
 def minimise(
     initial_uv_m: Float64,
     edges: Int32,
@@ -62,6 +108,7 @@ def minimise(
     energy_tolerance: float,
     weight: Float64 | None = None,
     record: bool = False,
+    narrow: Banding | None = None,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -81,6 +128,8 @@ def minimise(
         Weights of the pairs, positive, about 1; by default all 1, as in the paper.
     record : bool
         Keep about twenty states on the way.
+    narrow : Banding, optional
+        That of the pairs, if it is known already.
 
     Returns
     -------
@@ -94,9 +143,8 @@ def minimise(
     """
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
-    order = _narrow_order(len(initial_uv_m), edges)
-    place = np.argsort(order)
-    pairs = np.sort(place[edges], axis=1).astype(np.int32)
+    narrow = narrow or banding(len(initial_uv_m), edges)
+    order, place, pairs = narrow.order, narrow.place, narrow.pairs
     weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace: list[Float64] | None = [x] if record else None

@@ -29,6 +29,7 @@ def draw_shape(
     pixel_size_m: float,
     config: JointConfig,
     uv_m: Float64 | None = None,
+    costs: dict[int, Float32] | None = None,
 ) -> FlattenedView:
     """Raster a joint shape.
 
@@ -48,6 +49,8 @@ def draw_shape(
         What makes one view of a place better than another.
     uv_m : (N, 2) float64, optional
         Where the nodes lie, if not as in the shape: a floating piece. NaN: not drawn.
+    costs : dict of int to (H, W) float32, optional
+        What each view's pixels cost, filled on the way; for pieces that are drawn of the same views.
 
     Returns
     -------
@@ -59,6 +62,7 @@ def draw_shape(
     cost = np.full(size, np.inf, dtype=np.float32)
     label = np.full(size, -1, dtype=np.int16)
     stretches: dict[int, Float32] = {}
+    costs = {} if costs is None else costs
     for n, sighting in enumerate(shape.sightings):
         surface = surfaces[sighting.view_index]
         seen = _samples(sighting, uv, interval_px)
@@ -67,11 +71,13 @@ def draw_shape(
         samples, own_uv = seen
         carrier = Carrier(own_uv, samples, surface)
         points, stretches[n] = carrier.place_all()
+        if n not in costs:
+            costs[n] = _pixel_cost(surface, config)
         _composite(
             points / pixel_size_m - low,
             carrier.nearest >= 0,
             surface.steps,
-            _pixel_cost(surface, config),
+            costs[n],
             n,
             source,
             cost,

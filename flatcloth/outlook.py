@@ -139,7 +139,8 @@ def _best_incidence_deg(shape: JointShape) -> Float64:
 def _node_area_m2(shape: JointShape) -> float:
     """Return the cloth that each node stands for, by the cells of 1 cm that they lie in."""
     uv = shape.all_uv_m[shape.has_place]
-    cells = np.unique(np.floor(uv / 0.02).astype(np.int64), axis=0)
+    u, v = np.floor(uv / 0.02).astype(np.int64).T
+    cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
     return len(cells) * 0.02**2 / max(len(uv), 1)
 
 

@@ -25,7 +25,6 @@ from flatcloth.hypotheses import (
     coarse_view,
     judged,
 )
-from flatcloth.joint import JointShape, reposed
 from flatcloth.matching import AlignmentScore
 from flatcloth.memory import Memory
 from flatcloth.merging import Canonical
@@ -34,7 +33,6 @@ from flatcloth.planning import Plan
 from flatcloth.registration import describe
 from flatcloth.session import Document, Later, Side
 from flatcloth.shapes import JointShapes, Views, prefix
-from flatcloth.sightings import recognise
 from flatcloth.types import FlattenedView, Float64, Progress, Rigid2, no_progress
 
 
@@ -55,6 +53,7 @@ class Robust:
         self.shapes = JointShapes(views)
         self._grounds: Memory[Ground] = Memory(4)
         self._looks: Memory[Look] = Memory(48)
+        self._placeable: Memory[dict[int, Part]] = Memory(8)
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, drawn from the joint shape, with the pieces that float."""
@@ -112,7 +111,7 @@ class Robust:
         flattening = self._views.flattening(view_index)
         shape, ground = self.shapes.shape(document), self._ground(document)
         progress(0.4, "looking for the place")
-        parts = self._parts(shape, view_index)
+        parts = self.parts(document, view_index)
         largest = max(part.area_m2 for part in parts.values()) if parts else 0.0
         coarse = coarse_view(ground, self._views.axis, self._angles_deg[view_index])
         found: dict[int, list[Hypothesis]] = {}
@@ -180,14 +179,14 @@ class Robust:
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement, however it came about."""
-        parts = self._parts(self.shapes.shape(document), view_index)
+        parts = self.parts(document, view_index)
         if component not in parts:
             return AlignmentScore(0.0, {})
         return lay(self._ground(document), parts[component], motion)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
         """Refine a placement from where it lies."""
-        part = self._parts(self.shapes.shape(document), view_index).get(component)
+        part = self.parts(document, view_index).get(component)
         return motion if part is None else refine(self._ground(document), part, motion).shape_from_part
 
     def carried(self, _document: Document, later: Later) -> Rigid2:
@@ -195,8 +194,9 @@ class Robust:
         return later.decision.current_from_new
 
     def parts(self, document: Document, view_index: int) -> dict[int, Part]:
-        """Return the parts of a view that are worth placing on a document's shape."""
-        return self._parts(self.shapes.shape(document), view_index)
+        """Return the parts of a view that are worth placing on a document's shape (remembered)."""
+        key = (prefix(document), view_index)
+        return self._placeable.get(key, lambda: self._parts(document, view_index))
 
     def part_rc(self, view_index: int, part: Part) -> Float64:
         """Return where a part's points (K, 2) lie in the recorded image."""
@@ -224,12 +224,10 @@ class Robust:
             view_index, lambda: look(self._views.flattening(view_index).surface, self._config.agreement)
         )
 
-    def _parts(self, shape: JointShape, view_index: int) -> dict[int, Part]:
+    def _parts(self, document: Document, view_index: int) -> dict[int, Part]:
         """Return the parts of a view that are worth placing, thinned out."""
         flattening = self._views.flattening(view_index)
-        *before, held = self.shapes.poses((*shape.views, view_index))
-        shape = reposed(shape, tuple(before))
-        recognised = recognise(shape.nodes, flattening.surface, held, self._config.joint)
+        _, held, recognised = self.shapes.recognised(document, view_index)
         label = self.shapes.label(view_index)
         pixel = np.rint(recognised.rc).astype(np.int32)
         on_part = label[pixel[:, 0], pixel[:, 1]]

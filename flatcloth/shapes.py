@@ -23,7 +23,7 @@ from flatcloth.scans import Scan, scan
 from flatcloth.session import Accepted, Document
 from flatcloth.sightings import Recognised, recognise
 from flatcloth.surface import Surface
-from flatcloth.types import Bool, Float64, Int32, Rigid2, RotationAxis
+from flatcloth.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.uncertainty import placement_std_m, undetermined, with_placement_std
 
 
@@ -55,6 +55,7 @@ class JointShapes:
         self._scans: Memory[Scan] = Memory(48)
         self._registrations: Memory[Registered] = Memory(64)
         self._labels: Memory[Int32] = Memory(48)
+        self._sighted: Memory[tuple[JointShape, Rigid3, Recognised]] = Memory(4)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""
@@ -63,11 +64,12 @@ class JointShapes:
         start = document.start_view
         made = self._shapes.get((start,), lambda: self._begin(start))
         for n, added in enumerate(document.accepted):
+            key = (start, *document.accepted[:n])
 
-            def grow(before: JointShape = made, added: Accepted = added) -> JointShape:
-                return self._extend(before, added)
+            def grow(key: Hashable = key, before: JointShape = made, added: Accepted = added) -> JointShape:
+                return self._extend(key, before, added)
 
-            made = self._shapes.get((start, *document.accepted[: n + 1]), grow)
+            made = self._shapes.get((*key, added), grow)
         return made
 
     def canonical(self, document: Document) -> Canonical:
@@ -108,11 +110,24 @@ class JointShapes:
             flattening.surface, self.poses((start,))[0], uv, self._config.flattening, self._config.joint
         )
 
-    def _extend(self, shape: JointShape, added: Accepted) -> JointShape:
+    def recognised(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Recognised]:
+        """Return the shape, a view's pose, and the nodes that the view shows, its camera's place known."""
+        return self._recognised(prefix(document), self.shape(document), view_index)
+
+    def _recognised(
+        self, key: Hashable, shape: JointShape, view_index: int
+    ) -> tuple[JointShape, Rigid3, Recognised]:
+        def make() -> tuple[JointShape, Rigid3, Recognised]:
+            *before, held = self.poses((*shape.views, view_index))
+            moved = reposed(shape, tuple(before))
+            surface = self._views.flattening(view_index).surface
+            return moved, held, recognise(moved.nodes, surface, held, self._config.joint)
+
+        return self._sighted.get((key, view_index), make)
+
+    def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
-        *before, held = self.poses((*shape.views, added.view_index))
-        shape = reposed(shape, tuple(before))
-        recognised = recognise(shape.nodes, surface, held, self._config.joint)
+        shape, held, recognised = self._recognised(key, shape, added.view_index)
         recognised = self._trusted(shape, recognised, added)
         return extend_joint(shape, surface, held, self._config.flattening, self._config.joint, recognised)
 
@@ -172,8 +187,9 @@ class JointShapes:
         size = c.flattening.pixel_size_m
         std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
         loose = undetermined(shape, std, c.uncertainty, c.joint)
+        costs: dict[int, Float32] = {}
         sure, *pieces = [
-            draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint, uv_m=uv)
+            draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint, uv_m=uv, costs=costs)
             for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
         ]
         view = with_placement_std(sure, shape, np.where(loose, np.nan, std), surfaces, c.uncertainty)

@@ -58,7 +58,7 @@ def placement_std_m(
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + config.held_reach_m / np.maximum(below_m, config.extent_m)
-    change = _strained(uv[edges].mean(axis=1), unit, config, random)
+    change = _strained(uv, edges, unit, config, random)
     change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
     noise = config.noise_share * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
@@ -161,11 +161,15 @@ def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
 _BLOCK_PX = 3
 
 
-def _strained(at: Float64, unit: Float64, config: UncertaintyConfig, random: np.random.Generator) -> Float64:
+def _strained(
+    at: Float64, edges: Int32, unit: Float64, config: UncertaintyConfig, random: np.random.Generator
+) -> Float64:
     """Draw relative changes of length (M, draws): smooth random strain fields, seen along each pair."""
     share = (np.square(unit[:, 0]), math.sqrt(2.0) * unit[:, 0] * unit[:, 1], np.square(unit[:, 1]))
-    fields = _smooth(at, 3, config, random)
-    return config.strain * sum((s[:, None] * f for s, f in zip(share, fields, strict=True)), np.zeros(1))
+    change = np.zeros((len(edges), config.draws))
+    for own, field in zip(share, _smooth(at, 3, config, random), strict=True):
+        change += (0.5 * config.strain * own)[:, None] * (field[edges[:, 0]] + field[edges[:, 1]])
+    return change
 
 
 def _smooth(at: Float64, count: int, config: UncertaintyConfig, random: np.random.Generator) -> list[Float64]:

@@ -75,7 +75,8 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
         raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
     if values.dtype.kind != "f":
         units = values if values.dtype.kind == "u" else np.maximum(values, 0)
-        return units.astype(np.float32) * np.float32(metres_per_unit)
+        metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
+        return metres
     known = np.isfinite(values) & (values > 0)
     depth = np.where(known, values, 0.0).astype(np.float32)
     if known.any() and np.median(depth[known]) > _FARTHEST_M and depth[known].min() > 10.0:

@@ -156,7 +156,7 @@ def decode_color(path: Path) -> Uint8:
 
     # The pixels must stay where the camera put them: a photograph's orientation tag is ignored.
     bgr = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, np.uint8)
-    return np.ascontiguousarray(bgr[..., ::-1])
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
