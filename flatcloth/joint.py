@@ -348,6 +348,8 @@ def _minimised(
     place = np.full(len(z), -1, dtype=np.int32)
     place[own] = np.arange(own.size)
     edges = place[links.edges[inside]]
+    if not edges.size:
+        return np.stack([z.real, z.imag], axis=1), weight
     std = links.std_m[inside]
     accuracy = np.square(np.median(std) / std)
     narrow = banding(own.size, edges)
