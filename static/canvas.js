@@ -263,7 +263,7 @@ export class FlatCanvas {
   press(event) {
     if (event.button > 2) return;
     const { x, y } = this.inPane(event);
-    this.canvas.setPointerCapture(event.pointerId);
+    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId); // the pointer of the keys has nothing to capture
     const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
     const kind = tool ? "tool" : event.button === 0 && this.overProposal(x, y) ? (event.shiftKey ? "turn" : "drag") : "pan";
     this.gesture = { kind, tool, button: event.button, x, y, lastX: x, lastY: y, moved: false, by: { theta: 0, u: 0, v: 0 } };

@@ -8,6 +8,7 @@ import { byId, make, rebuild, setText } from "/static/dom.js";
 import { showExports } from "/static/exports.js";
 import { count, number } from "/static/format.js";
 import { hint } from "/static/hints.js";
+import { KeyPointer } from "/static/key_pointer.js";
 import { startKeys } from "/static/keys.js";
 import { LiveBar } from "/static/live.js";
 import { Looking } from "/static/look.js";
@@ -56,6 +57,7 @@ const nudges = new KeyNudges(canvas, () => state, sendMove);
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const looking = page.looking = new Looking(canvas, () => state && show(state));
 const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
+const keyPointer = page.keyPointer = new KeyPointer(() => state && toolbar.setPressed("pointer", keyPointer.on));
 const why = page.why = new Why(canvas, send, () => show(state));
 const toolbar = new Toolbar(run, page);
 const repair = new Repair(canvas, {
@@ -284,6 +286,7 @@ const PAGE_ACTIONS = {
     show(state);
   },
   ruler: () => ruler.toggle(),
+  pointer: () => keyPointer.toggle(),
   source_image: () => sources.fold(),
   source_mask: () => sources.toggleMask(),
   fit: () => canvas.fit(),

@@ -236,6 +236,13 @@ ACTIONS: tuple[Action, ...] = (
         "view",
     ),
     Action(
+        "pointer",
+        "Pointer",
+        ("Shift+p",),
+        "Point by keys: arrows move (Shift: tenfold), Enter clicks, Space presses and lets go; Esc leaves.",
+        "view",
+    ),
+    Action(
         "follow",
         "Follow",
         ("v",),

@@ -251,3 +251,86 @@ def test_the_outline_is_saved_from_the_page(open_tab, tmp_path):
     width = float(re.search(r'width="([\d.]+)mm"', (tmp_path / "outline.svg").read_text())[1])
     assert width == pytest.approx(outline["size"][0] + 20, abs=0.02)
     assert (tmp_path / "outline.dxf").read_text().endswith("EOF\n")
+
+
+# --- without a mouse --------------------------------------------------------------------------------
+
+
+def pointer(tab):
+    """Where the pointer of the keys is on the screen."""
+    at = tab.page.evaluate("document.querySelector('.key-pointer').getBoundingClientRect()")
+    return at["x"] + at["width"] / 2, at["y"] + at["height"] / 2
+
+
+def mm_per_px(tab):
+    (x0, _), (x1, _) = screen(tab, [0.0, 0.0]), screen(tab, [1.0, 0.0])
+    return 1000 / abs(x1 - x0)
+
+
+def keys_to(tab, wanted):
+    """Bring the pointer of the keys to a place of the screen, to two pixels."""
+    for axis, ways in ((0, ("ArrowLeft", "ArrowRight")), (1, ("ArrowUp", "ArrowDown"))):
+        way = wanted[axis] - pointer(tab)[axis]
+        key, times = ways[way > 0], round(abs(way) / 4)
+        for _ in range(times // 10):
+            tab.page.keyboard.press(f"Shift+{key}")
+        for _ in range(times % 10):
+            tab.page.keyboard.press(key)
+    assert math.dist(pointer(tab), wanted) < 3.0
+
+
+def test_cloth_is_picked_and_measured_by_keys_alone(open_tab):
+    tab = open_tab().ready()
+    start, end = cloth(tab)
+    tab.page.mouse.move(0, 0)
+    mark = tab.page.locator(".key-pointer")
+    expect(mark).to_be_hidden()
+    tab.page.keyboard.press("Shift+P")
+    expect(mark).to_be_visible()
+    keys_to(tab, screen(tab, start))
+    expect(tab.page.locator("#readout dd").first).not_to_have_text("–")
+    tab.page.keyboard.press("Enter")
+    tab.until("flatcloth.state.picks.length === 1")
+    assert 1000 * math.dist(tab.pick()["uv_m"], start) < 4 * mm_per_px(tab)
+    tab.shoot("key-pointer")
+    tab.page.keyboard.press("z")
+    tab.page.keyboard.press("Space")
+    keys_to(tab, screen(tab, end))
+    tab.page.keyboard.press("Space")
+    label = tab.page.locator(".ruler-label")
+    expect(label).to_contain_text(re.compile(r"[\d.]+ mm flat[\d.]+ mm along the cloth"))
+    flat_mm = float(re.findall(r"([\d.]+) mm", label.inner_text())[0])
+    assert flat_mm == pytest.approx(1000 * math.dist(start, end), abs=6 * mm_per_px(tab))
+    tab.page.keyboard.press("Escape")
+    expect(mark).to_be_hidden()
+    expect(label).to_be_visible()  # Esc put the pointer away, once more clears the ruler
+    tab.page.keyboard.press("Escape")
+    expect(label).to_be_hidden()
+    assert len(tab.state()["picks"]) == 1
+
+
+def test_a_proposal_is_dragged_by_keys_as_one_decision(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    layers = tab.state()["layers"]["overlay"]
+    (u, v), size = layers["origin_uv_m"], layers["pixel_size_m"]
+    x, y = screen(tab, [u + size * layers["cols"] / 2, v + size * layers["rows"] / 2])
+    canvas = tab.page.locator("#canvas")
+    # The middle of the proposal's grid may be a hole: look for cloth to take hold of.
+    tab.page.keyboard.press("Shift+P")
+    for dx in range(0, 120, 8):
+        keys_to(tab, (x - dx, y))
+        if canvas.evaluate("c => c.style.cursor") == "move":
+            break
+    tab.page.keyboard.press("Space")
+    expect(tab.page.locator(".key-pointer.held")).to_be_visible()
+    tab.page.keyboard.press("Shift+ArrowRight")
+    tab.page.keyboard.press("Space")
+    tab.until("flatcloth.state.pending.nudge.u_mm > 0")
+    moved = tab.state()["pending"]["nudge"]["u_mm"]
+    assert moved == pytest.approx(40 * mm_per_px(tab), rel=0.02)
+    assert tab.state()["undo"].startswith("move view")
+    tab.page.keyboard.press("Escape")
+    expect(tab.page.locator(".key-pointer")).to_be_hidden()
+    tab.page.keyboard.press("ArrowRight")  # now it moves the proposal again
+    tab.until(f"flatcloth.state.pending.nudge.u_mm > {moved}")
