@@ -38,6 +38,9 @@ def main() -> int:
     return fuzz(options.count, options.first, options.only, options.keep)
 
 
+_TOLD_CASES = 250
+
+
 def fuzz(count: int, first: int, only: list[str], keep: Path) -> int:
     """Run cases, keep those that fail, print a table; return 1 if any failed."""
     samples = [s for s in SAMPLES if not only or s.name in only]
@@ -56,6 +59,9 @@ def fuzz(count: int, first: int, only: list[str], keep: Path) -> int:
                 _keep(outcome, sample, case, keep)
                 print(f"{outcome.case}: {outcome.verdict} ({outcome.file}, {outcome.mutation})", flush=True)
             shutil.rmtree(case, ignore_errors=True)
+            if len(seen) % _TOLD_CASES == 0:
+                faults = sum(o.is_fault for o in seen)
+                print(f"{len(seen)} of {count} cases, {faults} faults", file=sys.stderr, flush=True)
     print(table(seen))
     return int(any(outcome.is_fault for outcome in seen))
 
