@@ -6,10 +6,9 @@ const STEP_PX = 4;
 const FAST = 10;
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** `changed()` is told when it comes, goes, presses or lets go. What it does reaches the canvas as events of a pointer. */
+/** What it does reaches the canvas as events of a pointer. It has no button: who can press one has a pointer. */
 export class KeyPointer {
-  constructor(changed) {
-    this.changed = changed;
+  constructor() {
     this.on = false;
     this.held = false;
     this.place = null; // {x, y} in the pane
@@ -80,6 +79,5 @@ export class KeyPointer {
     this.mark.hidden = !this.on;
     this.mark.classList.toggle("held", this.held);
     if (this.on) this.mark.style.translate = `${this.place.x}px ${this.place.y}px`;
-    this.changed();
   }
 }

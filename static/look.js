@@ -6,7 +6,7 @@ import { number } from "/static/format.js";
 const STEP_DEG = 15;
 const GRID_GAP_PX = 44;
 const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
-const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler", pointer: "Pointer" };
+const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 const PLAIN = { map: "", low: 0, high: 1 };
 
 /** Keeps how each layer is looked at; `changed()` when pictures must be fetched anew. */

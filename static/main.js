@@ -57,7 +57,7 @@ const nudges = new KeyNudges(canvas, () => state, sendMove);
 const comparison = page.comparison = new Comparison(canvas, () => show(state));
 const looking = page.looking = new Looking(canvas, () => state && show(state));
 const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
-const keyPointer = page.keyPointer = new KeyPointer(() => state && toolbar.setPressed("pointer", keyPointer.on));
+const keyPointer = new KeyPointer();
 const why = page.why = new Why(canvas, send, () => show(state));
 const toolbar = new Toolbar(run, page);
 const repair = new Repair(canvas, {
