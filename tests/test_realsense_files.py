@@ -8,6 +8,8 @@ import sqlite3
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,6 +149,40 @@ def test_color_that_comes_late_is_paired_with_its_own_depth(tmp_path: Path) -> N
         # A few pixels at depth edges change in registering; of all frames this one is the nearest.
         apart = [float(np.mean(np.abs(pair.color.astype(int) - other.color))) for other in shots]
         assert int(np.argmin(apart)) == round(pair.time_s * 15)
+
+
+class Starved:
+    """A pipeline whose threads do not get to work for a while, after some frames."""
+
+    def __init__(self, pipeline: Any, frames: int, waits: int) -> None:
+        self._pipeline, self._frames, self._waits = pipeline, frames, waits
+
+    def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, Any]:
+        if self._frames > 0 or self._waits <= 0:
+            self._frames -= 1
+            return self._pipeline.try_wait_for_frames(timeout_ms)
+        self._waits -= 1
+        return False, None
+
+    def stop(self) -> None:
+        self._pipeline.stop()
+
+
+def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    player = RealsensePlayer(write_realsense(tmp_path / "late.db3", turning(lambda _t: 0.0, 1.0)))
+    real = player._open
+
+    def starved(*, starting: bool) -> tuple[Any, Any, Any]:
+        config, pipeline, _ = real(starting=starting)
+        ended = SimpleNamespace(
+            current_status=lambda: player._library.playback_status.stopped, get_position=lambda: 0
+        )
+        return config, Starved(pipeline, 6, 10), ended
+
+    monkeypatch.setattr(player, "_open", starved)
+    assert len(list(player.play())) == 15
 
 
 def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path) -> None:

@@ -24,8 +24,9 @@ _SQLITE, _ROSBAG = b"SQLite format 3\x00", b"#ROSBAG V2.0"
 _TOPIC = b"/device_0/"
 _SCANNED_BYTES = 4_000_000
 _WAIT_MS = 100
-_LAST_WAITS = 3
-"""After the end of the file, frames may still be on their way through librealsense's threads."""
+_LAST_WAITS, _PATIENT_WAITS = 2, 15
+"""After the end of the file, frames may still be on their way through librealsense's threads: on a busy
+machine for long, so unless all have come, it is waited patiently."""
 _STALLED_S = 30.0
 
 
@@ -102,6 +103,7 @@ class RealsensePlayer:
         self.duration_s: float = playback.get_duration().total_seconds()
         self.intrinsics, self.depth_scale_m = self.filter.intrinsics, self.filter.depth_scale_m
         self.fps: float = self.filter.fps
+        self._depth_frames = _depth_frames(path)
 
     @property
     def expected_frames(self) -> int:
@@ -138,7 +140,8 @@ class RealsensePlayer:
     def _pairs(self, pipeline: Any, playback: Any, most_apart_s: float) -> Iterator[Pair]:
         stopped = self._library.playback_status.stopped
         first_s: float | None = None
-        last_s = -1.0
+        last_s = newest_s = -1.0
+        depths = 0
         heard_s, waits = time.monotonic(), 0
         while True:
             try:
@@ -147,7 +150,7 @@ class RealsensePlayer:
                 return  # the reader gave up within the file; how far it came is known
             if not arrived:
                 waits += playback.current_status() == stopped
-                if waits >= _LAST_WAITS:
+                if waits >= (_LAST_WAITS if depths == self._depth_frames else _PATIENT_WAITS):
                     return
                 if time.monotonic() - heard_s > _STALLED_S:
                     raise RecordingError(
@@ -157,9 +160,13 @@ class RealsensePlayer:
             heard_s, waits = time.monotonic(), 0
             self.read_s = max(self.read_s, playback.get_position() / 1e9)
             depth, color = frameset.get_depth_frame(), frameset.get_color_frame()
-            if not depth or not color:
+            if not depth:
                 continue
             clock_s = depth.get_timestamp() / 1000.0
+            depths += clock_s > newest_s
+            newest_s = max(newest_s, clock_s)
+            if not color:
+                continue
             # The syncer repeats a late frame's partner.
             if clock_s <= last_s or apart_s(depth, color) > most_apart_s:
                 continue
@@ -185,6 +192,19 @@ class RealsensePlayer:
         except RuntimeError as error:
             raise RecordingError(_explained(self.path, str(error))) from error
         return config, pipeline, playback
+
+
+def _depth_frames(path: Path) -> int | None:
+    """Return how many depth images a ``.db3`` file holds; None for others, or if it cannot be told."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+            counted = base.execute(
+                "SELECT count(*) FROM messages JOIN topics ON topics.id = topic_id"
+                " WHERE topics.name LIKE '%/Depth_%/image/data%'"
+            ).fetchone()
+    except sqlite3.Error:
+        return None
+    return int(counted[0])
 
 
 def _check_file(path: Path) -> None:
