@@ -130,11 +130,10 @@ _ARRAYS: dict[str, tuple[Any, ...]] = {
 }
 """Type of each array of ``flattened.npz``, and its channels."""
 _MISFITS = (
-    OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, NotImplementedError,
-    RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
+    OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, RuntimeError,
+    MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
 )  # fmt: skip
-"""What zipfile and numpy raise for a file that is damaged or none; ``NotImplementedError`` is zipfile's
-for an unknown compression."""
+"""What zipfile and numpy raise for a file that is damaged or none."""
 
 
 def read_shape(path: Path) -> FlattenedView:

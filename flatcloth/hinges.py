@@ -18,6 +18,7 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from flatcloth.config import JointConfig
+from flatcloth.relaxation import turns
 from flatcloth.sparse import factor
 from flatcloth.types import Bool, Float64, Int32
 
@@ -231,10 +232,17 @@ class _System:
         ends = [self._derivative(place, centers, self._edges[:, end]) for end in (0, 1)]
         rows = _Rows(ends, self._unknowns)
         rows.add(unit, self._root, distance - self._length)
-        turns = self._turns(z)
+        turn = turns(
+            place @ np.array([1.0, 1j]),
+            self._edges,
+            self._member,
+            self._offset,
+            self._turn_weight,
+            self._n_members,
+        )
         across, down = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
         for end in (0, 1):
-            seen = turns[self._member[:, end]] * self._offset[:, end]
+            seen = turn[self._member[:, end]] * self._offset[:, end]
             off, root, turn_at = z - seen, self._turn_root[:, end], self._turn_at[self._member[:, end]]
             rows.add(np.broadcast_to(across, along.shape), root, off.real, turn_at, seen.imag)
             rows.add(np.broadcast_to(down, along.shape), root, off.imag, turn_at, -seen.real)
@@ -251,17 +259,6 @@ class _System:
         along_u = np.stack([one, zero, np.where(free, 0.0, -arm[:, 1])], axis=1)
         along_v = np.stack([zero, one, np.where(free, 0.0, arm[:, 0])], axis=1)
         return at, along_u, along_v
-
-    def _turns(self, z: Complex128) -> Complex128:
-        """Return each membership's unit turn (n_members,) that fits its pairs best."""
-        total = np.zeros(self._n_members, dtype=np.complex128)
-        for end in (0, 1):
-            agreement = self._turn_weight * z * np.conj(self._offset[:, end])
-            for part, unit in ((agreement.real, 1.0), (agreement.imag, 1j)):
-                total += unit * np.bincount(self._member[:, end], part, self._n_members)
-        size = np.abs(total)
-        turns: Complex128 = np.where(size > 0, total / np.where(size > 0, size, 1.0), 0.0)
-        return turns
 
 
 class _Rows:

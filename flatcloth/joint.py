@@ -323,7 +323,7 @@ def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     while True:
         known = np.isfinite(z.real[edges])
         both: Bool = np.asarray(known.all(axis=1))
-        turn = turns(z, edges, member, offset, both, links.n_members)
+        turn = turns(z, edges, member, offset, both.astype(np.float64), links.n_members)
         sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
         for end, sign in ((0, 1.0), (1, -1.0)):
             says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)

@@ -90,7 +90,6 @@ class BandedLaplacian:
         self._narrow = narrow
         band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
         band[0] += held
-        band[0, 0] -= 1.0
         self._factor = cast("Float64", _factor(band))
 
     def solve(self, rhs: Float64) -> Float64:
@@ -148,7 +147,9 @@ def minimise(
     weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace: list[Float64] | None = [x] if record else None
-    laplacian = _factor(_laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights))
+    band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
+    band[0, 0] += 1.0  # point 0 is held, which makes it definite
+    laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, energy_tolerance, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
@@ -349,14 +350,13 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
 
 @njit(cache=True, nogil=True)
 def _laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
-    """Lower band of the graph Laplacian; point 0 is held, which makes it definite."""
+    """Lower band of the graph Laplacian, which is definite only once something is held."""
     band = np.zeros((bandwidth + 1, n))
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         band[0, a] += weight[e]
         band[0, b] += weight[e]
         band[b - a, a] -= weight[e]
-    band[0, 0] += 1.0
     return band
 
 

@@ -27,9 +27,8 @@ def draw_shape(
     axis: RotationAxis,
     interval_px: int,
     pixel_size_m: float,
-    config: JointConfig,
+    costs: Mapping[int, Float32],
     uv_m: Float64 | None = None,
-    costs: dict[int, Float32] | None = None,
 ) -> FlattenedView:
     """Raster a joint shape.
 
@@ -45,12 +44,10 @@ def draw_shape(
         Sampling interval d of the nodes.
     pixel_size_m : float
         Size of a pixel of the plane; the grid is aligned to its multiples.
-    config : JointConfig
-        What makes one view of a place better than another.
+    costs : mapping of int to (H, W) float32
+        :func:`pixel_cost` of each view, by view index: what makes one view of a place better than another.
     uv_m : (N, 2) float64, optional
         Where the nodes lie, if not as in the shape: a floating piece. NaN: not drawn.
-    costs : dict of int to (H, W) float32, optional
-        What each view's pixels cost, filled on the way; for pieces that are drawn of the same views.
 
     Returns
     -------
@@ -62,7 +59,6 @@ def draw_shape(
     cost = np.full(size, np.inf, dtype=np.float32)
     label = np.full(size, -1, dtype=np.int16)
     stretches: dict[int, Float32] = {}
-    costs = {} if costs is None else costs
     for n, sighting in enumerate(shape.sightings):
         surface = surfaces[sighting.view_index]
         seen = _samples(sighting, uv, interval_px)
@@ -71,13 +67,11 @@ def draw_shape(
         samples, own_uv = seen
         carrier = Carrier(own_uv, samples, surface)
         points, stretches[n] = carrier.place_all()
-        if n not in costs:
-            costs[n] = _pixel_cost(surface, config)
         _composite(
             points / pixel_size_m - low,
             carrier.nearest >= 0,
             surface.steps,
-            costs[n],
+            costs[sighting.view_index],
             n,
             source,
             cost,
@@ -116,8 +110,8 @@ def _samples(sighting: Sighting, uv: Float64, interval_px: int) -> tuple[Samples
     return samples, own[kept]
 
 
-def _pixel_cost(surface: Surface, config: JointConfig) -> Float32:
-    """How badly each pixel (H, W) of a view is placed: steep cloth and cloth beside a rim come out worse."""
+def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
+    """Return how badly each pixel (H, W) of a view is placed: worse on steep cloth and beside a rim."""
     rows, cols = np.nonzero(surface.usable)
     k = surface.frame.intrinsics
     normal = surface.normal[rows, cols]

@@ -126,6 +126,7 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
 
 
 _NEAR_M = 0.03
+_CELL_M = 0.02
 
 
 def _best_incidence_deg(shape: JointShape) -> Float64:
@@ -137,11 +138,11 @@ def _best_incidence_deg(shape: JointShape) -> Float64:
 
 
 def _node_area_m2(shape: JointShape) -> float:
-    """Return the cloth that each node stands for, by the cells of 1 cm that they lie in."""
+    """Return the cloth that each node stands for, by the cells of the plane that they lie in."""
     uv = shape.all_uv_m[shape.has_place]
-    u, v = np.floor(uv / 0.02).astype(np.int64).T
+    u, v = np.floor(uv / _CELL_M).astype(np.int64).T
     cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
-    return len(cells) * 0.02**2 / max(len(uv), 1)
+    return len(cells) * _CELL_M**2 / max(len(uv), 1)
 
 
 @dataclass(frozen=True)

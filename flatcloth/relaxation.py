@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.minimisation import BandedLaplacian, Banding
-from flatcloth.types import Bool, Float64, Int32
+from flatcloth.types import Float64, Int32
 
 Complex128 = NDArray[np.complex128]
 
@@ -21,7 +21,7 @@ _HELD = 1e-6
 
 @njit(cache=True, nogil=True)
 def turns(
-    z: Complex128, edges: Int32, member: Int32, offset: Complex128, used: Bool, n_members: int
+    z: Complex128, edges: Int32, member: Int32, offset: Complex128, weight: Float64, n_members: int
 ) -> Complex128:
     """Return each membership's unit turn from its tangent plane to the plane; 0 where nothing tells.
 
@@ -33,17 +33,17 @@ def turns(
         Pairs of nodes, and the same ends as memberships.
     offset : (M, 2) complex128
         The other end as each end sees it, in its tangent plane, metres.
-    used : (M,) bool
-        The pairs that count.
+    weight : (M,) float64
+        How much each pair counts; one of weight 0 may have ends that lie nowhere.
     n_members : int
         Number of memberships.
     """
     total = np.zeros(n_members, dtype=np.complex128)
     for e in range(edges.shape[0]):
-        if used[e]:
+        if weight[e] > 0.0:
             along = z[edges[e, 1]] - z[edges[e, 0]]
             for end in range(2):
-                total[member[e, end]] += along * np.conj(offset[e, end])
+                total[member[e, end]] += weight[e] * along * np.conj(offset[e, end])
     for m in range(n_members):
         size = abs(total[m])
         if size > 0.0:
@@ -83,7 +83,7 @@ def relaxed(
     Parameters
     ----------
     z, edges, member, offset, n_members
-        As in :func:`turns`; all pairs count.
+        As in :func:`turns`, where all pairs count alike.
     weight : (M,) float64
         Weights of the pairs.
     steps : int
@@ -92,11 +92,11 @@ def relaxed(
         Of the pairs.
     """
     laplacian = BandedLaplacian(narrow, weight, _HELD)
-    used = np.ones(len(edges), dtype=np.bool_)
+    alike = np.ones(len(edges))
     center = z.mean()
     z = z - center
     for _ in range(steps):
-        turn = turns(z, edges, member, offset, used, n_members)
+        turn = turns(z, edges, member, offset, alike, n_members)
         rhs = _wanted(turn, edges, member, offset, weight, len(z))
         moved = laplacian.solve(rhs + _HELD * z.view(np.float64).reshape(-1, 2))
         z = moved[:, 0] + 1j * moved[:, 1]

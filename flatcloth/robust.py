@@ -122,7 +122,7 @@ class Robust:
                 folded = max(folded, component.folded_share)
                 continue
             large = part.area_m2 >= self._config.alignment.least_part_share * largest
-            if hypotheses := self._hypotheses(ground, coarse, view_index, (n, part), searched=large):
+            if hypotheses := self._hypotheses(ground, coarse, view_index, n, part, searched=large):
                 found[n] = hypotheses
         if not found:
             raise AlignmentError(
@@ -156,26 +156,26 @@ class Robust:
         ground: Ground,
         coarse: FlattenedView,
         view_index: int,
-        numbered: tuple[int, Part],
+        number: int,
+        part: Part,
         *,
         searched: bool,
     ) -> list[Hypothesis]:
         """Return where a part may lie, the best first; only large parts are ``searched`` for on the plane."""
-        c, (n, part) = self._config, numbered
-        view = self._views.flattening(view_index).components[n].view
+        c, view = self._config, self._views.flattening(view_index).components[number].view
         ideas = [("place", motion) for motion in by_place(ground, part)]
         if searched:
             angles_deg = (self._angles_deg[view_index], self._angles_deg[view_index])
             limit_deg = c.planning.z_angle_limit_deg
             lines = by_lines(coarse, view, self._views.axis, angles_deg, limit_deg, c.alignment)
             ideas += [("lines", motion) for motion in lines]
-        hypotheses = judged(ground, part, n, ideas, c.agreement)
+        hypotheses = judged(ground, part, number, ideas, c.agreement)
         sure = bool(hypotheses) and hypotheses[0].score.total >= c.agreement.sure_confidence
         if sure or not searched:
             return hypotheses
         around = ideas[0][1].theta_rad if ideas else 0.0
         matched = by_correlation(coarse, view, self._views.axis, around)
-        return judged(ground, part, n, [*ideas, *(("correlation", m) for m in matched)], c.agreement)
+        return judged(ground, part, number, [*ideas, *(("correlation", m) for m in matched)], c.agreement)
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement, however it came about."""

@@ -17,13 +17,13 @@ from flatcloth.geometry import Rigid3, fit_rigid2
 from flatcloth.joint import JointShape, begin_joint, extend_joint, floating_pieces, reposed
 from flatcloth.memory import Memory
 from flatcloth.merging import Canonical
-from flatcloth.mosaic import draw_shape
+from flatcloth.mosaic import draw_shape, pixel_cost
 from flatcloth.registration import Registered, begin_registration, extend_registration
 from flatcloth.scans import Scan, scan
 from flatcloth.session import Accepted, Document
 from flatcloth.sightings import Recognised, recognise
 from flatcloth.surface import Surface
-from flatcloth.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
+from flatcloth.types import Bool, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.uncertainty import placement_std_m, undetermined, with_placement_std
 
 
@@ -187,9 +187,9 @@ class JointShapes:
         size = c.flattening.pixel_size_m
         std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
         loose = undetermined(shape, std, c.uncertainty, c.joint)
-        costs: dict[int, Float32] = {}
+        costs = {view: pixel_cost(surface, c.joint) for view, surface in surfaces.items()}
         sure, *pieces = [
-            draw_shape(shape, surfaces, self._views.axis, interval, size, c.joint, uv_m=uv, costs=costs)
+            draw_shape(shape, surfaces, self._views.axis, interval, size, costs, uv)
             for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
         ]
         view = with_placement_std(sure, shape, np.where(loose, np.nan, std), surfaces, c.uncertainty)

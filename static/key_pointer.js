@@ -37,11 +37,14 @@ export class KeyPointer {
   key(event) {
     if (!this.on || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
     if (event.target !== this.canvas && event.target !== document.body) return;
+    const once = {
+      Enter: () => this.click(event.shiftKey),
+      " ": () => this.press(!this.held, event.shiftKey),
+      Escape: () => this.toggle(),
+    }[event.key];
     if (event.key in WAYS) this.move(...WAYS[event.key].map((way) => way * STEP_PX * (event.shiftKey ? FAST : 1)));
-    else if (event.key === "Enter" && !event.repeat) this.click(event.shiftKey);
-    else if (event.key === " " && !event.repeat) this.press(!this.held, event.shiftKey);
-    else if (event.key === "Escape") this.toggle();
-    else if (!["Enter", " "].includes(event.key)) return;
+    else if (!once) return;
+    else if (!event.repeat) once();
     event.preventDefault();
     event.stopImmediatePropagation();
   }

@@ -105,6 +105,19 @@ def _frames_in(path: Path) -> int:
         return int(counted.fetchone()[0])
 
 
+def _send(sensor: object, profile: object, pixels: np.ndarray, bpp: int, at_s: float, number: int) -> None:
+    """Give a sensor one frame."""
+    rs = load_realsense()
+    frame = rs.software_video_frame()
+    frame.pixels = np.ascontiguousarray(pixels)
+    frame.stride, frame.bpp = WIDTH * bpp, bpp
+    frame.timestamp, frame.domain = 1000.0 * at_s, rs.timestamp_domain.hardware_clock
+    frame.frame_number, frame.profile = number, profile.as_video_stream_profile()
+    if bpp == 2:
+        frame.depth_units = 0.001
+    sensor.on_video_frame(frame)
+
+
 def _record(
     path: Path,
     shots: Iterable[Shot],
@@ -160,24 +173,14 @@ def _record(
         sensor.start(queue)
     time.sleep(0.05)  # what comes before the recorder's thread is up is lost
 
-    def send(sensor: object, profile: object, pixels: np.ndarray, bpp: int, at_s: float, number: int) -> None:
-        frame = rs.software_video_frame()
-        frame.pixels = np.ascontiguousarray(pixels)
-        frame.stride, frame.bpp = WIDTH * bpp, bpp
-        frame.timestamp, frame.domain = 1000.0 * at_s, rs.timestamp_domain.hardware_clock
-        frame.frame_number, frame.profile = number, profile.as_video_stream_profile()
-        if bpp == 2:
-            frame.depth_units = 0.001
-        sensor.on_video_frame(frame)
-
     sent = 0
     for number, seen in enumerate(shots):
         if with_depth and seen.depth_mm is not None:
             sent += 1
-            send(depth_sensor, depth_profile, seen.depth_mm, 2, 1.0 + seen.time_s, number)
+            _send(depth_sensor, depth_profile, seen.depth_mm, 2, 1.0 + seen.time_s, number)
         if with_color and seen.color is not None:
             sent += 1
-            send(color_sensor, color_profile, seen.color, 3, 1.0 + seen.time_s + color_late_s, number)
+            _send(color_sensor, color_profile, seen.color, 3, 1.0 + seen.time_s + color_late_s, number)
         time.sleep(0.003)  # the recorder drops what it cannot write in time
         on_frame(number)
     time.sleep(0.1)

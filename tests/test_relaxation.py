@@ -36,13 +36,13 @@ def seen(z: np.ndarray, edges: np.ndarray, random: np.random.Generator) -> tuple
 def test_turns_are_those_of_the_frames() -> None:
     z, edges = grid()
     offset, turn = seen(z, edges, np.random.default_rng(1))
-    all_used = np.ones(len(edges), dtype=bool)
-    np.testing.assert_allclose(turns(z, edges, edges, offset, all_used, len(z)), turn, atol=1e-12)
+    alike = np.ones(len(edges))
+    np.testing.assert_allclose(turns(z, edges, edges, offset, alike, len(z)), turn, atol=1e-12)
     turned = z * cmath.exp(0.7j)
     np.testing.assert_allclose(
-        turns(turned, edges, edges, offset, all_used, len(z)), turn * cmath.exp(0.7j), atol=1e-12
+        turns(turned, edges, edges, offset, alike, len(z)), turn * cmath.exp(0.7j), atol=1e-12
     )
-    unused = np.zeros(len(edges), dtype=bool)
+    unused = np.zeros(len(edges))
     assert not turns(z, edges, edges, offset, unused, len(z)).any()
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from flatcloth.errors import RecordingError
+from flatcloth.recordings.angles import GivenAngles, Shots
 from flatcloth.recordings.averaging import average_color, average_depth
 from flatcloth.recordings.base import Recording, check_index
 from flatcloth.recordings.stillness import StopFinder, glance
@@ -63,16 +65,12 @@ class FilmRecording:
             )
         self.name, self.description, self.location = frames.name, frames.description, frames.location
         self.intrinsics: Intrinsics = frames.intrinsics
+        self.angles_deg = tuple(angle for angle, _ in self._stops)
         count = len(self._stops)
         self.notes: tuple[str, ...] = (
             f"A film: {count} {'stop was' if count == 1 else 'stops were'} found in {len(frames)} images, "
             f"taken as {step_deg:g} degrees apart.",
         )
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """Angle of each stop since the first."""
-        return tuple(angle for angle, _ in self._stops)
 
     def __len__(self) -> int:
         """Return the number of stops."""
@@ -83,10 +81,8 @@ class FilmRecording:
 
         Raises
         ------
-        IndexError
-            If there is no such view; negative numbers do not count from the end.
-        RecordingError
-            If a frame is damaged.
+        IndexError, RecordingError
+            If there is no such stop, or a frame of it is damaged.
         """
         check_index(self, view_index)
         angle_deg, numbers = self._stops[view_index]
@@ -100,6 +96,36 @@ class FilmRecording:
             mask=None,
             intrinsics=self.intrinsics,
         )
+
+
+def views_or_film(
+    made: Callable[[list[tuple[int, float]]], Recording],
+    shots: Shots,
+    angles: GivenAngles,
+    beside: Path | None,
+    progress: Progress = no_progress,
+) -> Recording:
+    """Return a recording of shots that may be views, or the frames of a film.
+
+    Parameters
+    ----------
+    made : callable
+        Makes the recording of some of the shots, given as pairs of number and angle in degrees.
+    shots, angles, beside
+        The shots, what is known of their angles, and the folder where a table of angles may lie.
+    progress : callable
+        Told how much of a film was looked through.
+
+    Raises
+    ------
+    RecordingError
+        If the angles do not fit the shots, or the item of a film never stood still.
+    """
+    step_deg = angles.film_step_deg(shots)
+    if step_deg is None or shots.times_s is None:
+        return made(angles.views(shots, beside=beside))
+    every = [(n, 0.0) for n in range(shots.count)]
+    return FilmRecording(made(every), shots.times_s, step_deg, progress)
 
 
 def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> list[list[int]]:

@@ -90,40 +90,39 @@ def _recording(
 ) -> Recording:
     names = [color.relative_to(folder).as_posix() for color, _ in pairs]
     shots = Shots(source=str(folder), count=len(pairs), names=names, times_s=times_s)
-    film_step_deg = angles.film_step_deg(shots)
-    chosen = angles.views(shots, beside=folder) if film_step_deg is None else [(n, 0.0) for n in range(len(pairs))]
-    camera = read_camera(folder, pairs[0][0])
-    masks = _masks(folder, [pairs[n][0] for n, _ in chosen])
-    views = tuple(
-        ViewFiles(
-            angle_deg=angle,
-            color=pairs[n][0],
-            depth=pairs[n][1],
-            mask=None if masks is None else masks[i],
-            truth=None,
-        )
-        for i, (n, angle) in enumerate(chosen)
-    )
-    recording = ImageRecording(
-        Manifest(
-            folder=folder,
-            name=one_line(folder.name) or "recording",
-            description=description,
-            notes=(*_assumed(camera), *left_out(shots, chosen)),
-            intrinsics=camera.intrinsics,
-            lens=camera.lens,
-            depth_scale_m=1.0 / (camera.units_per_m or units_per_m),
-            rotation_axis=None,
-            held_point_m=None,
-            views=views,
-            any_depth=True,
-        )
-    )
-    if film_step_deg is None or times_s is None:
-        return recording
-    from flatcloth.recordings.film import FilmRecording
 
-    return FilmRecording(recording, times_s, film_step_deg)
+    def made(chosen: list[tuple[int, float]]) -> Recording:
+        camera = read_camera(folder, pairs[0][0])
+        masks = _masks(folder, [pairs[n][0] for n, _ in chosen])
+        views = tuple(
+            ViewFiles(
+                angle_deg=angle,
+                color=pairs[n][0],
+                depth=pairs[n][1],
+                mask=None if masks is None else masks[i],
+                truth=None,
+            )
+            for i, (n, angle) in enumerate(chosen)
+        )
+        return ImageRecording(
+            Manifest(
+                folder=folder,
+                name=one_line(folder.name) or "recording",
+                description=description,
+                notes=(*_assumed(camera), *left_out(shots, chosen)),
+                intrinsics=camera.intrinsics,
+                lens=camera.lens,
+                depth_scale_m=1.0 / (camera.units_per_m or units_per_m),
+                rotation_axis=None,
+                held_point_m=None,
+                views=views,
+                any_depth=True,
+            )
+        )
+
+    from flatcloth.recordings.film import views_or_film
+
+    return views_or_film(made, shots, angles, folder)
 
 
 def _assumed(camera: Camera) -> tuple[str, ...]:

@@ -25,8 +25,8 @@ _TOPIC = b"/device_0/"
 _SCANNED_BYTES = 4_000_000
 _WAIT_MS = 100
 _LAST_WAITS, _PATIENT_WAITS = 2, 15
-"""After the end of the file, frames may still be on their way through librealsense's threads: on a busy
-machine for long, so unless all have come, it is waited patiently."""
+"""After the end of the file, frames may still be on their way through librealsense's threads, on a busy
+machine for long: so many waits without one, once all have come, and as long as some are missing."""
 _STALLED_S = 30.0
 
 

@@ -151,25 +151,21 @@ def open_ros(
         )
     taken_s = [color_s[i] for i, _ in pairs]
     shots = Shots(source=str(path), count=len(pairs), times_s=taken_s)
-    film_step_deg = angles.film_step_deg(shots)
-    if film_step_deg is None:
-        views = angles.views(shots, beside=path if path.is_dir() else None)
-    else:
-        views = [(n, 0.0) for n in range(len(pairs))]
-    recording = RosRecording(
-        path,
-        bag,
-        (color.name, depth.name),
-        lens,
-        intrinsics,
-        [(angle, color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, angle in views],
-        left_out(shots, views),
-    )
-    if film_step_deg is None:
-        return recording
-    from flatcloth.recordings.film import FilmRecording
 
-    return FilmRecording(recording, taken_s, film_step_deg, progress)
+    def made(chosen: list[tuple[int, float]]) -> Recording:
+        return RosRecording(
+            path,
+            bag,
+            (color.name, depth.name),
+            lens,
+            intrinsics,
+            [(angle, color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, angle in chosen],
+            left_out(shots, chosen),
+        )
+
+    from flatcloth.recordings.film import views_or_film
+
+    return views_or_film(made, shots, angles, path if path.is_dir() else None, progress)
 
 
 def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
