@@ -17,6 +17,7 @@ from flatcloth.cameras.checks import look_at
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cameras.realsense import RealsenseCamera
 from flatcloth.errors import RecordingError
+from flatcloth.recordings.realsense import stop_playing
 from flatcloth.recordings.realsense_library import load_realsense
 from flatcloth.types import Bool, RgbdFrame
 
@@ -106,9 +107,14 @@ def library_with(monkeypatch: pytest.MonkeyPatch, devices: list[FakeDevice], fil
         def enable_stream(self, *_mode: object) -> None:
             pass  # a file plays in its own mode only
 
+    class Pipeline(real.pipeline):  # type: ignore[misc, name-defined]
+        def stop(self) -> None:
+            playback = self.get_active_profile().get_device().as_playback()
+            stop_playing(super(), playback)
+
     fake = SimpleNamespace(**{name: getattr(real, name) for name in dir(real) if not name.startswith("__")})
     fake.context = lambda: SimpleNamespace(devices=devices)
-    fake.config = Config
+    fake.config, fake.pipeline = Config, Pipeline
     monkeypatch.setattr(realsense, "load_realsense", lambda: fake)
 
 

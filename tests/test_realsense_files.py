@@ -175,14 +175,47 @@ def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
     real = player._open
 
     def starved(*, starting: bool) -> tuple[Any, Any, Any]:
-        config, pipeline, _ = real(starting=starting)
+        config, pipeline, playback = real(starting=starting)
         ended = SimpleNamespace(
-            current_status=lambda: player._library.playback_status.stopped, get_position=lambda: 0
+            current_status=lambda: player._library.playback_status.stopped,
+            get_position=lambda: 0,
+            pause=playback.pause,
         )
         return config, Starved(pipeline, 6, 10), ended
 
     monkeypatch.setattr(player, "_open", starved)
     assert len(list(player.play())) == 15
+
+
+def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # librealsense's reader works on after the stop; freed meanwhile, it takes the process with it.
+    player = RealsensePlayer(write_realsense(tmp_path / "left.db3", turning(lambda _t: 0.0, 1.0)))
+    real, done = player._open, []
+
+    class Pipeline:
+        def __init__(self, pipeline: Any) -> None:
+            self.try_wait_for_frames, self._pipeline = pipeline.try_wait_for_frames, pipeline
+
+        def stop(self) -> None:
+            self._pipeline.stop()
+            done.append("stopped")
+
+    def watched(*, starting: bool) -> tuple[Any, Any, Any]:
+        config, pipeline, playback = real(starting=starting)
+        watch = SimpleNamespace(
+            current_status=playback.current_status,
+            get_position=playback.get_position,
+            pause=lambda: (playback.pause(), done.append("idle")),
+        )
+        return config, Pipeline(pipeline), watch
+
+    monkeypatch.setattr(player, "_open", watched)
+    playing = player.play()
+    next(playing)
+    playing.close()
+    assert done == ["stopped", "idle"]
 
 
 def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path) -> None:

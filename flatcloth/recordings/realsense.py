@@ -134,8 +134,7 @@ class RealsensePlayer:
         try:
             yield from self._pairs(pipeline, playback, apart_frames / self.fps)
         finally:
-            with contextlib.suppress(RuntimeError):  # it may have stopped by itself
-                pipeline.stop()
+            stop_playing(pipeline, playback)
 
     def _pairs(self, pipeline: Any, playback: Any, most_apart_s: float) -> Iterator[Pair]:
         stopped = self._library.playback_status.stopped
@@ -183,15 +182,31 @@ class RealsensePlayer:
             config, pipeline = library.config(), library.pipeline()
             library.config.enable_device_from_file(config, str(self.path), repeat_playback=False)
             # Before the start: a pipeline starts in real time, and what is late then is dropped.
+            # Paused until it has started: on a busy machine the first frame may come before it listens.
             resolved = config.resolve(library.pipeline_wrapper(pipeline))
             playback = resolved.get_device().as_playback()
             playback.set_real_time(False)
             self.filter = FrameFilter(library, resolved, self._align, str(self.path))
             if starting:
+                playback.pause()
                 pipeline.start(config)
+                playback.resume()
         except RuntimeError as error:
             raise RecordingError(_explained(self.path, str(error))) from error
         return config, pipeline, playback
+
+
+def stop_playing(pipeline: Any, playback: Any) -> None:
+    """Stop a pipeline that plays a file, and wait until the file's reader is idle.
+
+    The streams are closed by a thread of the playback device, later. If the device goes meanwhile,
+    and the pipeline's own reference may be the last, that thread works on a reader that is freed,
+    which ends the whole process. So the device is kept until its thread has answered.
+    """
+    with contextlib.suppress(RuntimeError):  # it may have stopped by itself
+        pipeline.stop()
+    with contextlib.suppress(RuntimeError):
+        playback.pause()  # returns once everything asked before is done
 
 
 def _depth_frames(path: Path) -> int | None:
