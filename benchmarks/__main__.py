@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-BENCHMARKS = ("size", "flattening", "page", "canvas", "confidence", "fused", "growth")
+BENCHMARKS = ("size", "flattening", "page", "canvas", "confidence", "fused", "growth", "reach", "speed")
 
 
 def pin_to_one_core() -> None:
@@ -55,6 +55,14 @@ def main() -> None:
         from benchmarks import growth
 
         growth.run(arguments.recordings)
+    if "reach" in (arguments.name or BENCHMARKS):
+        from benchmarks import reach
+
+        reach.run(arguments.recordings, quick=arguments.quick)
+    if "speed" in (arguments.name or BENCHMARKS):
+        from benchmarks import speed
+
+        speed.run(arguments.recordings, quick=arguments.quick)
 
 
 if __name__ == "__main__":

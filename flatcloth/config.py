@@ -200,18 +200,20 @@ class JointConfig:
 class UncertaintyConfig:
     """How sure each place of the joint shape is (method ``robust``)."""
 
-    strain: float = 0.005
+    strain: float = 0.0035
     """Standard deviation of the strain that the flattening cannot know."""
     extent_m: float = 0.04
     """Over this extent strain is alike."""
-    held_reach_m: float = 0.2
-    """So far from the held point strain counts double, and inversely: there all cloth lies in folds."""
-    noise_share: float = 1.0
+    held_reach_m: float = 0.28
+    """So far from the held point strain counts double, and towards it more by the cube: ..."""
+    gathered_m: float = 0.07
+    """... up to this distance, within which all cloth is gathered in folds."""
+    noise_share: float = 0.85
     """Independent error of each pair, in its standard deviations."""
-    strip_noise_m: float = 0.002
+    strip_noise_m: float = 0.0017
     """Strips are folded and seen aslant: each of their pairs is off by this besides."""
-    least_m: float = 0.0005
-    """No place is surer than this."""
+    least_m: float = 0.002
+    """No place is surer than this: the part that the others are told against is strained itself."""
     draws: int = 24
     """Random strain fields from which the standard deviations are taken."""
     waves: int = 32
@@ -226,7 +228,7 @@ class UncertaintyConfig:
     """... that is so much farther or nearer."""
     firm_m: float = 0.010
     """A place is firm if its standard deviation is at most this."""
-    most_std_m: float = 0.040
+    most_std_m: float = 0.034
     """A part of which half is less sure than this floats: nothing determines its place."""
 
 

@@ -57,7 +57,7 @@ def placement_std_m(
     weight = shape.weight[inside] / np.square(links.std_m[inside])
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + config.held_reach_m / np.maximum(below_m, config.extent_m)
+    more = 1.0 + np.power(config.held_reach_m / np.maximum(below_m, config.gathered_m), _GATHERED_POWER)
     change = _strained(uv, edges, unit, config, random)
     change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
@@ -158,6 +158,7 @@ def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
     return rims
 
 
+_GATHERED_POWER = 3
 _BLOCK_PX = 3
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,9 +12,13 @@ import pytest
 from benchmarks.developable import AXIS, NOISE_M, SheetView, depth_noise_m, sheets, view_of
 from benchmarks.flattening import Row
 from benchmarks.problems import problem_of, signed_areas
+from benchmarks.reach import neighbouring_cells
 from benchmarks.report import exponent
 from benchmarks.single_views import errors_mm, whole_frame
+from benchmarks.speed import Stopwatch
 from flatcloth.geometry import back_project
+from flatcloth.patches import STEP_RIGHT, STEPS_BOTH
+from flatcloth.session import NothingMore, Propose, Start
 from flatcloth.types import Float64, Intrinsics
 
 # The benchmark's camera, cropped to the sheets.
@@ -90,3 +96,27 @@ def test_the_exponent_is_that_of_a_power() -> None:
     rows = [{"n_points": n, "ms": 0.01 * n**1.3} for n in (100, 400, 2000, 9000)]
     assert exponent(rows) == pytest.approx(1.3)
     assert exponent(rows[:2]) is None
+
+
+def test_reach_follows_neighbours_that_no_jump_divides_and_stops_at_layers() -> None:
+    # A strip of 6 cells of 5 mm, two pixels a cell; a jump after the third, another layer after the fifth.
+    flat = np.zeros((2, 12, 2))
+    flat[..., 0] = 0.0025 * (np.arange(12) + 0.5)
+    flat[..., 1] = 0.002
+    flat[:, 10:, 0] += 0.05
+    steps = np.full((2, 12), STEPS_BOTH, dtype=np.uint8)
+    steps[:, 5] &= ~np.uint8(STEP_RIGHT)
+    surface = SimpleNamespace(
+        frame=SimpleNamespace(offset_rc=(0, 0)), usable=np.ones((2, 12), dtype=bool), steps=steps
+    )
+    pairs = neighbouring_cells(cast(Any, surface), flat, (1, 16), np.zeros(2))
+    joined = {tuple(p) for p in pairs.tolist() if p[0] != p[1]}
+    assert joined == {(0, 1), (1, 2), (3, 4)}
+
+
+def test_the_stopwatch_times_proposals_only() -> None:
+    watch = Stopwatch()
+    for said in (Start(), Propose(), NothingMore(1, "none left")):
+        watch(said)
+    assert len(watch.proposals_s) == 1
+    assert watch.proposals_s[0] >= 0

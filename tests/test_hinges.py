@@ -158,6 +158,16 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     assert string_floats.all()
 
 
+def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
+    uv, edges, plate = plates(2, STEP_M)
+    shape, config = shape_of(uv, edges, plate), UncertaintyConfig()
+    corner = int(uv.sum(axis=1).argmax())
+    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
+    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner], config, CONFIG)
+    assert held_here[corner] > 2.0 * held_far[corner]
+    assert min(held_far.min(), held_here.min()) >= config.least_m
+
+
 def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
     depth = np.full((40, 60), 0.80, dtype=np.float32)
     depth[:, 30:] = 0.86  # another layer, farther

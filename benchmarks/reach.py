@@ -1,0 +1,107 @@
+"""How much of the cloth chains of neighbouring surface pixels lead to: what coverage can be had at most.
+
+By the truth, with the pixels that count as surface and the neighbours that no jump divides: cells of
+cloth are joined where a view shows them side by side. Coverage counts one connected piece, so it
+cannot exceed the largest of these but where a place is known without a chain.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from benchmarks.flattening import RESULTS, say
+from benchmarks.unattended import sources, unattended
+from flatcloth.errors import FlatclothError
+from flatcloth.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
+from flatcloth.integration import Integration
+from flatcloth.patches import STEP_DOWN, STEP_RIGHT
+from flatcloth.surface import Surface
+from flatcloth.types import Bool, Float64, Int64
+
+_LAYER_M = 0.02
+"""Neighbours whose true places are farther apart lie on two layers."""
+
+
+def run(recordings: Sequence[str], *, quick: bool) -> None:
+    """Measure and print; write ``results/reach.json`` unless ``quick``."""
+    rows = []
+    for source in sources(recordings):
+        rows.append(row_of(source))
+        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+    if not quick:
+        RESULTS.mkdir(exist_ok=True)
+        (RESULTS / "reach.json").write_text(json.dumps(rows, indent=1) + "\n")
+
+
+def row_of(source: str) -> dict[str, Any]:
+    """Return what is covered, what the chosen views lead to, and what all views do."""
+    integration, document, truth = unattended(source)
+    reachable, origin = reachable_cells(integration.recording, truth)
+    measured = compare(integration.canonical(document).view, truth, integration.recording).evaluation
+
+    def share(views: Iterable[int]) -> float:
+        return round(largest_chain(integration, truth, views, reachable, origin), 3)
+
+    return {
+        "recording": integration.recording.name,
+        "coverage": round(measured.coverage, 3),
+        "views": len(document.used_views),
+        "chains_chosen_views": share(document.used_views),
+        "chains_all_views": share(range(len(integration.recording))),
+    }
+
+
+def largest_chain(
+    integration: Integration, truth: Truth, views: Iterable[int], reachable: Bool, origin: Float64
+) -> float:
+    """Return the share of the reachable cells in the largest piece that chains of pixels join."""
+    joined = []
+    for view in views:
+        try:
+            surface = integration.flattening(view).surface
+        except FlatclothError:
+            continue  # it shows too little
+        true = truth[view]
+        flat = np.where(of_interest(true, truth.panel_of_interest)[..., None], true.flat_uv_m, np.nan)
+        joined.append(neighbouring_cells(surface, flat.astype(np.float64), reachable.shape, origin))
+    pairs = np.concatenate(joined)
+    n = reachable.size
+    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    shown = np.zeros(n, dtype=bool)
+    shown[pairs] = True
+    sizes = np.bincount(label[shown & reachable.ravel()], minlength=1)
+    return float(sizes.max() / reachable.sum())
+
+
+def neighbouring_cells(
+    surface: Surface, flat_uv_m: Float64, shape: tuple[int, ...], origin: Float64
+) -> Int64:
+    """Return the cells (M, 2) that one view shows side by side, numbered row by row; see above.
+
+    ``flat_uv_m`` (H, W, 2) is the true place of each pixel of the whole image, NaN where it shows
+    something else.
+    """
+    (row, col), (rows, cols) = surface.frame.offset_rc, surface.usable.shape
+    flat = flat_uv_m[row : row + rows, col : col + cols]
+    with np.errstate(invalid="ignore"):
+        cell = np.floor((flat - origin) / CELL_M + 1e-9)
+        known = surface.usable & ((cell >= 0) & (cell < (shape[1], shape[0]))).all(axis=-1)
+    number = np.where(known, np.nan_to_num(cell[..., 1]) * shape[1] + np.nan_to_num(cell[..., 0]), -1)
+    pairs = []
+    for bit, here, there in (
+        (STEP_RIGHT, np.s_[:, :-1], np.s_[:, 1:]),
+        (STEP_DOWN, np.s_[:-1], np.s_[1:]),
+    ):
+        side_by_side = ((surface.steps[here] & bit) > 0) & known[here] & known[there]
+        with np.errstate(invalid="ignore"):
+            side_by_side &= np.linalg.norm(flat[here] - flat[there], axis=-1) < _LAYER_M
+        pairs.append(np.stack([number[here][side_by_side], number[there][side_by_side]], axis=1))
+    found: Int64 = np.unique(np.concatenate(pairs).astype(np.int64), axis=0)
+    return found
