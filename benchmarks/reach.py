@@ -40,27 +40,26 @@ def run(recordings: Sequence[str], *, quick: bool) -> None:
 
 
 def row_of(source: str) -> dict[str, Any]:
-    """Return what is covered, what the chosen views lead to, and what all views do."""
+    """Return what is covered, what chosen and all views lead to, and how much of the latter is had."""
     integration, document, truth = unattended(source)
     reachable, origin = reachable_cells(integration.recording, truth)
-    measured = compare(integration.canonical(document).view, truth, integration.recording).evaluation
-
-    def share(views: Iterable[int]) -> float:
-        return round(largest_chain(integration, truth, views, reachable, origin), 3)
-
+    compared = compare(integration.canonical(document).view, truth, integration.recording)
+    chosen = largest_chain(integration, truth, document.used_views, reachable, origin)
+    every = largest_chain(integration, truth, range(len(integration.recording)), reachable, origin)
     return {
         "recording": integration.recording.name,
-        "coverage": round(measured.coverage, 3),
+        "coverage": round(compared.evaluation.coverage, 3),
         "views": len(document.used_views),
-        "chains_chosen_views": share(document.used_views),
-        "chains_all_views": share(range(len(integration.recording))),
+        "chains_chosen_views": round(float(chosen.sum() / reachable.sum()), 3),
+        "chains_all_views": round(float(every.sum() / reachable.sum()), 3),
+        "coverage_of_chains": round(float((compared.placed_cells & every).sum() / every.sum()), 3),
     }
 
 
 def largest_chain(
     integration: Integration, truth: Truth, views: Iterable[int], reachable: Bool, origin: Float64
-) -> float:
-    """Return the share of the reachable cells in the largest piece that chains of pixels join."""
+) -> Bool:
+    """Return which of the reachable cells are in the largest piece that chains of pixels join."""
     joined = []
     for view in views:
         try:
@@ -76,8 +75,11 @@ def largest_chain(
     label = connected_components(graph, directed=False)[1]
     shown = np.zeros(n, dtype=bool)
     shown[pairs] = True
-    sizes = np.bincount(label[shown & reachable.ravel()], minlength=1)
-    return float(sizes.max() / reachable.sum())
+    shown &= reachable.ravel()
+    largest: Bool = (shown & (label == np.bincount(label[shown], minlength=1).argmax())).reshape(
+        reachable.shape
+    )
+    return largest
 
 
 def neighbouring_cells(
