@@ -214,7 +214,7 @@ class UncertaintyConfig:
     """Strips are folded and seen aslant: each of their pairs is off by this besides."""
     least_m: float = 0.002
     """No place is surer than this: the part that the others are told against is strained itself."""
-    draws: int = 24
+    draws: int = 48
     """Random strain fields from which the standard deviations are taken."""
     waves: int = 32
     """Waves of which the random strain fields are made."""

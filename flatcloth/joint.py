@@ -275,6 +275,11 @@ def _anchored(shape: JointShape) -> JointShape:
         uv = shape.all_uv_m.copy()
         uv[shape.placed] = motion.apply(uv[shape.placed])
         return replace(shape, all_uv_m=uv)
+    if shape.anchor.size and shape.placed.any():
+        # A piece that floated has outgrown the main one: it comes from where it lay to the plane's middle.
+        uv = shape.all_uv_m.copy()
+        uv[shape.placed] -= uv[shape.placed].mean(axis=0)
+        shape = replace(shape, all_uv_m=uv)
     for sighting in shape.sightings:
         anchor = sighting.node[shape.placed[sighting.node]]
         if anchor.size >= 3:

@@ -6,6 +6,8 @@ from scenes import Cylinder
 
 from flatcloth.integration import Integration
 from flatcloth.pipeline import CONTRADICTS, Run, accept_by_score
+from flatcloth.recordings import open_recording
+from flatcloth.resources import sample_recordings
 from flatcloth.session import (
     UNSURE,
     Accept,
@@ -71,6 +73,13 @@ def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, Ses
     turn = np.abs(view.z_angle_deg - np.array(made.recording.angles_deg)[view.view_index] + start)
     near, far = view.valid & (turn < 20), view.valid & (turn > 80)
     assert view.placement_std_m[near].mean() < view.placement_std_m[far].mean()
+
+
+def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
+    made = Integration(open_recording(str(sample_recordings()["trousers-waist-d435"])))
+    document = Run(made, SessionState(len(made.recording))).finish().document
+    view = made.canonical(document).view
+    assert np.abs(view.uv_from_rc(np.argwhere(view.valid))).max() < 2.0
 
 
 def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionState, Run]) -> None:
