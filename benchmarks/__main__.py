@@ -25,41 +25,42 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     parser.add_argument("--learn", action="store_true", help="confidence: learn and print new weights")
     arguments = parser.parse_args()
-    if "size" in (arguments.name or BENCHMARKS):
+    chosen = arguments.name or BENCHMARKS
+    if "size" in chosen:
         from benchmarks import size
 
         size.run(quick=arguments.quick)  # in processes of its own, with all cores
-    if "canvas" in (arguments.name or BENCHMARKS):
+    if "canvas" in chosen:
         from benchmarks import canvas
 
         canvas.run(write=not arguments.quick)  # a browser and a server, with all cores
     pin_to_one_core()
     # Imported late: the libraries read their number of threads when they are loaded.
-    if "flattening" in (arguments.name or BENCHMARKS):
+    if "flattening" in chosen:
         from benchmarks.flattening import run
 
         run(arguments.recordings, quick=arguments.quick)
-    if "page" in (arguments.name or BENCHMARKS):
+    if "page" in chosen:
         from benchmarks import page
 
         page.run()
-    if "confidence" in (arguments.name or BENCHMARKS):
+    if "confidence" in chosen:
         from benchmarks import confidence
 
         confidence.run(arguments.recordings, learn=arguments.learn)
-    if "fused" in (arguments.name or BENCHMARKS):
+    if "fused" in chosen:
         from benchmarks import fused
 
         fused.run(arguments.recordings)
-    if "growth" in (arguments.name or BENCHMARKS):
+    if "growth" in chosen:
         from benchmarks import growth
 
         growth.run(arguments.recordings)
-    if "reach" in (arguments.name or BENCHMARKS):
+    if "reach" in chosen:
         from benchmarks import reach
 
         reach.run(arguments.recordings, quick=arguments.quick)
-    if "speed" in (arguments.name or BENCHMARKS):
+    if "speed" in chosen:
         from benchmarks import speed
 
         speed.run(arguments.recordings, quick=arguments.quick)

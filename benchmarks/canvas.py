@@ -7,7 +7,6 @@ worst case. The pixels are those of a bundled recording, flattened finer than us
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import platform
 import shutil
@@ -16,15 +15,15 @@ import subprocess
 import sys
 import tempfile
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
+
+from benchmarks.output import save
 
 RECORDING = "shirt-sleeve-clean"
 LEAST_PIXELS = 1500 * 1500
 PIXEL_SIZE_M = 0.00045
 SECONDS = 4.0
 NUDGES = 30
-RESULTS = Path(__file__).parent / "results"
 FLAGS = ["--no-sandbox", "--disable-gpu"]
 
 SERVE = """
@@ -107,8 +106,7 @@ def run(*, write: bool = True) -> None:
     ):
         print(f"{text:<72}{found[key]:10.1f}")
     if write:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "canvas.json").write_text(json.dumps(found, indent=2) + "\n")
+        save("canvas", found)
 
 
 def _measure(size_m: float) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
 
+from benchmarks.output import save
 from flatcloth.agreement import FEATURES, confidence_of, features_of
 from flatcloth.evaluation import bilinear_on_layer, of_interest
 from flatcloth.geometry import fit_rigid2
@@ -25,7 +25,6 @@ from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.session import Accept, Command, Document, Event, SessionState
 from flatcloth.types import Float64, Rigid2
 
-RESULTS = Path(__file__).parent / "results"
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
 WRONG_PER_PART = 2
@@ -179,5 +178,4 @@ def run(recordings: list[str], *, learn: bool = False) -> None:
         "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
     }
     print(json.dumps(figures, indent=1))
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "confidence.json").write_text(json.dumps(figures, indent=1) + "\n")
+    save("confidence", figures)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import statistics
@@ -16,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.developable import AXIS, sheets, view_of
+from benchmarks.output import RESULTS, save, say
 from benchmarks.peers import BOUND, Method, least_known_energy, methods
 from benchmarks.problems import Problem, problem_of, signed_areas
 from benchmarks.single_views import accuracy_of_sheets, accuracy_of_views, frame_times
@@ -26,7 +26,6 @@ from flatcloth.resources import sample_recordings
 from flatcloth.types import Float64
 from flatcloth.warmup import warm_up
 
-RESULTS = Path(__file__).parent / "results"
 INTERVALS_PX = (12, 6, 2, 1)
 LARGE_PROBLEMS = ("S-curve",)
 """Surfaces that are also sampled at every pixel."""
@@ -87,15 +86,10 @@ def run(recordings: Sequence[str], *, quick: bool = False) -> None:
     }
     text = table(result)
     if not quick:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "flattening.json").write_text(json.dumps(result, indent=1) + "\n")
+        save("flattening", result)
         (RESULTS / "flattening.md").write_text(text)
         draw(result, RESULTS / "flattening.png")
     print(text)
-
-
-def say(text: str) -> None:
-    print(f"[{time.strftime('%H:%M:%S')}] {text}", flush=True)
 
 
 def machine() -> dict[str, str]:

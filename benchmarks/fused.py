@@ -6,7 +6,6 @@ mesh is drawn on a grid as flatcloth's result is, and compared with the same tru
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from benchmarks.flattening import RESULTS, say
+from benchmarks.output import RESULTS, save, say
 from benchmarks.problems import signed_areas
 from benchmarks.unattended import sources, unattended
 from flatcloth.evaluation import compare
@@ -52,8 +51,7 @@ def run(recordings: Sequence[str]) -> None:
     rows: list[dict[str, Any]] = []
     for source in sources(recordings):
         rows += rows_of(source)
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "fused.json").write_text(json.dumps(rows, indent=1) + "\n")
+        save("fused", rows)
         (RESULTS / "fused.md").write_text(page(rows))
     print(page(rows))
 

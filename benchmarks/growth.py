@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.flattening import RESULTS, say
+from benchmarks.output import RESULTS, save, say
 from benchmarks.unattended import sources, unattended
 from flatcloth.evaluation import compare
 
@@ -22,8 +21,7 @@ def run(recordings: Sequence[str]) -> None:
         new = rows_of(source)
         say(f"{new[0]['recording']}: {len(new)} views")
         rows += new
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "growth.json").write_text(json.dumps(rows, indent=1) + "\n")
+        save("growth", rows)
         draw(rows, RESULTS / "growth.png")
     print(table(rows))
 

@@ -7,7 +7,6 @@ cannot exceed the largest of these but where a place is known without a chain.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from benchmarks.flattening import RESULTS, say
+from benchmarks.output import save, say
 from benchmarks.unattended import sources, unattended
 from flatcloth.errors import FlatclothError
 from flatcloth.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
@@ -35,8 +34,7 @@ def run(recordings: Sequence[str], *, quick: bool) -> None:
         rows.append(row_of(source))
         say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
     if not quick:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "reach.json").write_text(json.dumps(rows, indent=1) + "\n")
+        save("reach", rows)
 
 
 def row_of(source: str) -> dict[str, Any]:
@@ -76,9 +74,8 @@ def largest_chain(
     shown = np.zeros(n, dtype=bool)
     shown[pairs] = True
     shown &= reachable.ravel()
-    largest: Bool = (shown & (label == np.bincount(label[shown], minlength=1).argmax())).reshape(
-        reachable.shape
-    )
+    sizes = np.bincount(label[shown], minlength=1)
+    largest: Bool = (shown & (label == sizes.argmax())).reshape(reachable.shape)
     return largest
 
 

@@ -6,7 +6,6 @@ Measured is the slip: how far common cloth of two views lies off itself along th
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.flattening import RESULTS, say
+from benchmarks.output import save, say
 from benchmarks.unattended import sources
 from flatcloth.config import Config
 from flatcloth.errors import FlatclothError
@@ -81,8 +80,7 @@ def run(recordings: Sequence[str], *, quick: bool = False) -> None:
                 )
                 rows.append(asdict(row))
     if not quick:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "registration.json").write_text(json.dumps(rows, indent=1) + "\n")
+        save("registration", rows)
 
 
 def measured(

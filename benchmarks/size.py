@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-RESULTS = Path(__file__).parent / "results"
+from benchmarks.output import save
 
 WIDTH, HEIGHT, FOCAL_PX = 720, 1280, 640.0
 VIEWS = 72
@@ -102,7 +102,7 @@ def run(*, quick: bool = False) -> None:
         found |= {"look_s": looked["seconds"], "look_peak_mib": looked["peak_mib"]}
         found |= {"run_s": ran["seconds"], "run_peak_mib": ran["peak_mib"], "load_after": _load()}
     if not quick:
-        (RESULTS / "size.json").write_text(json.dumps(found, indent=1) + "\n")
+        save("size", found)
 
 
 def _machine() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.flattening import RESULTS, say
+from benchmarks.output import save, say
 from benchmarks.unattended import sources
 from flatcloth.integration import METHODS, Integration
 from flatcloth.pipeline import Run
@@ -42,8 +41,7 @@ def run(recordings: Sequence[str], *, quick: bool) -> None:
         rows.append(row_of(source, repeats=1 if quick else REPEATS))
         say(line(rows[-1]))
     if not quick:
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / "speed.json").write_text(json.dumps(rows, indent=1) + "\n")
+        save("speed", rows)
 
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
@@ -59,7 +57,7 @@ def row_of(source: str, repeats: int) -> dict[str, Any]:
                 best[method], proposals_s[method] = seconds, watch.proposals_s
     own = 1e3 * np.array(proposals_s["robust"])
     return {
-        "recording": source.rstrip("/").rpartition("/")[2],
+        "recording": open_recording(source).name,
         **{f"{method}_s": round(best[method], 2) for method in METHODS},
         "to_paper": round(best["robust"] / best["paper"], 2),
         "proposals": len(own),

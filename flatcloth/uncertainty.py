@@ -57,7 +57,7 @@ def placement_std_m(
     weight = shape.weight[inside] / np.square(links.std_m[inside])
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + np.power(config.held_reach_m / np.maximum(below_m, config.gathered_m), _GATHERED_POWER)
+    more = 1.0 + np.power(config.held_reach_m / np.maximum(below_m, config.gathered_m), 3)
     change = _strained(uv, edges, unit, config, random)
     change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
@@ -158,7 +158,6 @@ def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
     return rims
 
 
-_GATHERED_POWER = 3
 _BLOCK_PX = 3
 
 
