@@ -27,12 +27,13 @@ test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest -m thorough
-	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -l "^from hypothesis import" tests/test_*.py)
+	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -rl "^from hypothesis import" tests --include="test_*.py")
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
 	PYTHONPATH=tests $(BIN)/python -m fuzzing
@@ -69,9 +70,9 @@ $(VENV)/.bench: pyproject.toml | $(VENV)/.demo
 	@touch $@
 
 # Compiled once here, so that the page does not wait for the compiler.
-$(VENV)/.warm: $(wildcard flatcloth/*.py) | $(VENV)/.python
+$(VENV)/.warm: $(shell find flatcloth -name "*.py") | $(VENV)/.python
 	@echo "Compiling the numerics ..."
-	@$(BIN)/python -m flatcloth.warmup
+	@$(BIN)/python -m flatcloth.engine.warmup
 	@touch $@
 
 # apt-get as root, or by sudo if that asks for no password; fails where neither is possible. What it

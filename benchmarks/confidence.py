@@ -15,15 +15,15 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.output import save
-from flatcloth.agreement import FEATURES, confidence_of, features_of
-from flatcloth.evaluation import bilinear_on_layer, of_interest
-from flatcloth.geometry import fit_rigid2
-from flatcloth.integration import Integration
-from flatcloth.pipeline import Run
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session import Accept, Command, Document, Event, SessionState
-from flatcloth.types import Float64, Rigid2
+from flatcloth.session.machine import Accept, Command, Document, Event, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
@@ -155,8 +155,8 @@ def learned_weights(laid: list[Laid]) -> Float64:
 
 def run(recordings: list[str], *, learn: bool = False) -> None:
     """Measure, print and write ``results/confidence.json``."""
-    from flatcloth.config import AgreementConfig
-    from flatcloth.resources import sample_recordings
+    from flatcloth.core.config import AgreementConfig
+    from flatcloth.core.resources import sample_recordings
 
     random = np.random.default_rng(0)
     names = recordings or sorted(str(path) for path in sample_recordings().values())

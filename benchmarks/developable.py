@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import gaussian_filter
 
-from flatcloth.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 DISTANCE_M = 0.85

@@ -19,12 +19,12 @@ from benchmarks.output import RESULTS, save, say
 from benchmarks.peers import BOUND, Method, least_known_energy, methods
 from benchmarks.problems import Problem, problem_of, signed_areas
 from benchmarks.single_views import accuracy_of_sheets, accuracy_of_views, frame_times
-from flatcloth.minimisation import energy_of
+from flatcloth.core.resources import sample_recordings
+from flatcloth.core.types import Float64
+from flatcloth.engine.warmup import warm_up
+from flatcloth.flattening.minimisation import energy_of
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.resources import sample_recordings
-from flatcloth.types import Float64
-from flatcloth.warmup import warm_up
 
 INTERVALS_PX = (12, 6, 2, 1)
 LARGE_PROBLEMS = ("S-curve",)

@@ -18,12 +18,12 @@ from scipy.sparse.csgraph import connected_components
 from benchmarks.output import RESULTS, save, say
 from benchmarks.problems import signed_areas
 from benchmarks.unattended import sources, unattended
-from flatcloth.evaluation import compare
-from flatcloth.geometry import camera_from_held, project, z_angle_deg
-from flatcloth.integration import Integration
-from flatcloth.surface import item_mask
+from flatcloth.core.geometry import camera_from_held, project, z_angle_deg
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, Int64
+from flatcloth.engine.evaluation import compare
+from flatcloth.engine.integration import Integration
+from flatcloth.flattening.surface import item_mask
 from flatcloth.synthesis.native import load_open3d
-from flatcloth.types import Bool, FlattenedView, Float64, Int32, Int64
 
 VOXEL_M = 0.0035
 TRUNCATION_VOXELS = 3.0

@@ -9,7 +9,7 @@ from typing import Any
 
 from benchmarks.output import RESULTS, save, say
 from benchmarks.unattended import sources, unattended
-from flatcloth.evaluation import compare
+from flatcloth.engine.evaluation import compare
 
 KEPT = ("coverage", "relative_median_mm", "relative_p95_mm", "absolute_median_mm", "absolute_p95_mm")
 

@@ -12,9 +12,9 @@ from scipy.sparse import coo_matrix, csr_matrix, diags_array
 from scipy.sparse.linalg import splu
 
 from benchmarks.problems import Problem
-from flatcloth.config import FlatteningConfig
-from flatcloth.minimisation import energy_of, minimise
-from flatcloth.types import Float64
+from flatcloth.core.config import FlatteningConfig
+from flatcloth.core.types import Float64
+from flatcloth.flattening.minimisation import energy_of, minimise
 
 Solver = Callable[[Problem, float], Float64 | None]
 """Takes a problem and the H to reach (m^2; only SciPy needs to be told); returns (N, 2) or None."""

@@ -9,10 +9,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
-from flatcloth.config import Config
-from flatcloth.sampling import sample_surface
-from flatcloth.surface import observe_surface
-from flatcloth.types import Float64, Int32, RgbdFrame, RotationAxis
+from flatcloth.core.config import Config
+from flatcloth.core.types import Float64, Int32, RgbdFrame, RotationAxis
+from flatcloth.flattening.sampling import sample_surface
+from flatcloth.flattening.surface import observe_surface
 
 
 @dataclass(frozen=True, kw_only=True)

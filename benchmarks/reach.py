@@ -16,12 +16,12 @@ from scipy.sparse.csgraph import connected_components
 
 from benchmarks.output import save, say
 from benchmarks.unattended import sources, unattended
-from flatcloth.errors import FlatclothError
-from flatcloth.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
-from flatcloth.integration import Integration
-from flatcloth.patches import STEP_DOWN, STEP_RIGHT
-from flatcloth.surface import Surface
-from flatcloth.types import Bool, Float64, Int64
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
+from flatcloth.engine.integration import Integration
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
+from flatcloth.flattening.surface import Surface
 
 _LAYER_M = 0.02
 """Neighbours whose true places are farther apart lie on two layers."""

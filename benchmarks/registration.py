@@ -16,14 +16,14 @@ import numpy as np
 
 from benchmarks.output import save, say
 from benchmarks.unattended import sources
-from flatcloth.config import Config
-from flatcloth.errors import FlatclothError
-from flatcloth.geometry import Rigid3, held_from_camera, project
-from flatcloth.integration import Integration
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3, held_from_camera, project
+from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.registration import Registered, register_all
-from flatcloth.scans import Scan, scan
-from flatcloth.types import Float64, RotationAxis
+from flatcloth.registration.cameras import Registered, register_all
+from flatcloth.registration.view_features import Scan, scan
 
 CONFIG = Config().registration
 STEP_DEG = 30.0

@@ -13,16 +13,17 @@ import cv2
 import numpy as np
 
 from benchmarks.developable import AXIS, ROUGH_NOISE_PX, SMOOTH_NOISE_PX, Sheet, view_of
-from flatcloth import flattening, surface
-from flatcloth.config import Config
-from flatcloth.errors import FlatclothError
-from flatcloth.evaluation import trimmed_fit
-from flatcloth.flattening import Flattening, flatten
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
+from flatcloth.engine.evaluation import trimmed_fit
+from flatcloth.flattening import flatten as flattening
+from flatcloth.flattening import surface
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.surface import Surface, observe_item
+from flatcloth.flattening.upsampling import Carrier
 from flatcloth.recordings import Recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.surface import Surface, observe_item
-from flatcloth.types import Bool, Float64, RgbdFrame, RotationAxis
-from flatcloth.upsampling import Carrier
 
 CONFIG = Config()
 STAGES: dict[Any, tuple[str, ...]] = {

@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.output import save, say
 from benchmarks.unattended import sources
-from flatcloth.integration import METHODS, Integration
-from flatcloth.pipeline import Run
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import METHODS, Integration
 from flatcloth.recordings import open_recording
-from flatcloth.session import Command, Event, Propose, SessionState
+from flatcloth.session.machine import Command, Event, Propose, SessionState
 
 REPEATS = 5
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from flatcloth.integration import Integration
-from flatcloth.pipeline import Run
+from flatcloth.core.resources import sample_recordings
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.resources import sample_recordings
-from flatcloth.session import Document, SessionState
+from flatcloth.session.machine import Document, SessionState
 
 
 class Remembered:

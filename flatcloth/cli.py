@@ -10,7 +10,7 @@ from types import ModuleType
 
 from flatcloth import __version__
 from flatcloth.commands import evaluate, export, import_, record, run, synthesize, view
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command for command in (view, run, export, evaluate, import_, record, synthesize)

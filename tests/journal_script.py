@@ -8,9 +8,10 @@ from pathlib import Path
 
 from tiny_recordings import MemoryRecording
 
-from flatcloth.config import Config
-from flatcloth.journal import SessionFolder
-from flatcloth.session import (
+from flatcloth.core.config import Config
+from flatcloth.core.types import Rigid2
+from flatcloth.session.journal import SessionFolder
+from flatcloth.session.machine import (
     Accept,
     Command,
     Event,
@@ -26,7 +27,6 @@ from flatcloth.session import (
     Undo,
     apply,
 )
-from flatcloth.types import Rigid2
 
 RECORDING = MemoryRecording()
 SCRIPT: tuple[Command | Event, ...] = (

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scenes import CAMERA, Cylinder
 
-from flatcloth.recordings.realsense_library import load_realsense
-from flatcloth.types import Uint8
+from flatcloth.core.types import Uint8
+from flatcloth.recordings.realsense.library import load_realsense
 
 WIDTH, HEIGHT = CAMERA.width, CAMERA.height
 WALL_M = 1.5

@@ -12,10 +12,10 @@ from scenes import CAMERA
 
 from flatcloth.cameras import CameraError, CameraFrame
 from flatcloth.cameras.feed import CameraFeed
-from flatcloth.integration import Integration
-from flatcloth.journal import SessionFolder
-from flatcloth.live_camera import CameraRecording
-from flatcloth.types import Intrinsics
+from flatcloth.core.types import Intrinsics
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.live_camera import CameraRecording
+from flatcloth.session.journal import SessionFolder
 
 
 class SceneCamera:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flatcloth.config import FlatteningConfig, SurfaceConfig
-from flatcloth.flattening import flatten
-from flatcloth.surface import observe_surface
-from flatcloth.types import Bool, FlattenedView, Float64, Intrinsics, RgbdFrame, Rigid2, RotationAxis
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.types import Bool, FlattenedView, Float64, Intrinsics, RgbdFrame, Rigid2, RotationAxis
+from flatcloth.flattening.flatten import flatten
+from flatcloth.flattening.surface import observe_surface
 
 CAMERA = Intrinsics(width=240, height=240, fx=425.0, fy=425.0, cx=119.5, cy=119.5)
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from scenes import AXIS, CAMERA, Cylinder
 
-from flatcloth.grasping import Grip, grasp_at
-from flatcloth.grips import GripBook
-from flatcloth.integration import Integration
-from flatcloth.journal import SessionFolder
+from flatcloth.engine.integration import Integration
+from flatcloth.export.session import OpenedSession, open_session
+from flatcloth.grasping.grasps import Grip, grasp_at
+from flatcloth.grasping.grips import GripBook
 from flatcloth.recordings import open_recording
-from flatcloth.session import Accept, Command, Event, Propose, Reject, Start, Undo
-from flatcloth.takeaway.session import OpenedSession, open_session
+from flatcloth.session.journal import SessionFolder
+from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 330.0)
 NAME = "cylinder </script><b>&"

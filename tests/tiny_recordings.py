@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from flatcloth.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 
 WIDTH, HEIGHT = 16, 12
 

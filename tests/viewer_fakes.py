@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.alignment import AlignmentScore
-from flatcloth.config import Config
-from flatcloth.errors import JournalError
-from flatcloth.integration import ViewCloud
-from flatcloth.journal import Pick
-from flatcloth.live import LiveFrame
-from flatcloth.merging import Canonical
-from flatcloth.repair import Reach
-from flatcloth.session import (
+from flatcloth.core.config import Config
+from flatcloth.core.errors import JournalError
+from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
+from flatcloth.engine.integration import ViewCloud
+from flatcloth.engine.live import LiveFrame
+from flatcloth.engine.repair import Reach
+from flatcloth.methods.base import AlignmentScore, Canonical
+from flatcloth.session.journal import Pick
+from flatcloth.session.machine import (
     Document,
     Event,
     Followed,
@@ -33,7 +33,6 @@ from flatcloth.session import (
     Started,
     apply,
 )
-from flatcloth.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 
 RADIUS_M = 0.15
 HEIGHT_M = 0.30

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.errors import FlatclothError
-from flatcloth.types import Intrinsics, RgbdFrame, Uint8
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
 
 
 class CameraError(FlatclothError):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.config import SurfaceConfig
-from flatcloth.errors import SurfaceError
-from flatcloth.surface import foreground_mask
-from flatcloth.types import Bool, RgbdFrame
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import SurfaceError
+from flatcloth.core.types import Bool, RgbdFrame
+from flatcloth.flattening.surface import foreground_mask
 
 NEAREST_M = 0.35
 FARTHEST_M = 1.3

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flatcloth.cameras.base import CameraEndedError, CameraFrame
-from flatcloth.recordings.realsense import Pair, RealsensePlayer
-from flatcloth.types import Intrinsics
+from flatcloth.core.types import Intrinsics
+from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
 
 
 class PlaybackCamera:

@@ -7,10 +7,10 @@ import time
 from typing import Any
 
 from flatcloth.cameras.base import CameraError, CameraFrame
-from flatcloth.errors import RecordingError
-from flatcloth.recordings.realsense_frames import FrameFilter, apart_s
-from flatcloth.recordings.realsense_library import load_realsense
-from flatcloth.types import Intrinsics
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Intrinsics
+from flatcloth.recordings.realsense.frames import FrameFilter, apart_s
+from flatcloth.recordings.realsense.library import load_realsense
 
 _MODES = ((848, 480, 30), (640, 480, 30), (640, 480, 15), (480, 270, 15))
 """Width, height and rate of both streams, the best first; USB 2 cannot carry all of them."""

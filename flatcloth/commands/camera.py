@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from flatcloth.commands.record import add_capture_options
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
@@ -49,15 +49,14 @@ def serve_camera(options: argparse.Namespace) -> bool:
 
 
 def _serve(options: argparse.Namespace) -> None:
-    from flatcloth import capture
-    from flatcloth.axis_file import settle_axis
-    from flatcloth.cameras import open_camera
+    from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.feed import CameraFeed
-    from flatcloth.integration import Integration
-    from flatcloth.journal import SessionFolder, default_session_folder
-    from flatcloth.live_camera import CameraRecording
+    from flatcloth.engine.integration import Integration
+    from flatcloth.engine.live_camera import CameraRecording
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.journal import SessionFolder, default_session_folder
     from flatcloth.viewer import serve
-    from flatcloth.viewer.capture import CaptureSettings, capture_desk
+    from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from flatcloth.integration import Integration
+    from flatcloth.engine.integration import Integration
 
 METHODS = ("robust", "paper")
 DEFAULT_SAMPLE = "shirt-sleeve-clean"
@@ -57,7 +57,7 @@ def integration_of(
     source: str, method: str, *, angles: Path | None = None, step: float | None = None
 ) -> Integration:
     """Open a recording and what is derived from it; the heavy modules load here, not for ``--help``."""
-    from flatcloth.integration import Integration
+    from flatcloth.engine.integration import Integration
     from flatcloth.recordings import open_recording
 
     return Integration(open_recording(source, angles=angles, step_deg=step), method=method)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.commands.common import ProgressBar, add_method, integration_of
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
@@ -50,10 +50,10 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
-    from flatcloth.evaluation import compare
-    from flatcloth.pipeline import Run
+    from flatcloth.engine.evaluation import compare
+    from flatcloth.engine.headless import Run
     from flatcloth.recordings.truth import read_truth
-    from flatcloth.session import SessionState
+    from flatcloth.session.machine import SessionState
 
     integration = integration_of(source, options.method)
     recording = integration.recording
@@ -78,7 +78,7 @@ def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
 def _write_picture(folder: Path, name: str, comparison: Any) -> None:
     import cv2
 
-    from flatcloth.evaluation import picture
+    from flatcloth.engine.evaluation import picture
 
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}.png"

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
-    from flatcloth.geometry import Rigid3
-    from flatcloth.takeaway.session import OpenedSession
+    from flatcloth.core.geometry import Rigid3
+    from flatcloth.export.session import OpenedSession
 
 NAME = "export"
 SUMMARY = "export a session as offline page, report, figures, animation, grasp poses or outline"
@@ -71,14 +71,14 @@ def add_hand_eye(parser: argparse.ArgumentParser) -> None:
 
 def hand_eye_of(options: argparse.Namespace) -> Rigid3 | None:
     """Read the hand-eye transform, if one is given."""
-    from flatcloth.hand_eye import read_hand_eye
+    from flatcloth.grasping.hand_eye import read_hand_eye
 
     return None if options.hand_eye is None else read_hand_eye(options.hand_eye)
 
 
 def run(options: argparse.Namespace) -> None:
     """Write what was asked for."""
-    from flatcloth.takeaway.session import open_session
+    from flatcloth.export.session import open_session
 
     wanted = [name for name in _OUTPUTS if getattr(options, name) is not None]
     if not wanted:
@@ -98,32 +98,32 @@ def run(options: argparse.Namespace) -> None:
 def _write(
     name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
 ) -> None:
-    from flatcloth.takeaway.files import write_text
+    from flatcloth.export.files import write_text
 
     match name:
         case "html":
-            from flatcloth.takeaway.page import page
+            from flatcloth.export.page import page
 
             write_text(path, page(session))
         case "report":
-            from flatcloth.takeaway.report import report
+            from flatcloth.export.report import report
 
             write_text(path, report(session))
         case "figures":
-            from flatcloth.takeaway.figures import write_figures
+            from flatcloth.export.figures import write_figures
 
             write_figures(session, path)
         case "animation":
-            from flatcloth.takeaway.animation import write_animation
+            from flatcloth.export.animation import write_animation
 
             write_animation(session, path)
         case "grasps":
-            from flatcloth.export import grasps_text
+            from flatcloth.export.data import grasps_text
 
             frames = session.frames(base_from_camera, rotation_deg)
             write_text(path, grasps_text(session.growth.view, session.story.picks, frames))
         case "outline":
-            from flatcloth.takeaway.outline import outline_text
+            from flatcloth.export.outline import outline_text
 
             write_text(path, outline_text(session.view, session.story.recording_name, path.suffix))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar
-from flatcloth.errors import RecordingError
+from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
     from flatcloth.recordings import Recording
@@ -67,8 +67,8 @@ def run(options: argparse.Namespace) -> None:
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.isolated import open_realsense_isolated
-    from flatcloth.recordings.realsense import is_realsense
-    from flatcloth.recordings.turned import TurnOptions
+    from flatcloth.recordings.realsense.player import is_realsense
+    from flatcloth.recordings.realsense.turned import TurnOptions
 
     path = Path(options.source).expanduser()
     if not is_realsense(path):

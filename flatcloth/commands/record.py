@@ -9,12 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 
 if TYPE_CHECKING:
     from flatcloth.cameras import Camera, CameraFrame
-    from flatcloth.capture import Capture
-    from flatcloth.guided_capture import GuidedCapture
+    from flatcloth.cameras.capture import Capture
+    from flatcloth.cameras.guided_capture import GuidedCapture
 
 NAME = "record"
 SUMMARY = "capture a hanging item view by view with a RealSense camera"
@@ -58,9 +58,8 @@ def add_capture_options(parser: argparse._ActionsContainer) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Lead through the capture until the turn is complete or the operator ends it."""
-    from flatcloth import capture
-    from flatcloth.cameras import open_camera
-    from flatcloth.guided_capture import GuidedCapture, writer_for
+    from flatcloth.cameras import capture, open_camera
+    from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
 
     if not options.yes and not sys.stdin.isatty():
         raise FlatclothError("record asks on the terminal, and there is none; give --yes to keep every view.")
@@ -100,7 +99,7 @@ def lead(
         Keep every view without asking.
     """
     from flatcloth.cameras import CameraEndedError
-    from flatcloth.capture import Phase
+    from flatcloth.cameras.capture import Phase
 
     print(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
     for note in camera.notes:
@@ -127,8 +126,8 @@ def lead(
 
 
 def _obey(guided: GuidedCapture, text: str | None) -> None:
-    from flatcloth import capture
-    from flatcloth.capture import Phase
+    from flatcloth.cameras import capture
+    from flatcloth.cameras.capture import Phase
 
     if text is None:
         return
@@ -152,7 +151,7 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
 
 def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
     """Say what is to be done now; what goes on by itself is on the line of the stillness."""
-    from flatcloth.capture import Phase
+    from flatcloth.cameras.capture import Phase
 
     state, number = guided.state, len(guided.state.kept_deg)
     if before is not None and number > before[1]:
@@ -176,7 +175,7 @@ def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: b
 
 
 def _show_stillness(state: Capture) -> None:
-    from flatcloth.capture import Phase
+    from flatcloth.cameras.capture import Phase
 
     if not sys.stdout.isatty() or state.phase is Phase.REVIEW:
         return

@@ -27,13 +27,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
-    from flatcloth.axis_file import settle_axis
-    from flatcloth.export import export_shape
-    from flatcloth.grips import read_grips
-    from flatcloth.journal import SessionFolder
-    from flatcloth.outcome import earlier_scores, outcome_of, told, write_outcome
-    from flatcloth.pipeline import Run
-    from flatcloth.takeaway.session import frames_of
+    from flatcloth.engine.headless import Run
+    from flatcloth.engine.outcome import earlier_scores, outcome_of, told, write_outcome
+    from flatcloth.export.data import export_shape
+    from flatcloth.export.session import frames_of
+    from flatcloth.grasping.grips import read_grips
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.journal import SessionFolder
 
     base_from_camera = hand_eye_of(options)
     integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flatcloth.commands.camera import add_camera, serve_camera
 from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, add_source, integration_of
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
 SUMMARY = "open the operator page (the default command)"
@@ -53,9 +53,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.axis_file import settle_axis
-    from flatcloth.journal import SessionFolder, default_session_folder
-    from flatcloth.live import LivePlayer
+    from flatcloth.engine.live import LivePlayer
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.journal import SessionFolder, default_session_folder
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from flatcloth.errors import RecordingError
-from flatcloth.recordings.angles import GivenAngles
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.film.angles import GivenAngles
 from flatcloth.recordings.kinds import KINDS
 from flatcloth.recordings.manifest import HEADER
-from flatcloth.resources import sample_recordings
 
 __all__ = ["Recording", "open_recording"]
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sized
 from typing import Protocol
 
-from flatcloth.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 
 
 class Recording(Protocol):

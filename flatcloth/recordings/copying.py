@@ -6,9 +6,9 @@ import os
 
 import numpy as np
 
+from flatcloth.core.types import Float32, Progress, no_progress
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.writer import RecordingWriter, Uint16
-from flatcloth.types import Float32, Progress, no_progress
 
 DEPTH_SCALE_M = 0.0001
 """Averaged depth has fractions of a millimetre; 16 bits of this reach 6.5 m."""

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.errors import RecordingError
-from flatcloth.recordings import depth_files, images
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.recordings.base import check_index
+from flatcloth.recordings.files import depth_files, images
 from flatcloth.recordings.manifest import Manifest, ViewFiles, read_manifest
-from flatcloth.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 
 
 class ImageRecording:

@@ -1,4 +1,4 @@
-"""Recordings that are read in a process of their own, because their libraries cannot be trusted with any file.
+"""Recordings that are read in a process of their own: their libraries cannot be trusted with any file.
 
 librealsense and the readers of ROS files take what a file announces at its word: a damaged or
 hostile one makes them crash, hang, or unpack gigabytes.
@@ -10,14 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.child import Child, ChildError, ChildLostError, Message
-from flatcloth.errors import RecordingError
-from flatcloth.recordings.angles import GivenAngles
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError, Message
+from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.recordings.base import check_index
-from flatcloth.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.recordings.film.angles import GivenAngles
 
 if TYPE_CHECKING:
-    from flatcloth.recordings.turned import TurnOptions
+    from flatcloth.recordings.realsense.turned import TurnOptions
 
 _READER = "flatcloth.recordings.reader"
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flatcloth.plain_files import open_plain
-from flatcloth.recordings.angles import GivenAngles
+from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.film.angles import GivenAngles
 from flatcloth.recordings.manifest import HEADER
 
 _BAG = b"#ROSBAG V2.0\n"
@@ -41,38 +41,38 @@ def _open_native(path: Path, angles: GivenAngles) -> Recording:
 
 
 def _is_tum(path: Path) -> bool:
-    from flatcloth.recordings.foreign import is_tum
+    from flatcloth.recordings.formats.foreign import is_tum
 
     return is_tum(path)
 
 
 def _open_tum(path: Path, angles: GivenAngles) -> Recording:
-    from flatcloth.recordings.foreign import open_tum
+    from flatcloth.recordings.formats.foreign import open_tum
 
     return open_tum(path, angles)
 
 
 def _is_color_and_depth(path: Path) -> bool:
-    from flatcloth.recordings.foreign import is_color_and_depth
+    from flatcloth.recordings.formats.foreign import is_color_and_depth
 
     return is_color_and_depth(path)
 
 
 def _open_color_and_depth(path: Path, angles: GivenAngles) -> Recording:
-    from flatcloth.recordings.foreign import open_color_and_depth
+    from flatcloth.recordings.formats.foreign import open_color_and_depth
 
     return open_color_and_depth(path, angles)
 
 
 def _is_realsense(path: Path) -> bool:
-    from flatcloth.recordings.realsense import is_realsense
+    from flatcloth.recordings.realsense.player import is_realsense
 
     return path.is_file() and is_realsense(path)
 
 
 def _open_realsense(path: Path, angles: GivenAngles) -> Recording:
     from flatcloth.recordings.isolated import open_realsense_isolated
-    from flatcloth.recordings.turned import TurnOptions
+    from flatcloth.recordings.realsense.turned import TurnOptions
 
     options = TurnOptions(angles=angles.table)
     if angles.step_deg is not None:

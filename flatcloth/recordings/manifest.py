@@ -10,15 +10,14 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from flatcloth.errors import RecordingError
-from flatcloth.recordings.angles import MAX_VIEWS as MAX_VIEWS
-from flatcloth.recordings.angles import repeated
-from flatcloth.recordings.camera import checked_intrinsics, checked_lens
-from flatcloth.recordings.lens import Lens
-from flatcloth.recordings.paths import inside, read_text
-from flatcloth.recordings.text import one_line
-from flatcloth.recordings.text import shortened as _short
-from flatcloth.types import Float64, Intrinsics, RotationAxis
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Float64, Intrinsics, RotationAxis
+from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
+from flatcloth.recordings.files.lens import Lens
+from flatcloth.recordings.files.paths import inside, read_text
+from flatcloth.recordings.files.text import one_line
+from flatcloth.recordings.files.text import shortened as _short
+from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
 
 FORMAT = "flatcloth-recording/1"
 HEADER = "recording.json"

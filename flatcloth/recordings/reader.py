@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from flatcloth.child import Message, serve
-from flatcloth.errors import RecordingError
-from flatcloth.recordings.angles import GivenAngles
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.subprocess_worker import Message, serve
+from flatcloth.core.types import Progress
 from flatcloth.recordings.base import Recording
-from flatcloth.types import Progress
+from flatcloth.recordings.film.angles import GivenAngles
 
 
 def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
     path = Path(question["path"])
     if question["kind"] == "ros":
-        from flatcloth.recordings.ros import open_ros
+        from flatcloth.recordings.ros.recording import open_ros
 
         table = question["table"]
         given = GivenAngles(table=None if table is None else Path(table), step_deg=question["step_deg"])
         return open_ros(path, given, progress)
-    from flatcloth.recordings.turned import TurnOptions, open_realsense
+    from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
 
     angles = question["angles"]
     options = TurnOptions(

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.errors import RecordingError
-from flatcloth.recordings import images
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Bool, Float32, Uint8
 from flatcloth.recordings.base import check_index
+from flatcloth.recordings.files import images
 from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
-from flatcloth.types import Bool, Float32, Uint8
 
 _UNITS_PER_M = 20000.0
 _OFFSET_M = 1.5

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.errors import RecordingError
-from flatcloth.plain_files import read_plain
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
+from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.recordings.folder import FolderRecording
-from flatcloth.recordings.manifest import FORMAT, HEADER, MAX_VIEWS
-from flatcloth.types import Bool, Intrinsics, RotationAxis, Uint8
+from flatcloth.recordings.manifest import FORMAT, HEADER
 
 Uint16 = NDArray[np.uint16]
 

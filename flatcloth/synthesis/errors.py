@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flatcloth.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError
 
 
 class SynthesisError(FlatclothError):

@@ -14,9 +14,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import splu
 
-from flatcloth.minimisation import minimise
+from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.minimisation import minimise
 from flatcloth.synthesis.panels import cut_to_disk, nodes_of, shared_edges, signed_areas
-from flatcloth.types import Float64, Int32
 
 _SIMILAR = (0.6, 1.6)
 """Range of stretch within which texture coordinates are taken for pattern coordinates."""

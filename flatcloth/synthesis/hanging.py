@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.types import Float64, Intrinsics, RotationAxis
 
 UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)

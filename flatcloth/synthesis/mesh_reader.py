@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.child import Message, serve
+from flatcloth.core.subprocess_worker import Message, serve
+from flatcloth.core.types import Float64, Int32, Progress, Uint8
 from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.native import load_open3d
-from flatcloth.types import Float64, Int32, Progress, Uint8
 
 _MOST_PIXELS = 8192**2
 

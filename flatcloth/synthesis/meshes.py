@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.child import Child, ChildError, ChildLostError
-from flatcloth.errors import RecordingError
-from flatcloth.plain_files import open_plain, read_plain
-from flatcloth.recordings.images import decode_color, read_header
-from flatcloth.recordings.text import shortened
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import open_plain, read_plain
+from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError
+from flatcloth.core.types import Float64, Int32, Uint8
+from flatcloth.recordings.files.images import decode_color, read_header
+from flatcloth.recordings.files.text import shortened
 from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.types import Float64, Int32, Uint8
 
 SUFFIXES = (".obj", ".ply", ".glb")
 _MOST_TRIANGLES = 2_000_000

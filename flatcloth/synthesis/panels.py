@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.meshes import GarmentMesh
-from flatcloth.types import Bool, Float64, Int32
 
 MOST_PANELS = 15
 

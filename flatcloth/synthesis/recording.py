@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
@@ -17,7 +18,6 @@ from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Rendered, Scene
 from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
 from flatcloth.synthesis.textures import PATTERNS
-from flatcloth.types import Intrinsics, Progress, no_progress
 
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 NOISES = ("none", "d435")

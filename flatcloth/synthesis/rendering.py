@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.geometry import Rigid3
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
 from flatcloth.synthesis.flat import FlatPanel
 from flatcloth.synthesis.meshes import GarmentMesh
 from flatcloth.synthesis.native import load_open3d
 from flatcloth.synthesis.textures import mesh_rgb, pattern_rgb
-from flatcloth.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
 
 Uint16 = NDArray[np.uint16]
 

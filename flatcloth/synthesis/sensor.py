@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from flatcloth.types import Bool, Float32, Float64, Uint8
+from flatcloth.core.types import Bool, Float32, Float64, Uint8
 
 
 @dataclass(frozen=True, kw_only=True)

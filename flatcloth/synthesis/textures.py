@@ -7,8 +7,8 @@ import colorsys
 import cv2
 import numpy as np
 
+from flatcloth.core.types import Float64, Int32, Int64, Uint8
 from flatcloth.synthesis.meshes import GarmentMesh
-from flatcloth.types import Float64, Int32, Int64, Uint8
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
 _FLOWER_CELL_M = 0.026

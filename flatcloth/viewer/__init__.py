@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from flatcloth.viewer.server import PageServer, serve
+    from flatcloth.viewer.server.app import PageServer, serve
 
 __all__ = ["PageServer", "serve"]
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        from flatcloth.viewer import server
+        from flatcloth.viewer.server import app as server
 
         return getattr(server, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,8 +14,8 @@ sys.path.append(str(Path(__file__).parents[1]))
 from scene_camera import SceneCamera, opened
 
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.capture import CaptureSettings, capture_desk
-from flatcloth.viewer.server import PageServer
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.server.app import PageServer
 
 pytestmark = pytest.mark.browser
 

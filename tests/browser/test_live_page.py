@@ -7,10 +7,10 @@ import math
 import pytest
 from conftest import ROOT, Tab
 
-from flatcloth.axis import resolve_axis
-from flatcloth.config import Config
-from flatcloth.geometry import held_from_camera
+from flatcloth.core.config import Config
+from flatcloth.core.geometry import held_from_camera
 from flatcloth.recordings import open_recording
+from flatcloth.registration.axis import resolve_axis
 
 pytestmark = [pytest.mark.browser, pytest.mark.scene]
 

@@ -14,9 +14,9 @@ from conftest import SCREENSHOTS, WAIT_MS, Tab
 from playwright.sync_api import Browser, Page, expect
 from takeaway_sessions import NAME, cylinder_session
 
-from flatcloth.takeaway.page import page as page_of
-from flatcloth.takeaway.report import report as report_of
-from flatcloth.takeaway.session import OpenedSession
+from flatcloth.export.page import page as page_of
+from flatcloth.export.report import report as report_of
+from flatcloth.export.session import OpenedSession
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=WAIT_MS)

@@ -20,10 +20,12 @@ from fuzzing.samples import SAMPLES, Sample
 
 _IMPORTED = (
     "cv2", "numba", "scipy.sparse.linalg", "OpenEXR", "rosbags.highlevel", "flatcloth.cli",
-    "flatcloth.integration", "flatcloth.recordings.ros", "flatcloth.recordings.turned",
-    "flatcloth.recordings.foreign", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
-    "flatcloth.synthesis.recording", "flatcloth.takeaway.session", "flatcloth.outcome",
-    "flatcloth.pipeline", "flatcloth.evaluation", "flatcloth.paper", "flatcloth.robust",
+    "flatcloth.engine.integration", "flatcloth.recordings.ros.recording",
+    "flatcloth.recordings.realsense.turned",
+    "flatcloth.recordings.formats.foreign", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
+    "flatcloth.synthesis.recording", "flatcloth.export.session", "flatcloth.engine.outcome",
+    "flatcloth.engine.headless", "flatcloth.engine.evaluation",
+    "flatcloth.methods.paper.method", "flatcloth.methods.robust.method",
 )  # fmt: skip
 _HEAVY_SHARE = 0.25
 
@@ -139,7 +141,7 @@ def _replayed(kept: Path) -> Outcome:
 
 
 def _import_everything() -> None:
-    from flatcloth.recordings.realsense_library import load_realsense
+    from flatcloth.recordings.realsense.library import load_realsense
     from flatcloth.synthesis.native import load_open3d
 
     for name in _IMPORTED:

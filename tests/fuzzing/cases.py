@@ -153,8 +153,8 @@ def _read(sample: Sample, place: Path) -> int:
 
 def _read_shape(place: Path) -> int:
     """Read the exported shape as a program that uses the package does."""
-    from flatcloth.errors import FlatclothError
-    from flatcloth.export import read_shape
+    from flatcloth.core.errors import FlatclothError
+    from flatcloth.export.data import read_shape
 
     try:
         view = read_shape(place / "session/flattened.npz")

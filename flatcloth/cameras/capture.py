@@ -1,0 +1,253 @@
+"""Guided capture as a state machine: turn, wait until it hangs still, take frames, keep or repeat.
+
+Pure: frames come in as their time and the speed of what they show, and what the operator or a
+turntable says comes in as commands. Whoever owns the camera and the folder does what a state asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.recordings.film.stillness import STILL_PX_S
+
+FRAMES = 10
+"""Frames of a view; fewer than 8 leave noise in the depth that averaging would remove."""
+LEAST_FRAMES = 8
+HOLD_S = 0.7
+"""How long the item must have hung still before frames are taken: cloth pauses at the end of a swing."""
+MOVING_PX_S = 3.0 * STILL_PX_S
+"""Faster than this, the item is being turned (or swings)."""
+TURN_S = 0.2
+SAME_ANGLE_DEG = 0.5
+
+
+class Phase(Enum):
+    """What is going on."""
+
+    TURN = "turn"
+    """The item is to be turned to the target."""
+    SETTLE = "settle"
+    """It is at the target, and must come to rest."""
+    TAKE = "take"
+    """Frames are being taken."""
+    REVIEW = "review"
+    """The view is taken: keep or repeat."""
+    DONE = "done"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capture:
+    """The state: what is done, what is next, and how still it is.
+
+    ``kept_deg`` are the angles of the views on disk, ``target_deg`` that of the one being made.
+    ``taken`` frames of it are there. ``announced``: angles come from a turntable, so that no motion
+    is waited for. ``still_since_s`` and ``moving_since_s`` are times of frames, ``time_s`` that of
+    the last one.
+    """
+
+    step_deg: float
+    frames: int = FRAMES
+    phase: Phase = Phase.SETTLE
+    kept_deg: tuple[float, ...] = ()
+    target_deg: float = 0.0
+    taken: int = 0
+    moved: bool = False
+    announced: bool = False
+    keeps_itself: bool = False
+    speed_px_s: float | None = None
+    time_s: float = 0.0
+    still_since_s: float | None = None
+    moving_since_s: float | None = None
+
+    @property
+    def still_s(self) -> float:
+        """How long it has hung still."""
+        return 0.0 if self.still_since_s is None else self.time_s - self.still_since_s
+
+    @property
+    def turn_by_deg(self) -> float:
+        """By how much it is to be turned from the last view."""
+        return self.target_deg - (self.kept_deg[-1] if self.kept_deg else 0.0)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the next step would repeat an angle: the turn is complete."""
+        return bool(self.kept_deg) and _is_taken(self, self.kept_deg[-1] + self.step_deg)
+
+
+def begin(step_deg: float, frames: int = FRAMES, kept_deg: tuple[float, ...] = ()) -> Capture:
+    """Return the state to begin with; after views that are on disk already, the next turn comes first.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If the step or the number of frames makes no sense.
+    """
+    if not math.isfinite(step_deg) or not 1 <= abs(step_deg) <= 180:
+        raise IllegalDecisionError(
+            f"A step of {step_deg:g} degrees: give 1 to 180, negative for the other way."
+        )
+    if not LEAST_FRAMES <= frames <= 100:
+        raise IllegalDecisionError(f"{frames} frames a view: take {LEAST_FRAMES} to 100.")
+    state = Capture(step_deg=step_deg, frames=frames, kept_deg=kept_deg)
+    return _next(state) if kept_deg else state
+
+
+def see(state: Capture, time_s: float, speed_px_s: float | None) -> Capture:
+    """Take in a frame: its time, and the speed of what it shows (None: not known yet).
+
+    While the phase is ``TAKE`` before and after, the frame is one of the view's.
+    """
+    still = speed_px_s is not None and speed_px_s < STILL_PX_S
+    moving = speed_px_s is not None and speed_px_s > MOVING_PX_S
+    state = replace(
+        state,
+        time_s=time_s,
+        speed_px_s=speed_px_s,
+        still_since_s=(time_s if state.still_since_s is None else state.still_since_s) if still else None,
+        moving_since_s=(time_s if state.moving_since_s is None else state.moving_since_s) if moving else None,
+    )
+    if state.moving_since_s is not None and time_s - state.moving_since_s >= TURN_S:
+        state = replace(state, moved=True)
+    match state.phase:
+        case Phase.TURN if state.moved and not state.announced:
+            return replace(state, phase=Phase.SETTLE)
+        case Phase.SETTLE if state.still_s >= HOLD_S:
+            return replace(state, phase=Phase.TAKE, taken=0)
+        case Phase.TAKE if not still:
+            return replace(state, phase=Phase.SETTLE, taken=0)
+        case Phase.TAKE:
+            taken = state.taken + 1
+            phase = Phase.REVIEW if taken >= state.frames else Phase.TAKE
+            return replace(state, phase=phase, taken=taken, moved=False)
+    return state
+
+
+def keep(state: Capture) -> Capture:
+    """Keep the view that was taken; the next turn comes, unless the turn is complete.
+
+    If the item was turned while the view was being looked at, the turn is over already.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If there is no view to keep.
+    """
+    if state.phase is not Phase.REVIEW:
+        raise IllegalDecisionError("There is no view to keep yet; wait until its frames are taken.")
+    moved = state.moved
+    state = replace(state, kept_deg=(*state.kept_deg, state.target_deg))
+    if state.is_full and not state.announced:
+        return replace(state, phase=Phase.DONE, taken=0)
+    state = _next(state)
+    return replace(state, phase=Phase.SETTLE) if moved and not state.announced else state
+
+
+def repeat(state: Capture) -> Capture:
+    """Take the view again.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If there is none to repeat.
+    """
+    if state.phase not in (Phase.REVIEW, Phase.TAKE):
+        raise IllegalDecisionError("There is no view to repeat yet.")
+    return replace(state, phase=Phase.SETTLE, taken=0, moved=False, still_since_s=None)
+
+
+def turned(state: Capture) -> Capture:
+    """Hear from the operator that the item is at the target, though no motion was seen.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If no turn is waited for.
+    """
+    if state.phase is not Phase.TURN:
+        raise IllegalDecisionError("No turn is waited for now.")
+    return replace(state, phase=Phase.SETTLE)
+
+
+def aim(state: Capture, angle_deg: float) -> Capture:
+    """Correct the angle of the view that is being made: the item was turned to another one.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If there is a view at that angle, or it is none.
+    """
+    _check_angle(state, angle_deg)
+    return replace(state, target_deg=angle_deg)
+
+
+def announce(state: Capture, angle_deg: float, keeps_itself: bool) -> Capture:
+    """Hear from a turntable that the item is at an angle now.
+
+    Parameters
+    ----------
+    state : Capture
+        As it is.
+    angle_deg : float
+        Since view 0, right-handed about the upward axis.
+    keeps_itself : bool
+        The view needs no operator: it is kept as soon as it is taken.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If a view waits for a decision, there is one at that angle, or the capture has ended.
+    """
+    if state.phase is Phase.REVIEW:
+        raise IllegalDecisionError(
+            f"The view at {state.target_deg:g} degrees waits: keep or repeat it first."
+        )
+    _check_angle(state, angle_deg)
+    return replace(
+        state,
+        phase=Phase.SETTLE,
+        target_deg=angle_deg,
+        taken=0,
+        moved=False,
+        announced=True,
+        keeps_itself=keeps_itself,
+        still_since_s=None,
+    )
+
+
+def finish(state: Capture) -> Capture:
+    """End the capture; a view that was not kept is dropped."""
+    return replace(state, phase=Phase.DONE, taken=0)
+
+
+Command = Callable[[Capture], Capture]
+
+
+def _next(state: Capture) -> Capture:
+    target = state.kept_deg[-1] + state.step_deg
+    return replace(
+        state,
+        phase=Phase.TURN,
+        target_deg=target,
+        taken=0,
+        moved=False,
+        keeps_itself=False,
+        still_since_s=None,
+    )
+
+
+def _check_angle(state: Capture, angle_deg: float) -> None:
+    if state.phase is Phase.DONE:
+        raise IllegalDecisionError("The capture has ended; begin another one.")
+    if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
+        raise IllegalDecisionError(f"{angle_deg} is no angle; give degrees since view 0.")
+    if _is_taken(state, angle_deg):
+        raise IllegalDecisionError(f"There is a view at {angle_deg:g} degrees already, modulo a whole turn.")
+
+
+def _is_taken(state: Capture, angle_deg: float) -> bool:
+    return any(abs(math.remainder(angle_deg - kept, 360.0)) < SAME_ANGLE_DEG for kept in state.kept_deg)

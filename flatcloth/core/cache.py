@@ -1,0 +1,168 @@
+"""A bounded memory of computed values, for several threads, and a thread that fills it ahead of need."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+
+T = TypeVar("T")
+
+_FIXED_BYTES = 200
+"""Of an object itself, about; the arrays are what counts."""
+
+
+def size_in_bytes(value: object) -> int:
+    """Return about how much memory a value keeps alive: its arrays, each counted once.
+
+    Looks into attributes, mappings and sequences. An array that is a part of another keeps all of
+    that other alive, and counts so.
+    """
+    total, seen, waiting = 0, set[int](), [value]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or one is None or isinstance(one, bool | int | float | str | bytes | type):
+            continue
+        seen.add(id(one))
+        if isinstance(one, np.ndarray):
+            if isinstance(one.base, np.ndarray):
+                waiting.append(one.base)
+            else:
+                total += one.nbytes
+            continue
+        total += _FIXED_BYTES
+        if isinstance(one, dict):
+            waiting += [*one.keys(), *one.values()]
+        elif isinstance(one, list | tuple | set | frozenset):
+            waiting += one
+        elif hasattr(one, "__dict__") and not callable(one):
+            waiting += vars(one).values()
+    return total
+
+
+@dataclass
+class _Making(Generic[T]):
+    """A value that a thread is at; ``value`` is a list of it once it is made, empty if that failed."""
+
+    done: threading.Event = field(default_factory=threading.Event)
+    value: list[T] = field(default_factory=list)
+
+
+class Memory(Generic[T]):
+    """Keeps the values used last.
+
+    Parameters
+    ----------
+    most : int
+        How many are kept.
+    most_bytes : int, optional
+        How much memory they may keep alive together; the last one is kept whatever its size.
+    """
+
+    def __init__(self, most: int, most_bytes: int | None = None) -> None:
+        self._most = most
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+        self._values: OrderedDict[Hashable, tuple[T, int]] = OrderedDict()
+        self._making: dict[Hashable, _Making[T]] = {}
+        self._bytes = 0
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the value, made if need be.
+
+        It is made outside the lock, so that nobody waits for the work on another value; who wants the
+        same value at the same time waits for it, and makes it himself if that fails.
+        """
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key][0]
+            making = self._making.get(key)
+            if making is None:
+                mine = self._making[key] = _Making[T]()
+        if making is not None:
+            making.done.wait()
+            return making.value[0] if making.value else self.put(key, make())
+        try:
+            value = self.put(key, make())
+            mine.value.append(value)
+            return value
+        finally:
+            with self._lock:
+                del self._making[key]
+            mine.done.set()
+
+    def put(self, key: Hashable, value: T) -> T:
+        """Keep a value and return it; if another thread was first, keep and return that thread's."""
+        size = size_in_bytes(value) if self._most_bytes is not None else 0
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key][0]
+            self._values[key] = (value, size)
+            self._bytes += size
+            while len(self._values) > self._most or self._is_too_large():
+                _, (_, freed) = self._values.popitem(last=False)
+                self._bytes -= freed
+            return value
+
+    def __contains__(self, key: Hashable) -> bool:
+        """Say whether a value is kept now; asking does not count as using."""
+        with self._lock:
+            return key in self._values
+
+    def items(self) -> list[tuple[Hashable, T]]:
+        """Return what is kept now."""
+        with self._lock:
+            return [(key, value) for key, (value, _) in self._values.items()]
+
+    def _is_too_large(self) -> bool:
+        return self._most_bytes is not None and self._bytes > self._most_bytes and len(self._values) > 1
+
+
+class ReadAhead:
+    """Makes values that will soon be asked for, on a thread of its own; errors are left to who asks.
+
+    Parameters
+    ----------
+    make : callable
+        Makes and remembers the value of a key, so that who asks for it later finds it.
+    """
+
+    def __init__(self, make: Callable[[Any], object]) -> None:
+        self._make = make
+        self._changed = threading.Condition()
+        self._wanted: list[Any] = []
+        self._running = False
+
+    def want(self, keys: Iterable[Any]) -> None:
+        """Say what is likely to be asked for, the likeliest first; what was wanted before is dropped."""
+        with self._changed:
+            self._wanted = list(keys)
+            if self._wanted and not self._running:
+                # It ends when there is nothing to do, so that it keeps nothing alive that is not used.
+                self._running = True
+                threading.Thread(target=self._run, name="flatcloth-ahead", daemon=True).start()
+
+    def wait(self) -> None:
+        """Return when all that is wanted now has been made."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._running)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                if not self._wanted:
+                    self._running = False
+                    self._changed.notify_all()
+                    return
+                key = self._wanted.pop(0)
+            with contextlib.suppress(FlatclothError):  # whoever asks for it is told
+                self._make(key)

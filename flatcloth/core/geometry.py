@@ -1,0 +1,137 @@
+"""Back-projection, rotation about the axis, heights and Z-angles; no policy, only geometry."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, Rigid2, RotationAxis
+
+
+@dataclass(frozen=True)
+class Rigid3:
+    """A rigid motion of space, ``x -> rotation @ x + translation_m``; named ``target_from_source``."""
+
+    rotation: Float64
+    translation_m: Float64
+
+    def apply(self, points_m: Floats) -> Float64:
+        """Move points (..., 3)."""
+        moved: Float64 = np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
+        return moved
+
+    def turn(self, vectors: Floats) -> Float64:
+        """Turn directions (..., 3), without the translation."""
+        turned: Float64 = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        return turned
+
+    def apply_with_normal(self, points_m: Floats, normals: Floats) -> tuple[Float64, Float64]:
+        """Move points (..., 3) and turn their normals (..., 3)."""
+        return self.apply(points_m), self.turn(normals)
+
+    def inverse(self) -> Rigid3:
+        """Return the motion that undoes this one."""
+        back = self.rotation.T
+        return Rigid3(back, -back @ self.translation_m)
+
+    def __matmul__(self, other: Rigid3) -> Rigid3:
+        """Compose: ``(a @ b).apply(x) == a.apply(b.apply(x))``."""
+        return Rigid3(
+            self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m
+        )
+
+
+def rotation_about(direction: Floats, angle_rad: float) -> Float64:
+    """Return the (3, 3) right-handed rotation by an angle about a unit direction (3,)."""
+    k = np.asarray(direction, dtype=np.float64)
+    cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+    rotation: Float64 = np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * (cross @ cross)
+    return rotation
+
+
+def camera_from_held(axis: RotationAxis, angle_deg: float) -> Rigid3:
+    """Return the motion that turns held-frame points to the camera frame of a view at ``angle_deg``."""
+    rotation = rotation_about(axis.direction, math.radians(angle_deg))
+    return Rigid3(rotation, axis.point_m - rotation @ axis.point_m)
+
+
+def held_from_camera(axis: RotationAxis, angle_deg: float) -> Rigid3:
+    """Return the motion that turns camera-frame points of a view at ``angle_deg`` back to the held frame."""
+    return camera_from_held(axis, -angle_deg)
+
+
+def back_project(depth_m: Float32, intrinsics: Intrinsics) -> Float32:
+    """Return the organized cloud (H, W, 3), camera frame; NaN where the depth is 0 (paper: ``D(i, j)``)."""
+    rows, cols = depth_m.shape
+    x = ((np.arange(cols) - intrinsics.cx) / intrinsics.fx).astype(np.float32)
+    y = ((np.arange(rows) - intrinsics.cy) / intrinsics.fy).astype(np.float32)
+    cloud = np.empty((rows, cols, 3), dtype=np.float32)
+    depth = np.where(depth_m > 0, depth_m, np.float32(np.nan))
+    cloud[..., 0] = depth * x
+    cloud[..., 1] = depth * y[:, None]
+    cloud[..., 2] = depth
+    return cloud
+
+
+def height_m(xyz_m: Floats, axis: RotationAxis) -> Float64:
+    """Return the height (...) of points (..., 3) along the axis, 0 at the axis point, up positive."""
+    height: Float64 = (np.asarray(xyz_m, dtype=np.float64) - axis.point_m) @ axis.direction
+    return height
+
+
+def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> Float64:
+    """Return the Z-angle (...) of normals (..., 3) given in the held frame, seen at ``angle_deg``.
+
+    The angle about the axis from the direction to the camera to the normal's horizontal part, in
+    (-180, 180]; positive where the surface faces the right of the image (paper, 4.1, step 1, with
+    the camera's direction taken as the optical axis, so that turning the item adds the rotation).
+    """
+    k = axis.direction
+    to_camera = np.array([0.0, 0.0, -1.0])
+    to_camera -= (to_camera @ k) * k
+    to_camera /= np.linalg.norm(to_camera)
+    to_right = np.cross(k, to_camera)
+    n = np.asarray(normal, dtype=np.float64)
+    angle = np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg
+    wrapped: Float64 = 180.0 - (180.0 - angle) % 360.0
+    return wrapped
+
+
+def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:
+    """Return two unit tangents (N, 3) each of normals (N, 3), camera frame; they vary slowly with it.
+
+    The first is the image's right direction, made tangent. The second is down the image as seen
+    from outside, so that both turn as u and v do on the plane.
+    """
+    right = np.array([1.0, 0.0, 0.0]) - normal[:, :1] * normal
+    small = np.linalg.norm(right, axis=1) < 0.2
+    right[small] = np.array([0.0, 0.0, 1.0]) - normal[small, 2:] * normal[small]
+    right /= np.linalg.norm(right, axis=1)[:, None]
+    down: Float64 = -np.cross(normal, right)
+    return right, down
+
+
+def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:
+    """Return where points (N, 3), camera frame, appear in the image: (row, col) (N, 2), not rounded."""
+    k = intrinsics
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = points_m[:, 0] / points_m[:, 2], points_m[:, 1] / points_m[:, 2]
+    return np.stack([y * k.fy + k.cy, x * k.fx + k.cx], axis=1)
+
+
+def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None) -> Rigid2:
+    """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target.
+
+    By least squares, the squares weighted by ``weight`` (N,) if it is given.
+    """
+    p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
+    w = np.ones((len(p), 1)) if weight is None else np.asarray(weight, dtype=np.float64)[:, None]
+    center, to = (w * p).sum(axis=0) / w.sum(), (w * q).sum(axis=0) / w.sum()
+    p, q = p - center, q - to
+    theta = math.atan2(
+        float((w[:, 0] * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])).sum()), float((w * p * q).sum())
+    )
+    shift = to - Rigid2(theta).apply(center)
+    return Rigid2(theta, float(shift[0]), float(shift[1]))

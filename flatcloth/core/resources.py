@@ -1,0 +1,26 @@
+"""Where the files beside the code lie: the operator page and the sample recordings.
+
+An installed package carries them inside itself; a checkout has them beside the package.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def static_folder() -> Path:
+    """Return the folder with the operator page (HTML, CSS, ES modules)."""
+    return _first_existing(_PACKAGE / "static", _PACKAGE.parent / "static")
+
+
+def sample_recordings() -> dict[str, Path]:
+    """Return the bundled recordings: name to folder, in alphabetical order."""
+    root = _first_existing(_PACKAGE / "samples", _PACKAGE.parent / "recordings")
+    return {header.parent.name: header.parent for header in sorted(root.glob("*/recording.json"))}
+
+
+def _first_existing(installed: Path, checkout: Path) -> Path:
+    # The installed place is asked first: beside an installed package lie other people's packages.
+    return installed if installed.is_dir() else checkout

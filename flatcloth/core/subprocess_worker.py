@@ -1,0 +1,249 @@
+"""Work in a process of its own: for libraries that a damaged file makes crash, hang or fill the memory.
+
+The child runs a module of this package that calls :func:`serve`. Both talk in messages: a line of
+JSON, and behind it the bytes of arrays. Nothing else of the child's can reach the parent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Progress, no_progress
+
+Arrays = Mapping[str, NDArray[Any]]
+
+MEMORY_BYTES = 1_200_000_000
+"""What a child may take beyond its libraries; any real recording needs less."""
+_START_S = 120.0
+"""A cold disk may take long to give the libraries; nobody's file is read meanwhile."""
+_PATIENCE_S = 6.0
+_BYTES_PER_S = 20e6
+"""A sign of life is waited for longer where the file is large: as long as a slow disk takes to read it."""
+
+
+class ChildError(Exception):
+    """The child could not do it; the text is for the user."""
+
+
+class ChildLostError(Exception):
+    """The child crashed, was too slow or took too much memory; the text says which."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """What goes between the processes: a table for JSON, and arrays."""
+
+    table: Mapping[str, Any]
+    arrays: Arrays = field(default_factory=dict)
+
+
+class Child:
+    """A process that runs a module of this package; close it, or let go of it.
+
+    Parameters
+    ----------
+    module : str
+        It calls :func:`serve`.
+    file : Path
+        What it reads; tells for how long its silence is borne.
+
+    Notes
+    -----
+    Starting takes as long as the module's imports. Several threads may ask, one after the other.
+    """
+
+    def __init__(self, module: str, file: Path) -> None:
+        self._patience_s = _PATIENCE_S + _size_of(file) / _BYTES_PER_S
+        self._lock = threading.Lock()
+        path = os.pathsep.join(filter(None, sys.path))
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,  # Ctrl+C is the parent's to answer
+        )
+        self.close = weakref.finalize(self, _end, self._process)
+        with self._closing_when_lost():
+            self._receive(time.monotonic() + _START_S)
+
+    def ask(self, table: Mapping[str, Any], progress: Progress = no_progress) -> Message:
+        """Send a question and return the answer.
+
+        Raises
+        ------
+        ChildError
+            If the child says so.
+        ChildLostError
+            If it does not answer; it is ended then.
+        """
+        with self._lock, self._closing_when_lost():
+            if not self.close.alive:
+                raise ChildLostError("has ended over an earlier view")
+            try:
+                _write(self._stdin, Message(table))
+            except OSError as error:
+                raise ChildLostError(self._end_of_it()) from error
+            while True:
+                answer = self._receive(time.monotonic() + self._patience_s)
+                if "progress" not in answer.table:
+                    break
+                progress(*answer.table["progress"])
+            if "lost" in answer.table:
+                raise ChildLostError(answer.table["lost"])
+        if "error" in answer.table:
+            raise ChildError(answer.table["error"])
+        return answer
+
+    @property
+    def _stdin(self) -> BinaryIO:
+        assert self._process.stdin is not None
+        return self._process.stdin  # type: ignore[return-value]
+
+    def _receive(self, until_s: float) -> Message:
+        assert self._process.stdout is not None
+        fd = self._process.stdout.fileno()
+
+        def read(count: int) -> bytes:
+            pieces, missing = [], count
+            while missing:
+                if not select.select([fd], [], [], max(0.0, until_s - time.monotonic()))[0]:
+                    raise ChildLostError("does not come to an end")
+                piece = os.read(fd, min(missing, 1 << 20))
+                if not piece:
+                    raise ChildLostError(self._end_of_it())
+                pieces.append(piece)
+                missing -= len(piece)
+            return b"".join(pieces)
+
+        return _read(read)
+
+    def _end_of_it(self) -> str:
+        try:
+            code = self._process.wait(timeout=_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            return "has stopped answering"
+        return f"crashed ({signal.Signals(-code).name})" if code < 0 else f"ended with code {code}"
+
+    @contextlib.contextmanager
+    def _closing_when_lost(self) -> Iterator[None]:
+        try:
+            yield
+        except ChildLostError:
+            self.close()
+            raise
+
+
+def serve(answer: Callable[[Mapping[str, Any], Progress], Message], known: type[Exception]) -> None:
+    """Answer questions until there are no more: what the main program of a child calls.
+
+    ``answer`` is given the question and a progress to tell; ``known`` errors are told as they are.
+    """
+    # Libraries print what they like: it must not come between the messages, nor to the user.
+    out = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    _limit_memory()
+    _write(out, Message({"ready": True}))
+    while True:
+        try:
+            question = _read(_exactly(sys.stdin.buffer))
+        except EOFError:
+            return
+        _write(out, _answered(answer, known, question, out))
+
+
+def _answered(
+    answer: Callable[[Mapping[str, Any], Progress], Message],
+    known: type[Exception],
+    question: Message,
+    out: BinaryIO,
+) -> Message:
+    def progress(share: float, text: str) -> None:
+        _write(out, Message({"progress": [share, text]}))
+
+    try:
+        return answer(question.table, progress)
+    except known as error:
+        return Message({"error": str(error)})
+    except MemoryError:
+        return Message({"lost": f"needs more than {MEMORY_BYTES / 1e9:.1f} GB of memory"})
+    except Exception as error:  # noqa: BLE001 - in a damaged file a library stumbles anywhere
+        text = "".join(c for c in " ".join(str(error).split()) if c.isprintable())[:200]
+        return Message({"lost": f"failed ({type(error).__name__}: {text})"})
+
+
+def _limit_memory() -> None:
+    with open("/proc/self/status") as file:
+        used = next(int(line.split()[1]) * 1024 for line in file if line.startswith("VmData"))
+    resource.setrlimit(resource.RLIMIT_DATA, (used + MEMORY_BYTES,) * 2)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _size_of(path: Path) -> int:
+    try:
+        files = [path] if path.is_file() else [f for f in path.iterdir() if f.is_file()]
+        return sum(f.stat().st_size for f in files)
+    except OSError:
+        return 0
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        with contextlib.suppress(OSError):  # what was not sent has no reader any more
+            pipe.close()
+
+
+# --- messages --------------------------------------------------------------------------------
+
+
+def _write(out: BinaryIO, message: Message) -> None:
+    arrays = {name: np.ascontiguousarray(array) for name, array in message.arrays.items()}
+    kinds = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
+    line = json.dumps([message.table, kinds]).encode()
+    out.write(len(line).to_bytes(8, "little") + line)
+    for array in arrays.values():
+        out.write(array.tobytes())
+    out.flush()
+
+
+def _read(read: Callable[[int], bytes]) -> Message:
+    table, kinds = json.loads(read(int.from_bytes(read(8), "little")))
+    arrays = {}
+    for name, kind, shape in kinds:
+        dtype = np.dtype(kind)
+        data = read(math.prod(shape) * dtype.itemsize)
+        arrays[name] = np.frombuffer(data, dtype).reshape(shape)
+    return Message(table, arrays)
+
+
+def _exactly(file: BinaryIO) -> Callable[[int], bytes]:
+    def read(count: int) -> bytes:
+        data = file.read(count)
+        if len(data) < count:
+            raise EOFError
+        return data
+
+    return read

@@ -1,0 +1,194 @@
+"""Why a proposal lies where it lies: the paper's curves and lines for it, and the edges that do not fit.
+
+Computed for any method: the curves are those of the shape and of the proposed view, whatever laid it
+there. Costs a few hundredths of a second, and the flattening of the view if that was forgotten.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flatcloth.core.errors import AlignmentError, FlatclothError
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import Float64, Int32, Rigid2
+from flatcloth.methods.base import ColumnCurves, Correspondence
+from flatcloth.methods.paper.alignment import correspond
+from flatcloth.methods.paper.method import side_of
+from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg
+from flatcloth.session.machine import Document, Side
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+LEAST_STRAIN = 0.04
+LEAST_OFF_M = 0.0005
+MOST_EDGES = 400
+"""An edge is strained from this share and this length on; of more than so many, the worst are told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrainedEdges:
+    """Edges that the flattening left much longer or shorter than they are along the cloth (Eq. (2)).
+
+    ``uv_m`` (K, 2, 2) their ends on the plane of the shape, ``xyz_m`` (K, 2, 3) in the held frame;
+    ``strain`` (K,) the relative change of length, positive where the plane is longer; ``total`` counts
+    all edges.
+    """
+
+    uv_m: Float64
+    xyz_m: Float64
+    strain: Float64
+    total: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reasons:
+    """The paper's section 4 for a pending view.
+
+    ``front_view`` is the accepted view that it continues on its ``side``: the outermost there by the
+    paper's method, else the one turned least from it; ``turn_deg`` the rotation from
+    that to the proposed one (A, signed). ``curves`` are h(u) and A_z(u) of the shape at the rotation of
+    ``front_view``, on columns of that view's plane, to which ``front_from_current`` leads;
+    ``new_curves`` those of the proposed view, at its own rotation and on its own plane, from which
+    ``current_from_new`` leads. ``u_b_m``, ``a_0_deg`` and ``rotation_deg`` (unsigned) are what the paper
+    would plan there. ``correspondence`` is its initial estimate; None if there is none, and then
+    ``trouble`` says why.
+    """
+
+    view_index: int
+    side: Side
+    front_view: int
+    turn_deg: float
+    curves: ColumnCurves
+    new_curves: ColumnCurves
+    u_b_m: float
+    a_0_deg: float
+    rotation_deg: float
+    correspondence: Correspondence | None
+    trouble: str
+    front_from_current: Rigid2
+    current_from_new: Rigid2
+    shape_edges: StrainedEdges
+    new_edges: StrainedEdges
+
+
+def reasons(integration: Integration, document: Document) -> Reasons:
+    """Compute the reasons for a document's pending view.
+
+    Raises
+    ------
+    FlatclothError
+        If no view is pending.
+    """
+    pending = document.pending
+    if pending is None:
+        raise FlatclothError("There is no proposal to give reasons for; step first.")
+    angles, config, axis = integration.recording.angles_deg, integration.config, integration.axis
+    side, front = _continued(integration, document)
+    canonical = integration.canonical(document)
+    front_from_current = canonical.current_from_view[front].inverse()
+    turn = (angles[pending.view_index] - angles[front] + 180.0) % 360.0 - 180.0
+    new = integration.part(pending.view_index, pending.component)
+    limit = config.planning.z_angle_limit_deg
+    curves = column_curves(canonical.view, axis, angles[front], limit, front_from_current)
+    u_b, a_0 = overlap_column(curves, side, config.planning.overlap_area_m2)
+    found, trouble = None, ""
+    try:
+        seen = (angles[front], angles[front] + turn)
+        found = correspond(canonical.view, new, axis, seen, front_from_current, limit, config.alignment)
+    except AlignmentError as error:
+        trouble = str(error)
+    return Reasons(
+        view_index=pending.view_index,
+        side=side,
+        front_view=front,
+        turn_deg=turn,
+        curves=curves,
+        new_curves=column_curves(new, axis, angles[front] + turn, limit),
+        u_b_m=u_b,
+        a_0_deg=a_0,
+        rotation_deg=rotation_to_limit_deg(side, a_0, config.planning),
+        correspondence=found,
+        trouble=trouble,
+        front_from_current=front_from_current,
+        current_from_new=pending.current_from_new,
+        shape_edges=_edges_of_shape(integration, document),
+        new_edges=_edges_of_view(
+            integration, pending.view_index, pending.component, pending.current_from_new
+        ),
+    )
+
+
+def _continued(integration: Integration, document: Document) -> tuple[Side, int]:
+    """Return the side that the pending view extends, and the accepted view that it continues there."""
+    pending, angles = document.pending, integration.recording.angles_deg
+    assert pending is not None
+    if integration.method == "paper":
+        side = pending.side or side_of(document, angles, pending.view_index)
+        return side, integration.fronts(document)[side][0]
+    # Views come in any order: the one that was turned least from it shares most with it.
+    turns = {v: (angles[pending.view_index] - angles[v] + 180.0) % 360.0 - 180.0 for v in _used(document)}
+    front = min(turns, key=lambda v: abs(turns[v]))
+    return (Side.LEFT if turns[front] >= 0 else Side.RIGHT), front
+
+
+def _used(document: Document) -> list[int]:
+    assert document.start_view is not None
+    return [document.start_view, *(added.view_index for added in document.accepted)]
+
+
+def strained_edges(
+    uv_m: Float64, xyz_m: Float64, edges: Int32, length_m: Float64, most: int = MOST_EDGES
+) -> StrainedEdges:
+    """Return the edges (M, 2) between points at ``uv_m`` (N, 2) and ``xyz_m`` (N, 3) that are strained most.
+
+    ``length_m`` (M,) is what each edge measures along the cloth; edges with an end that has no place
+    (NaN) are left out.
+    """
+    flat = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
+    off = flat - length_m
+    known = np.isfinite(off)
+    with np.errstate(invalid="ignore"):
+        strain = off / np.maximum(length_m, 1e-9)
+        large = np.flatnonzero(known & (np.abs(strain) >= LEAST_STRAIN) & (np.abs(off) >= LEAST_OFF_M))
+    worst = large[np.argsort(-np.abs(strain[large]), kind="stable")][:most]
+    return StrainedEdges(
+        uv_m=uv_m[edges[worst]], xyz_m=xyz_m[edges[worst]], strain=strain[worst], total=int(known.sum())
+    )
+
+
+def _edges_of_view(
+    integration: Integration, view_index: int, component: int, plane_from_view: Rigid2
+) -> StrainedEdges:
+    flattening = integration.flattening(view_index)
+    level = flattening.levels[-1]
+    own = np.zeros(len(level.points_rc), dtype=bool)
+    own[flattening.components[component].members] = True
+    used = own[level.edges].all(axis=1)
+    held = held_from_camera(integration.axis, integration.recording.angles_deg[view_index])
+    return strained_edges(
+        plane_from_view.apply(level.uv_m),
+        held.apply(level.points_m),
+        level.edges[used],
+        level.edge_length_m[used],
+    )
+
+
+def _edges_of_shape(integration: Integration, document: Document) -> StrainedEdges:
+    if integration.robust is not None:
+        shape = integration.robust.shapes.shape(document)
+        # One joint flattening: an edge counts once for each view that saw it.
+        return strained_edges(shape.uv_m, shape.nodes.xyz_m, shape.links.edges, shape.links.length_m)
+    placements, parts = integration.canonical(document).current_from_view, document.parts
+    of_views = [_edges_of_view(integration, v, parts.get(v, 0), at) for v, at in placements.items()]
+    strain = np.concatenate([e.strain for e in of_views])
+    worst = np.argsort(-np.abs(strain), kind="stable")[:MOST_EDGES]
+    return StrainedEdges(
+        uv_m=np.concatenate([e.uv_m for e in of_views])[worst],
+        xyz_m=np.concatenate([e.xyz_m for e in of_views])[worst],
+        strain=strain[worst],
+        total=sum(e.total for e in of_views),
+    )

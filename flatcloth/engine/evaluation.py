@@ -1,0 +1,313 @@
+"""A flattened result against the ground truth of a synthetic recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from flatcloth.core.errors import EvaluationError
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
+from flatcloth.recordings.base import Recording
+
+CELL_M = 0.005
+TRIM_SHARE = 0.10
+FAR_M = 0.020
+FIRM_M = 0.010
+PAIR_RANGE_M = (0.020, 0.200)
+PAIRS = 200_000
+
+
+class TrueView(Protocol):
+    """Truth of one view; see :mod:`flatcloth.recordings.truth`."""
+
+    @property
+    def panel(self) -> Uint8:
+        """(H, W) panel seen, 0 none."""
+        ...
+
+    @property
+    def outer_face(self) -> Bool:
+        """(H, W) whether it is seen from outside."""
+        ...
+
+    @property
+    def flat_uv_m(self) -> Float32:
+        """(H, W, 2) true place on the plane."""
+        ...
+
+
+class Truth(Protocol):
+    """Truth of a recording: one :class:`TrueView` a view."""
+
+    panel_of_interest: int
+
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Return the truth of one view."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """The figures of one result.
+
+    ``absolute_*`` after one rigid fit trimmed at 10 %, ``relative_*`` of the distance between pairs
+    truly 20 to 200 mm apart, in mm; ``*_far_share`` beyond 20 mm; ``wrong_side_share`` of pixels
+    that are not on the outer face of the panel of interest; ``coverage`` of the reachable cells.
+    Where the result says how sure each place is: ``firm_share`` of the pixels with a standard
+    deviation of 10 mm or less, their absolute errors, and ``within_3_std_share`` of all pixels whose
+    error is at most three standard deviations plus 1 mm; else NaN.
+    """
+
+    absolute_median_mm: float
+    absolute_p95_mm: float
+    absolute_rms_mm: float
+    absolute_far_share: float
+    relative_median_mm: float
+    relative_p95_mm: float
+    relative_far_share: float
+    wrong_side_share: float
+    coverage: float
+    pixels: int
+    firm_share: float = math.nan
+    firm_median_mm: float = math.nan
+    firm_p95_mm: float = math.nan
+    firm_far_share: float = math.nan
+    within_3_std_share: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """An evaluation with what a picture of it needs.
+
+    ``flat_uv_m`` (K, 2) where the pixels were put, moved onto the truth; ``true_uv_m`` (K, 2);
+    ``rgb`` (K, 3); ``reachable_cells`` and ``placed_cells`` (R, C) with ``cell_origin_uv_m``.
+    """
+
+    evaluation: Evaluation
+    flat_uv_m: Float64
+    true_uv_m: Float64
+    rgb: Uint8
+    reachable_cells: Bool
+    placed_cells: Bool
+    cell_origin_uv_m: Float64
+
+
+def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Comparison:
+    """Compare a flattened result with the truth.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The result; truth is looked up at its ``view_index`` and ``source_rc``.
+    truth : Truth
+        The truth of the recording.
+    recording : Recording
+        Its masks say which cells were reachable.
+    seed : int
+        Of the random pairs.
+
+    Raises
+    ------
+    EvaluationError
+        If no pixel of the result has a truth.
+    """
+    looked_up = _look_up(view, truth)
+    known = np.isfinite(looked_up[:, 0])
+    if known.sum() < 3:
+        raise EvaluationError(
+            "No pixel of the result shows the side of interest; there is nothing to compare."
+        )
+    true_uv = looked_up[known].astype(np.float64)
+    fitted = trimmed_fit(view.uv_from_rc(np.argwhere(view.valid))[known], true_uv)
+    error_mm = 1e3 * np.linalg.norm(fitted - true_uv, axis=1)
+    relative_mm = 1e3 * relative_errors_m(fitted, true_uv, np.random.default_rng(seed))
+    reachable, origin = reachable_cells(recording, truth)
+    placed = _cells(true_uv, origin, reachable.shape)
+    far = 1e3 * FAR_M
+    evaluation = Evaluation(
+        absolute_median_mm=float(np.median(error_mm)),
+        absolute_p95_mm=float(np.percentile(error_mm, 95)),
+        absolute_rms_mm=float(np.sqrt(np.square(error_mm).mean())),
+        absolute_far_share=float((error_mm > far).mean()),
+        relative_median_mm=float(np.median(relative_mm)),
+        relative_p95_mm=float(np.percentile(relative_mm, 95)),
+        relative_far_share=float((relative_mm > far).mean()),
+        wrong_side_share=float((~known).mean()),
+        coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
+        pixels=int(view.valid.sum()),
+        **_sureness(view, known, error_mm),
+    )
+    return Comparison(
+        evaluation=evaluation,
+        flat_uv_m=fitted,
+        true_uv_m=true_uv,
+        rgb=view.rgb[view.valid][known],
+        reachable_cells=reachable,
+        placed_cells=placed,
+        cell_origin_uv_m=origin,
+    )
+
+
+def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
+    """Return the figures of the places' standard deviations, if the result has any."""
+    if view.placement_std_m is None:
+        return {}
+    std_mm = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
+    firm = error_mm[std_mm <= 1e3 * FIRM_M]
+    figures = {
+        "firm_share": float((std_mm <= 1e3 * FIRM_M).mean()),
+        "within_3_std_share": float((error_mm <= 3.0 * std_mm + 1.0).mean()),
+    }
+    if firm.size:
+        figures |= {
+            "firm_median_mm": float(np.median(firm)),
+            "firm_p95_mm": float(np.percentile(firm, 95)),
+            "firm_far_share": float((firm > 1e3 * FAR_M).mean()),
+        }
+    return figures
+
+
+def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
+    """Return points (N, 2) moved onto the target rigidly (no mirror, no scale) so that 90 % fit best.
+
+    Each round fits the pixels that the last one left nearest; it ends when they stay the same.
+    """
+    kept = np.ones(len(points), dtype=bool)
+    moved = points
+    for _ in range(rounds):
+        moved = fit_rigid2(points[kept], target[kept]).apply(points)
+        distance = np.linalg.norm(moved - target, axis=1)
+        nearest = distance <= np.quantile(distance, 1.0 - TRIM_SHARE)
+        if (nearest == kept).all():
+            break
+        kept = nearest
+    return moved
+
+
+def relative_errors_m(points: Float64, target: Float64, random: np.random.Generator) -> Float64:
+    """Return the error of the distance of random pairs whose true distance is 20 to 200 mm."""
+    low, high = PAIR_RANGE_M
+    errors: list[Float64] = []
+    found = 0
+    for _ in range(50):
+        pair = random.integers(0, len(points), (2, PAIRS))
+        true = np.linalg.norm(target[pair[0]] - target[pair[1]], axis=1)
+        pair = pair[:, (true >= low) & (true <= high)]
+        got = np.linalg.norm(points[pair[0]] - points[pair[1]], axis=1)
+        errors.append(np.abs(got - np.linalg.norm(target[pair[0]] - target[pair[1]], axis=1)))
+        found += pair.shape[1]
+        if found >= PAIRS:
+            break
+    every = np.concatenate(errors)[:PAIRS]
+    return every if every.size else np.zeros(1)
+
+
+def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
+    """Return the largest connected piece of the cells seen in any mask, 2x2 opened, and its origin (2,)."""
+    seen: list[Float64] = []
+    for n in range(len(recording)):
+        true, mask = truth[n], recording[n].mask
+        shown = of_interest(true, truth.panel_of_interest)
+        if mask is not None:
+            shown &= mask
+        cells = np.floor(true.flat_uv_m[shown] / CELL_M).astype(np.int64)
+        seen.append(np.unique(cells, axis=0))
+    cells = np.concatenate(seen)
+    low = cells.min(axis=0)
+    extent = cells.max(axis=0) - low + 1
+    grid = np.zeros((int(extent[1]), int(extent[0])), dtype=bool)
+    grid[cells[:, 1] - low[1], cells[:, 0] - low[0]] = True
+    opened = ndimage.binary_opening(grid, np.ones((2, 2), dtype=bool))
+    labels, count = ndimage.label(opened)
+    if count == 0:
+        raise EvaluationError("The masks show no connected piece of the side of interest.")
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    largest: Bool = labels == sizes.argmax()
+    return largest, low * CELL_M
+
+
+def picture(comparison: Comparison, pixels_per_m: float = 400.0) -> Uint8:
+    """Return (H, W, 3) RGB: the result, the truth with its colors, and the error, side by side."""
+    both = np.concatenate([comparison.flat_uv_m, comparison.true_uv_m])
+    low = both.min(axis=0) - 0.02
+    shape = tuple(np.ceil((both.max(axis=0) + 0.02 - low) * pixels_per_m).astype(int)[::-1])
+    error = np.linalg.norm(comparison.flat_uv_m - comparison.true_uv_m, axis=1)
+    level = np.clip(error / FAR_M * 255, 0, 255).astype(np.uint8)
+    heat = cv2.applyColorMap(level[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
+    background = np.full((*shape, 3), 24, dtype=np.uint8)
+    reachable = cv2.resize(
+        comparison.reachable_cells.astype(np.uint8) * 40,
+        None,
+        fx=CELL_M * pixels_per_m,
+        fy=CELL_M * pixels_per_m,
+        interpolation=cv2.INTER_NEAREST,
+    )
+    at = np.rint((comparison.cell_origin_uv_m - low) * pixels_per_m).astype(int)
+    panels = []
+    for points, colors in (
+        (comparison.flat_uv_m, comparison.rgb),
+        (comparison.true_uv_m, comparison.rgb),
+        (comparison.true_uv_m, heat),
+    ):
+        panel = background.copy()
+        r0, c0 = max(at[1], 0), max(at[0], 0)
+        shown = reachable[r0 - at[1] :, c0 - at[0] :]
+        part = panel[r0 : r0 + shown.shape[0], c0 : c0 + shown.shape[1]]
+        part += shown[: part.shape[0], : part.shape[1], None]
+        place = np.rint((points - low) * pixels_per_m).astype(int)
+        panel[place[:, 1], place[:, 0]] = colors
+        panels.append(panel)
+    return np.concatenate(panels, axis=1)
+
+
+def _look_up(view: FlattenedView, truth: Truth) -> Float32:
+    """Return the true plane coordinates (K, 2) of the valid pixels, bilinear; NaN on the wrong side."""
+    rc, index = view.source_rc[view.valid], view.view_index[view.valid]
+    result = np.full((len(rc), 2), np.nan, dtype=np.float32)
+    for n in np.unique(index):
+        true = truth[int(n)]
+        shown = of_interest(true, truth.panel_of_interest)
+        flat = np.where(shown[..., None], true.flat_uv_m, np.nan)
+        result[index == n] = bilinear_on_layer(flat, rc[index == n])
+    return result
+
+
+def of_interest(true: TrueView, panel: int) -> Bool:
+    """Return the pixels (H, W) on the outer face of the panel."""
+    shown: Bool = (true.panel == panel) & true.outer_face
+    return shown
+
+
+def bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float32:
+    """Interpolate (H, W, 2) at (N, 2), without neighbours of another layer; NaN where the nearest is."""
+    rows, cols = flat.shape[:2]
+    row, col = np.rint(rc).astype(int).T
+    nearest = flat[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
+    r0, c0 = np.floor(rc[:, 0]).astype(int), np.floor(rc[:, 1]).astype(int)
+    total, weights = np.zeros((len(rc), 2)), np.zeros(len(rc))
+    for i in (0, 1):
+        for j in (0, 1):
+            value = flat[np.clip(r0 + i, 0, rows - 1), np.clip(c0 + j, 0, cols - 1)]
+            w = np.abs(1 - i - (rc[:, 0] - r0)) * np.abs(1 - j - (rc[:, 1] - c0))
+            w = np.where(np.abs(value - nearest).max(axis=1) <= layer_m, w, 0.0)
+            total += w[:, None] * np.nan_to_num(value)
+            weights += w
+    with np.errstate(invalid="ignore", divide="ignore"):
+        result: Float32 = np.where(np.isfinite(nearest), total / weights[:, None], np.nan).astype(np.float32)
+    return result
+
+
+def _cells(uv: Float64, origin: Float64, shape: Sequence[int]) -> Bool:
+    cells = np.floor((uv - origin) / CELL_M + 1e-9).astype(np.int64)
+    inside = ((cells >= 0) & (cells < (shape[1], shape[0]))).all(axis=1)
+    grid = np.zeros(shape, dtype=bool)
+    grid[cells[inside, 1], cells[inside, 0]] = True
+    return grid

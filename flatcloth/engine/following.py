@@ -1,0 +1,118 @@
+"""Views that come again: later decisions on a changed shape, skipped views, views to place by hand.
+
+A later decision follows a changed one. A placement that the method found is found anew on the
+changed shape; one that was set by hand is carried along. It holds if it fits about as well as when
+it was accepted, or well enough to be accepted unattended; else the operator is asked again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
+from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
+from flatcloth.methods.base import Alignment, AlignmentScore, PartPlace, Placing, Plan
+from flatcloth.session.machine import Document, Followed, Later, Side
+
+_MOST_LOSS = 0.1
+"""A score that has fallen by more than this is told to the operator."""
+_GAP_M = 0.02
+
+
+class Method(Protocol):
+    """What is needed of a method of integrating views."""
+
+    def propose(
+        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
+    ) -> Placing:
+        """Find where a view lies."""
+        ...
+
+    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
+        """Score a placement."""
+        ...
+
+    def carried(self, document: Document, later: Later) -> Rigid2:
+        """Return where a later decision lies on the present plane, carried along."""
+        ...
+
+
+def follow(
+    method: Method, document: Document, token: int, accept_score: float, progress: Progress
+) -> Followed:
+    """Answer where the next later view of a document lies.
+
+    Parameters
+    ----------
+    method : Method
+        How views are laid on the shape.
+    document : Document
+        With the changed decision, and the later ones.
+    token : int
+        Of the request.
+    accept_score : float
+        Unattended, a placement with this score is accepted.
+    progress : callable
+        Told how far the work is; may raise ``CancelledError``.
+    """
+    later = document.later[0]
+    decision = later.decision
+    view, component = decision.view_index, decision.component
+    motion = method.carried(document, later)
+    try:
+        if not decision.fixed:
+            placing = method.propose(document, view, decision.side, progress)
+            component, motion = placing.component, placing.alignment.current_from_new
+        score = method.score(document, view, component, motion).total
+    except (SurfaceError, FlatteningError, AlignmentError) as error:
+        return Followed(token, view, motion, 0.0, component, holds=False, why=str(error))
+    before = math.inf if decision.score is None else decision.score - _MOST_LOSS
+    if score >= min(accept_score, before):
+        return Followed(token, view, motion, score, component)
+    was = "" if decision.score is None else f", it was {decision.score:.2f}"
+    why = f"No longer sure after the change: its score is {score:.2f} now{was}."
+    return Followed(token, view, motion, score, component, holds=False, why=why)
+
+
+def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
+    """Choose the next view; when the others are done, one that was skipped, the longest ago first."""
+    chosen = plan(document)
+    for skipped in document.skipped:
+        if chosen.view_index is not None:
+            break
+        if skipped.view_index in document.put_off:
+            others = tuple(s for s in document.skipped if s is not skipped)
+            chosen = plan(replace(document, skipped=others))
+    return chosen
+
+
+def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placing:
+    """Lay the first part of a view beside the shape, at one side of it, for the operator to place by hand.
+
+    Upright as it was seen: both planes have their ``v`` along the turning axis. ``parts`` by their
+    numbers; each may be taken instead.
+    """
+    component, part = next(iter(parts.items()))
+    left, top, right, bottom = _extent_m(shape)
+    own_left, own_top, own_right, own_bottom = _extent_m(part)
+    u_m = left - _GAP_M - own_right if side is Side.LEFT else right + _GAP_M - own_left
+    v_m = 0.5 * (top + bottom - own_top - own_bottom)
+    motion = Rigid2(0.0, u_m, v_m)
+    nothing = AlignmentScore(0.0, {})
+    alignment = Alignment(
+        current_from_new=motion, initial=motion, score=nothing, initial_score=nothing, correspondence=None
+    )
+    waiting = (PartPlace(component=n, area_m2=p.area_m2, hypothesis=None) for n, p in parts.items())
+    return Placing(component=component, alignment=alignment, parts=tuple(waiting))
+
+
+def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
+    """Return left, top, right and bottom of the cloth of a view on its plane."""
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    (left, top), (right, bottom) = uv.min(axis=0).tolist(), uv.max(axis=0).tolist()
+    return left, top, right, bottom

@@ -1,0 +1,423 @@
+"""Computes what a session asks for, and remembers it: frames, flattened views, proposals, shapes.
+
+The session holds only decisions and rigid motions; everything heavy is derived from them here and
+cached (the canonical view by the prefix of accepted placements), so undo is exact and cheap. All
+methods may be called from several threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from flatcloth.core.cache import Memory, ReadAhead
+from flatcloth.core.config import Config
+from flatcloth.core.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float32,
+    Float64,
+    Progress,
+    RgbdFrame,
+    RotationAxis,
+    Uint8,
+    no_progress,
+)
+from flatcloth.engine.following import follow, laid_beside, plan_put_off
+from flatcloth.engine.repair import Reach, reach
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
+from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Placing, Plan
+from flatcloth.methods.paper.merging import place
+from flatcloth.methods.paper.method import PAPER_CONFIG, Paper, fronts, side_of
+from flatcloth.methods.robust.method import Robust
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.film.angles import MAX_VIEWS
+from flatcloth.registration.axis import axis_agreement, resolve_axis
+from flatcloth.session.machine import (
+    Document,
+    Event,
+    NothingMore,
+    Pending,
+    Proposed,
+    Rejected,
+    Request,
+    Side,
+    Started,
+)
+
+METHODS = ("robust", "paper")
+"""The ways of integrating views; the first is the default."""
+
+_MIB = 1 << 20
+_LIKELY_ROTATION_DEG = 30.0
+_VIEWS_AHEAD = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewCloud:
+    """Foreground points of one view: ``xyz_m`` (N, 3) held frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
+
+    view_index: int
+    xyz_m: Float32
+    rgb: Uint8
+    of_interest: Bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """A view laid on the canonical shape.
+
+    ``placing`` is where the method lays which part of it, and why; ``plan`` is None for a view that
+    the operator chose.
+    """
+
+    view_index: int
+    side: Side | None
+    plan: Plan | None
+    placing: Placing
+
+    @property
+    def component(self) -> int:
+        """The connected part of the view that was laid on."""
+        return self.placing.component
+
+    @property
+    def alignment(self) -> Alignment:
+        """How that part was laid on."""
+        return self.placing.alignment
+
+
+class Integration:
+    """One recording, one configuration, one method, and all that is derived from them.
+
+    Parameters
+    ----------
+    recording : Recording
+        The views.
+    config : Config, optional
+        The numbers of the method; by default the method's own.
+    method : str
+        One of ``METHODS``.
+
+    Attributes
+    ----------
+    axis : RotationAxis
+        Turning axis, held frame; estimated if the recording has none.
+    held_point_m : (3,) float64
+        Where the item is held.
+    notes : tuple of str
+        What the operator must know about this recording.
+
+    Raises
+    ------
+    ConfigError
+        If the method is unknown.
+    """
+
+    def __init__(self, recording: Recording, config: Config | None = None, method: str = METHODS[0]) -> None:
+        if method not in METHODS:
+            raise ConfigError(f"Unknown method {method!r}; choose one of: {', '.join(METHODS)}.")
+        self.recording = recording
+        self.config = config or (PAPER_CONFIG if method == "paper" else Config())
+        self.method = method
+        self._frames: Memory[RgbdFrame] = Memory(MAX_VIEWS, 128 * _MIB)
+        self._ahead = ReadAhead(self.frame)
+        hanging = resolve_axis(recording, self.frame, self.config.surface)
+        self.held_point_m: Float64 = hanging.held_point_m
+        self.notes = (*_notes(recording), *getattr(recording, "notes", ()), *hanging.notes)
+        self.turn_about(hanging.axis)
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        """Take another turning axis, held frame; what was derived with the last one is forgotten.
+
+        To be called while no other thread computes.
+        """
+        self.axis = axis
+        self._clouds: Memory[ViewCloud] = Memory(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Memory[Flattening | FlatclothError] = Memory(MAX_VIEWS, 512 * _MIB)
+        self._proposals: Memory[Proposal] = Memory(16)
+        self._overlays: Memory[FlattenedView] = Memory(2)
+        angles = self.recording.angles_deg
+        self._method: Paper | Robust = Paper(self, angles) if self.method == "paper" else Robust(self, angles)
+
+    def axis_agreement(self) -> str:
+        """Say in a sentence how well the views agree about the present axis."""
+        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
+
+    # ---------------------------------------------------------------- single views
+
+    def frame(self, view_index: int) -> RgbdFrame:
+        """Read a view; the last few are kept."""
+        return self._frames.get(view_index, lambda: self.recording[view_index])
+
+    def cloud(self, view_index: int) -> ViewCloud:
+        """Return the foreground points of a view, held frame."""
+        return self._clouds.get(view_index, lambda: self._cloud(view_index))
+
+    def flattening(self, view_index: int) -> Flattening:
+        """Return a view's flattened view with its intermediates.
+
+        Raises
+        ------
+        SurfaceError, FlatteningError
+            If the view shows too little; the same error again at the next call, without the work.
+        """
+        made = self._flattenings.get(view_index, lambda: self._flatten(view_index))
+        if isinstance(made, FlatclothError):
+            raise made
+        return made
+
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one connected part of a view's flattened view, the largest being 0."""
+        components = self.flattening(view_index).components
+        if not 0 <= component < len(components):
+            raise FlatclothError(f"View {view_index} has {len(components)} parts, none numbered {component}.")
+        return components[component].view
+
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        """Return the observed area of the side of interest in each view (n_views,)."""
+        areas = np.zeros(len(self.recording))
+        for n in range(len(areas)):
+            progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
+            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
+            frame = self.frame(n)
+            areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
+        return areas
+
+    # ---------------------------------------------------------------- the shape
+
+    @property
+    def accept_score(self) -> float:
+        """Unattended, a proposal with a lower score is refused."""
+        c = self.config
+        return c.alignment.accept_score if self.method == "paper" else c.agreement.accept_confidence
+
+    @property
+    def robust(self) -> Robust | None:
+        """The joint shapes behind the canonical views, if that is the method."""
+        return self._method if isinstance(self._method, Robust) else None
+
+    def canonical(self, document: Document) -> Canonical:
+        """Return the canonical view of a document's accepted views (remembered).
+
+        Raises
+        ------
+        FlatclothError
+            If the session has no start view yet.
+        """
+        return self._method.canonical(document)
+
+    def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
+        """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
+        return fronts(document, self.recording.angles_deg)
+
+    def plan(self, document: Document) -> Plan:
+        """Choose the next view."""
+        return self._method.plan(document, self._unusable())
+
+    # ---------------------------------------------------------------- proposals
+
+    def proposal(self, document: Document) -> Proposal:
+        """Return the proposal behind a document's pending view; computed again after a resume."""
+        pending = document.pending
+        if pending is None:
+            raise FlatclothError("There is no proposal now; step first.")
+        key = (document.start_view, document.accepted, pending.view_index, pending.side)
+        return self._proposals.get(key, lambda: self._proposal_again(document, pending))
+
+    def overlay(self, document: Document) -> FlattenedView:
+        """Return the pending view, rastered on the current plane at the placement in force."""
+        pending = document.pending
+        assert pending is not None
+        placed = pending.view_index, pending.component, pending.current_from_new
+        return self._overlays.get(
+            (document.start_view, document.accepted, *placed),
+            lambda: place(self.part(pending.view_index, pending.component), pending.current_from_new),
+        )
+
+    def new_points(self, document: Document) -> Bool:
+        """Return (H, W) of :meth:`overlay`: where it lies beyond the canonical view."""
+        overlay, current = self.overlay(document), self.canonical(document).view
+        rc = np.rint(current.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
+        inside = ((rc >= 0) & (rc < current.shape)).all(axis=1)
+        known = np.zeros(len(rc), dtype=bool)
+        known[inside] = current.valid[rc[inside, 0], rc[inside, 1]]
+        fresh = overlay.valid.copy()
+        fresh[overlay.valid] = ~known
+        return fresh
+
+    def score(self, document: Document) -> AlignmentScore:
+        """Score the placement in force, nudges included."""
+        pending = document.pending
+        assert pending is not None
+        return self._method.score(document, pending.view_index, pending.component, pending.current_from_new)
+
+    def reach(self, document: Document) -> Reach:
+        """Return how the placement in force fits, and what refining it from there reaches."""
+        return reach(self._method, document)
+
+    def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
+        """Do the work that a session asked for.
+
+        Parameters
+        ----------
+        document : Document
+            The session's document when it asked.
+        request : Request
+            What it asked for.
+        progress : callable
+            Told how far the work is; may raise ``CancelledError``.
+
+        Raises
+        ------
+        FlatclothError
+            If the work fails; report it, then answer the session with ``Failed``.
+        CancelledError
+            Whatever ``progress`` raised.
+        """
+        if request.kind == "start":
+            view = self._start_view(progress) if request.view_index is None else request.view_index
+            progress(0.9, f"flattening view {view}")
+            self.flattening(view)
+            return Started(request.token, view)
+        if request.kind == "follow":
+            progress(0.1, f"view {request.view_index} follows")
+            return follow(self._method, document, request.token, self.accept_score, progress)
+        if request.view_index is not None:
+            return self._by_hand(document, request.token, request.view_index, progress)
+        return self._planned(document, request.token, progress)
+
+    # ---------------------------------------------------------------- the work itself
+
+    def _start_view(self, progress: Progress) -> int:
+        areas = self.observed_areas_m2(progress)
+        for view in np.argsort(-areas, kind="stable"):
+            try:
+                folded_share = self.flattening(int(view)).components[0].folded_share
+            except (SurfaceError, FlatteningError):
+                continue
+            if folded_share <= self.config.flattening.max_folded_share:
+                return int(view)
+        raise FlatteningError(
+            f"{self.recording.location}: no view shows enough cloth that flattens without folds. "
+            "Check depth and masks."
+        )
+
+    def _planned(self, document: Document, token: int, progress: Progress) -> Event:
+        """Propose the planned view; a view that cannot be flattened or aligned is passed over."""
+        tried: list[str] = []
+        passed = set(document.rejected)
+        while True:
+            progress(0.05, "choosing the rotation")
+            plan = plan_put_off(self.plan, _with_refused(document, passed))
+            if plan.view_index is None:
+                reason = plan.reason + (" Passed over: " + " ".join(tried) if tried else "")
+                return NothingMore(token, reason)
+            try:
+                proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
+            except (SurfaceError, FlatteningError, AlignmentError) as error:
+                tried.append(str(error))
+                passed.add(Rejected(plan.view_index, str(error), len(document.accepted)))
+                continue
+            return self._proposed(document, token, proposal)
+
+    def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
+        side = side_of(document, self.recording.angles_deg, view_index) if self.method == "paper" else None
+        try:
+            proposal = self._propose(document, view_index, side, None, progress)
+        except AlignmentError as error:
+            proposal = self._unaligned(document, view_index, side, error)
+            return self._proposed(document, token, proposal, f"{error} It lies beside the shape to be moved.")
+        return self._proposed(document, token, proposal)
+
+    def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
+        try:
+            return self._propose(document, pending.view_index, pending.side, None, no_progress)
+        except AlignmentError as error:
+            return self._unaligned(document, pending.view_index, pending.side, error)
+
+    def _unaligned(
+        self, document: Document, view_index: int, side: Side | None, error: AlignmentError
+    ) -> Proposal:
+        """Lay the largest part that is not folded beside the shape; if all are, by hand is no help."""
+        most = self.config.flattening.max_folded_share
+        components = enumerate(self.flattening(view_index).components)
+        parts = {n: component.view for n, component in components if component.folded_share <= most}
+        if not parts:
+            raise error
+        to_side = side_of(document, self.recording.angles_deg, view_index)
+        placing = laid_beside(self.canonical(document).view, parts, to_side)
+        return Proposal(view_index=view_index, side=side, plan=None, placing=placing)
+
+    def _propose(
+        self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress
+    ) -> Proposal:
+        placing = self._method.propose(document, view_index, side, progress)
+        return Proposal(view_index=view_index, side=side, plan=plan, placing=placing)
+
+    def _read_ahead_of(self, view_index: int) -> None:
+        """Decode the views that a next rotation from this one may lead to, the likeliest first."""
+        angles = np.asarray(self.recording.angles_deg)
+        turn = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
+        near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
+        likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
+        self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
+
+    def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
+        self._read_ahead_of(proposal.view_index)
+        key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
+        self._proposals.put(key, proposal)
+        return Proposed(
+            token,
+            proposal.view_index,
+            proposal.alignment.current_from_new,
+            proposal.side,
+            proposal.alignment.score.total,
+            proposal.component,
+            why,
+        )
+
+    def _flatten(self, view_index: int) -> Flattening | FlatclothError:
+        config = self.config
+        try:
+            surface = observe_item(self.frame(view_index), self.axis, config.surface)
+            return flatten(
+                surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
+            )
+        except (SurfaceError, FlatteningError) as error:
+            return error
+
+    def _unusable(self) -> set[int]:
+        return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
+
+    def _cloud(self, view_index: int) -> ViewCloud:
+        frame = self.frame(view_index)
+        shown = foreground_mask(frame, self.axis, self.config.surface)
+        held = held_from_camera(self.axis, frame.angle_deg)
+        xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
+        of_interest = shown if frame.mask is None else frame.mask
+        return ViewCloud(
+            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
+        )
+
+
+def _with_refused(document: Document, refused: set[Rejected]) -> Document:
+    return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))
+
+
+def _notes(recording: Recording) -> tuple[str, ...]:
+    notes = []
+    if not recording.has_masks:
+        notes.append(
+            "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
+        )
+    if len(recording) == 1:
+        notes.append(
+            "This recording has one view: it is flattened and can be picked, but there is nothing to add."
+        )
+    return tuple(notes)

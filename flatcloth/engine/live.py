@@ -1,0 +1,76 @@
+"""A recording played as if it were live: each frame flattened from where the last one was."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+from flatcloth.core.config import FlatteningConfig
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import FlattenedView, RgbdFrame
+from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.surface import observe_item
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveFrame:
+    """One frame: its flattened view (own plane, attributes in the held frame) and its cloud.
+
+    ``flatten_ms`` is what surface and flattening took, reading not included.
+    """
+
+    view_index: int
+    angle_deg: float
+    view: FlattenedView
+    cloud: ViewCloud
+    flatten_ms: float
+
+
+class LivePlayer:
+    """Flattens one view after the other, warm-started; not thread-safe.
+
+    Parameters
+    ----------
+    integration : Integration
+        Recording and configuration. Only the finest sampling interval is used: the last frame
+        takes the place of the coarse level.
+    """
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        config = integration.config.flattening
+        self._config: FlatteningConfig = replace(
+            config, sampling_intervals_px=config.sampling_intervals_px[-1:]
+        )
+        self._last: Flattening | None = None
+
+    def show(self, view_index: int) -> LiveFrame:
+        """Flatten a view, starting from the last one shown.
+
+        Raises
+        ------
+        FlatclothError
+            If the view shows too little cloth; the next view starts anew.
+        """
+        frame = self._integration.frame(view_index)
+        view, took_ms = self.flattened(frame)
+        return LiveFrame(
+            view_index=view_index, angle_deg=frame.angle_deg, view=view,
+            cloud=self._integration.cloud(view_index), flatten_ms=took_ms,
+        )  # fmt: skip
+
+    def flattened(self, frame: RgbdFrame) -> tuple[FlattenedView, float]:
+        """Return the flattened view of a frame, and how many milliseconds it took."""
+        made = self._integration
+        started = time.perf_counter()
+        try:
+            surface = observe_item(frame, made.axis, made.config.surface)
+            self._last = flatten(
+                surface, made.axis, self._config, previous=self._last,
+                min_area_m2=made.config.surface.min_component_area_m2,
+            )  # fmt: skip
+        except FlatclothError:
+            self._last = None
+            raise
+        return self._last.view, 1e3 * (time.perf_counter() - started)

@@ -1,0 +1,132 @@
+"""A camera seen live: its newest frame flattened, its cloud, and what stands for a recording of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flatcloth.cameras.base import CameraError
+from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.feed import CameraFeed
+from flatcloth.core.errors import FlatclothError, SurfaceError
+from flatcloth.core.geometry import back_project
+from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.engine.live import LiveFrame, LivePlayer
+
+NOTHING_YET_S = 2.0
+"""A camera that shows nothing new for this long is told of, where a frame was to be flattened."""
+MOST_POINTS = 25_000
+"""Of a live cloud; more would be sent 30 times a second faster than browsers take them."""
+BEHIND_M = 0.7
+"""What is farther behind the nearest thing than this is not drawn."""
+
+
+class CameraPlayer(LivePlayer):
+    """Flattens the newest frame of a camera; not thread-safe.
+
+    Parameters
+    ----------
+    integration : Integration
+        Of a :class:`CameraRecording`.
+    feed : CameraFeed
+        Where the frames come from.
+    """
+
+    def __init__(self, integration: Integration, feed: CameraFeed) -> None:
+        super().__init__(integration)
+        self._feed = feed
+        self._shown_s: float | None = None
+
+    def show(self, view_index: int) -> LiveFrame:
+        """Wait for a frame that was not shown yet, and flatten it.
+
+        Raises
+        ------
+        FlatclothError
+            If none comes, or it shows too little cloth.
+        """
+        seen = self._feed.newest(self._shown_s, NOTHING_YET_S)
+        if seen is None:
+            raise CameraError(f"{self._feed.camera.name}: no picture has come for {NOTHING_YET_S:g} s.")
+        self._shown_s = seen.time_s
+        frame = seen.rgbd(self._feed.camera)
+        item = look_at(frame).item
+        if not item.any():
+            raise SurfaceError("The camera sees no item to flatten.")
+        try:
+            view, took_ms = self.flattened(replace(frame, mask=item))
+        except FlatclothError as error:
+            # The remedy of a recorded view, to use another one, is none here.
+            raise SurfaceError(str(error).removeprefix("View 0: ").partition(";")[0] + ".") from error
+        points, colors = cloud_of(frame)
+        cloud = ViewCloud(
+            view_index=view_index, xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_)
+        )
+        return LiveFrame(view_index=view_index, angle_deg=0.0, view=view, cloud=cloud, flatten_ms=took_ms)
+
+
+class CameraRecording:
+    """A camera as a recording of one view: the newest frame, for what wants a recording's header.
+
+    Its axis is the vertical of a level camera, half a metre to a metre away.
+    """
+
+    rotation_axis: RotationAxis | None = RotationAxis(
+        point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0]), estimated=True
+    )
+    held_point_m: Float64 | None = np.array([0.0, -0.4, 0.8])
+    angles_deg: tuple[float, ...] = (0.0,)
+    has_masks = False
+
+    def __init__(self, feed: CameraFeed) -> None:
+        self._feed = feed
+        self.name: str = feed.camera.name
+        self.description = "what the camera sees now"
+        self.location = f"camera {feed.camera.name}"
+        self.intrinsics: Intrinsics = feed.camera.intrinsics
+
+    def __len__(self) -> int:
+        """Return 1."""
+        return 1
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Return the newest frame.
+
+        Raises
+        ------
+        IndexError
+            If the view is not 0.
+        CameraError
+            If there is no frame.
+        """
+        if view_index != 0:
+            raise IndexError(f"view {view_index} of 1")
+        seen = self._feed.newest(None, NOTHING_YET_S)
+        if seen is None:
+            raise CameraError(f"{self.name}: no picture has come yet.")
+        return seen.rgbd(self._feed.camera)
+
+
+def cloud_of(frame: RgbdFrame, most: int = MOST_POINTS) -> tuple[Float32, Uint8]:
+    """Return points (N, 3) and colors (N, 3) of what is near in a frame, camera frame.
+
+    Parameters
+    ----------
+    frame : RgbdFrame
+        A view.
+    most : int
+        At most this many points, evenly thinned.
+    """
+    depth = frame.depth_m
+    few = depth[::8, ::8]
+    measured = few[few > 0]
+    if not measured.size:
+        return np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.uint8)
+    near = (depth > 0) & (depth < np.percentile(measured, 2) + BEHIND_M)
+    rows, cols = np.nonzero(near)
+    keep = slice(None) if rows.size <= most else np.linspace(0, rows.size - 1, most).astype(np.intp)
+    rows, cols = rows[keep], cols[keep]
+    points: Float32 = back_project(depth, frame.intrinsics)[rows, cols]
+    return points, frame.color[rows, cols]

@@ -1,0 +1,151 @@
+"""The report of an unattended integration: what was accepted, what was left, and why."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import FlattenedView
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.registration.cameras import describe
+
+FORMAT = "flatcloth-outcome/1"
+FILE = "outcome.json"
+_FIRM_M = 0.010
+
+
+def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | None = None) -> dict[str, Any]:
+    """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
+
+    Parameters
+    ----------
+    integration : Integration
+        What computed.
+    run : Run
+        The run, finished.
+    earlier : dict of int to float, optional
+        Scores of views that were accepted before this run was resumed; see :func:`earlier_scores`.
+    """
+    document = run.state.document
+    canonical = integration.canonical(document)
+    angles = integration.recording.angles_deg
+    last = {decision.view_index: decision for decision in run.decisions}
+    accepted = []
+    for added in document.accepted:
+        decision = last.get(added.view_index)
+        score = (earlier or {}).get(added.view_index) if decision is None else _number(decision.score)
+        accepted.append(
+            {
+                "view_index": added.view_index,
+                "angle_deg": angles[added.view_index],
+                "score": score,
+                "by_hand": added.fixed,
+            }
+        )
+    refused = {r.view_index: r.reason for r in document.rejected}
+    skipped = {s.view_index: "skipped" for s in document.skipped}
+    left = [
+        {"view_index": view, "angle_deg": angles[view], "reason": reason}
+        for view, reason in {**refused, **skipped}.items()
+    ]
+    return {
+        "format": FORMAT,
+        "recording": integration.recording.name,
+        "method": integration.method,
+        "start_view": document.start_view,
+        "accepted": accepted,
+        "left": left,
+        "ended": document.finished or "",
+        "area_cm2": round(1e4 * canonical.view.area_m2, 1),
+        "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
+        **_sureness(canonical.view),
+        **_cameras(integration, run),
+    }
+
+
+def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
+    """Return what the registration of the views' cameras found, by the method ``robust``."""
+    if integration.robust is None:
+        return {}
+    shapes = integration.robust.shapes
+    registered = shapes.registered(shapes.shape(run.state.document).views)
+    views = [
+        {
+            "view_index": seen.view_index,
+            "turned_deg": round(seen.turned_deg, 3),
+            "swung_deg": round(seen.swung_deg, 3),
+            "moved_mm": round(1e3 * seen.moved_m, 2),
+            "std_deg": [round(float(v), 3) for v in seen.std_deg],
+            "std_mm": [round(1e3 * float(v), 2) for v in seen.std_m],
+        }
+        for seen in registered.views
+    ]
+    return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
+
+
+def _sureness(view: FlattenedView) -> dict[str, float]:
+    if view.placement_std_m is None or not view.valid.any():
+        return {}
+    std = view.placement_std_m[view.valid]
+    return {
+        "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
+        "firm_share": round(float((std <= _FIRM_M).mean()), 4),
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
+
+
+def told(outcome: dict[str, Any]) -> list[str]:
+    """Return the report in a few lines of words."""
+    accepted = outcome["accepted"]
+    scores = [a["score"] for a in accepted if a["score"] is not None]
+    views = [outcome["start_view"], *(a["view_index"] for a in accepted)]
+    lines = [
+        f"{outcome['recording']}: {len(views)} views integrated "
+        f"({', '.join(str(v) for v in sorted(views))}), {outcome['area_cm2']:.0f} cm2."
+    ]
+    if scores:
+        lines.append(f"Least sure: {min(scores):.2f}.")
+    if "firm_share" in outcome:
+        lines.append(
+            f"Place of a pixel: {outcome['placement_std_median_mm']:.1f} mm (median standard deviation); "
+            f"{outcome['firm_share']:.0%} firm."
+        )
+    if "cameras" in outcome:
+        lines.append(outcome["cameras"]["found"])
+    if outcome["floating_cm2"]:
+        areas = ", ".join(f"{area:.0f}" for area in outcome["floating_cm2"])
+        lines.append(f"Floating pieces, which nothing seen connects: {areas} cm2.")
+    lines += [f"View {view['view_index']} was left: {view['reason']}." for view in outcome["left"]]
+    lines.append(outcome["ended"])
+    return lines
+
+
+def earlier_scores(folder: Path) -> dict[int, float]:
+    """Return the scores of the report in a folder, by view; none if there is no such report."""
+    try:
+        accepted = json.loads(read_plain(folder / FILE))["accepted"]
+        return {int(a["view_index"]): float(a["score"]) for a in accepted if a["score"] is not None}
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return {}
+
+
+def write_outcome(outcome: dict[str, Any], folder: Path) -> Path:
+    """Write ``outcome.json``, beside its name first, so that a crash leaves the old or the new one."""
+    file, partial = folder / FILE, folder / f".{FILE}.partial"
+    try:
+        partial.write_text(json.dumps(outcome, indent=1) + "\n")
+        os.replace(partial, file)
+    except OSError as error:
+        raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
+    return file

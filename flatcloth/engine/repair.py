@@ -1,0 +1,107 @@
+"""Mending a placement by hand: what refinement reaches from where it lies, and pairs of points fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.methods.base import AlignmentScore
+from flatcloth.session.machine import Document
+
+_LEAST_SPREAD_M = 0.001
+"""Points nearer to each other than this say nothing about the turn."""
+
+
+class Method(Protocol):
+    """What is needed of a method of integrating views."""
+
+    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
+        """Score a placement."""
+        ...
+
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        """Refine a placement from where it lies."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """How a placement fits, and how the placement fits that refinement reaches from there.
+
+    ``refined`` is that placement, ``current_from_new``.
+    """
+
+    score: AlignmentScore
+    refined: Rigid2
+    refined_score: AlignmentScore
+
+
+def reach(method: Method, document: Document) -> Reach:
+    """Return what refining the proposal from where it lies would reach; changes nothing."""
+    pending = document.pending
+    assert pending is not None
+    view, component, motion = pending.view_index, pending.component, pending.current_from_new
+    refined = method.refined(document, view, component, motion)
+    return Reach(
+        score=method.score(document, view, component, motion),
+        refined=refined,
+        refined_score=method.score(document, view, component, refined),
+    )
+
+
+def apart_mm(score: AlignmentScore) -> float | None:
+    """Return how far apart a placement leaves the cloth, in the method's own measure; None if unknown.
+
+    ``robust``: median distance in space; ``paper``: rms of the difference in height.
+    """
+    value = score.parts.get("place_median_mm", score.parts.get("height_rms_mm"))
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairFit:
+    """Pairs of points fitted: ``by`` moves the proposal; residuals (N,) in m as it lies, and moved so."""
+
+    by: Rigid2
+    residual_m: Float64
+    reached_m: Float64
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the residuals that the fit reaches."""
+        return float(np.sqrt(np.square(self.reached_m).mean()))
+
+
+def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFit:
+    """Fit a rigid motion of the plane to pairs of points, by weighted least squares.
+
+    Parameters
+    ----------
+    new_uv_m : (N, 2) float64
+        Points of the proposal, where they lie on the plane now.
+    shape_uv_m : (N, 2) float64
+        Where they belong.
+    weight : (N,) float64
+        Of each pair, positive; all equal: plain least squares.
+
+    Raises
+    ------
+    AlignmentError
+        If there are fewer than two pairs, or the points lie on each other; tells the remedy.
+    """
+    if len(new_uv_m) < 2:
+        raise AlignmentError("Two pairs of points or more are needed to fit; pick another pair.")
+    for points in (new_uv_m, shape_uv_m):
+        if np.ptp(points, axis=0).max() < _LEAST_SPREAD_M:
+            raise AlignmentError("The points of the pairs lie on each other; pick pairs further apart.")
+    by = fit_rigid2(new_uv_m, shape_uv_m, weight)
+    return PairFit(
+        by=by,
+        residual_m=np.linalg.norm(new_uv_m - shape_uv_m, axis=1),
+        reached_m=np.linalg.norm(by.apply(new_uv_m) - shape_uv_m, axis=1),
+    )

@@ -1,0 +1,424 @@
+"""The method stage by stage on one recording: the intermediate results of the paper's Figs. 2 and 4.
+
+Always the paper's method, with its own interpolation, whatever the session's method is. The numbers
+that a learner may play with (d, A_w, S_0) replace the configuration's in a small computation beside
+the session: frames and axis are read from it, nothing in it is changed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flatcloth.core.cache import Memory
+from flatcloth.core.config import Config
+from flatcloth.core.errors import AlignmentError, ConfigError
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float64,
+    Int32,
+    Intrinsics,
+    Progress,
+    RgbdFrame,
+    Rigid2,
+    RotationAxis,
+    Uint8,
+    no_progress,
+)
+from flatcloth.engine.integration import Integration, Proposal
+from flatcloth.flattening.flatten import Flattening, Level, flatten
+from flatcloth.flattening.surface import observe_item
+from flatcloth.methods.base import Canonical, Plan
+from flatcloth.methods.paper.matching import Matcher
+from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
+
+INTERVALS_PX = (4, 40)
+Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
+OVERLAP_AREAS_M2 = (0.0001, 1.0)
+"""What may be asked for; beyond, the method has nothing to show."""
+
+KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
+"""Where a pixel of the renewed view comes from: seen by one of the two only, or by both."""
+
+_INTERVALS_KEPT = 6
+_FLATTENINGS_KEPT = 12
+_ALIGNMENTS_KEPT = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """What a learner may change: the coarse interval d, the limit A_w and the overlap S_0.
+
+    Raises
+    ------
+    ConfigError
+        If one is outside of what can be shown; the message names it.
+    """
+
+    sampling_interval_px: int
+    z_angle_limit_deg: float
+    overlap_area_m2: float
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, value, (low, high) in (
+            ("d, the sampling interval (px),", self.sampling_interval_px, INTERVALS_PX),
+            ("A_w, the measurement limit (deg),", self.z_angle_limit_deg, Z_ANGLE_LIMITS_DEG),
+            ("S_0, the desirable overlap (m2),", self.overlap_area_m2, OVERLAP_AREAS_M2),
+        ):
+            if not low <= value <= high:
+                raise ConfigError(f"{name} must lie between {low:g} and {high:g}, not at {value:g}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatteningLesson:
+    """Fig. 2: one view from its samples to its flattened view.
+
+    ``unused_pairs`` holds for each level the (K, 2) pairs of neighbours with B = 0: the way between
+    them leaves the visible surface, or cuts across a fold. ``energy`` and ``states`` of the levels
+    are those of the largest connected part.
+    """
+
+    view_index: int
+    flattening: Flattening
+    unused_pairs: tuple[Int32, ...]
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """The coarse and the fine level."""
+        return self.flattening.levels
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningLesson:
+    """Fig. 4a: the Z-angles of the flattened view, the curves, and the rotation they lead to."""
+
+    view_index: int
+    view: FlattenedView
+    plan: Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """What the search around the initial estimate looked at.
+
+    ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,),
+    which holds for v as well. ``starts`` (K, 3), turn and shifts, are the places looked at in
+    detail; ``path`` (P, 3) leads from the initial estimate over the best of them to the result, and
+    ``motions`` are the placements along it. ``tried`` counts all placements that were compared.
+    """
+
+    turns_rad: Float64
+    shifts_m: Float64
+    cost: Float64
+    starts: Float64
+    path: Float64
+    motions: tuple[Rigid2, ...]
+    tried: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignmentLesson:
+    """Fig. 4b to g: the next view, its initial estimate, the search, and the renewed view.
+
+    ``origin`` (H, W) uint8 tells for each pixel of the renewed view which of the two views shows it:
+    ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none. ``planned_view`` is the view that
+    was planned first; it is not ``view_index`` if it could not be laid on.
+    """
+
+    planned_view: int
+    proposal: Proposal
+    flattening: Flattening
+    current: FlattenedView
+    new: FlattenedView
+    search: Search
+    renewed: Canonical
+    origin: Uint8
+
+    @property
+    def view_index(self) -> int:
+        """The view that is added."""
+        return self.proposal.view_index
+
+
+class Teaching:
+    """Computes the stages, and remembers them; all methods may be called from several threads.
+
+    Parameters
+    ----------
+    integration : Integration
+        The session's; its recording, frames, axis and configuration are used.
+
+    Attributes
+    ----------
+    defaults : Parameters
+        Those of the session's configuration.
+    """
+
+    def __init__(self, integration: Integration) -> None:
+        self._session = integration
+        config = integration.config
+        self.defaults = Parameters(
+            sampling_interval_px=int(np.clip(config.flattening.sampling_intervals_px[0], *INTERVALS_PX)),
+            z_angle_limit_deg=float(np.clip(config.planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
+            overlap_area_m2=float(np.clip(config.planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
+        )
+        self._flattenings: Memory[Flattening] = Memory(_FLATTENINGS_KEPT)
+        self._integrations: Memory[_PaperIntegration] = Memory(_INTERVALS_KEPT)
+        self._alignments: Memory[AlignmentLesson] = Memory(_ALIGNMENTS_KEPT)
+        self._starts: Memory[int] = Memory(1)
+
+    def start_view(self, progress: Progress = no_progress) -> int:
+        """Return the view the paper begins with: the one that shows most, and flattens without folds.
+
+        Raises
+        ------
+        FlatteningError
+            If there is none.
+        """
+
+        def find() -> int:
+            event = self._paper(self.defaults).answer(Document(), Request(0, "start"), progress)
+            assert isinstance(event, Started)
+            return event.view_index
+
+        return self._starts.get("start", find)
+
+    def flattening(
+        self, view_index: int, parameters: Parameters, progress: Progress = no_progress
+    ) -> FlatteningLesson:
+        """Return Fig. 2 for one view.
+
+        Raises
+        ------
+        SurfaceError, FlatteningError
+            If the view shows too little at this interval.
+        """
+        progress(0.1, f"flattening view {view_index}")
+        flattening = self._paper(parameters).flattening(view_index)
+        return FlatteningLesson(
+            view_index=view_index,
+            flattening=flattening,
+            unused_pairs=tuple(_unused_pairs(level) for level in flattening.levels),
+        )
+
+    def planning(
+        self, view_index: int, parameters: Parameters, progress: Progress = no_progress
+    ) -> PlanningLesson:
+        """Return Fig. 4a, with one view as the current flattened view; errors as :meth:`flattening`."""
+        progress(0.1, f"flattening view {view_index}")
+        paper = self._paper(parameters)
+        view = paper.flattening(view_index).view
+        progress(0.8, "choosing the rotation")
+        return PlanningLesson(
+            view_index=view_index, view=view, plan=paper.plan(Document(start_view=view_index))
+        )
+
+    def alignment(
+        self, view_index: int, parameters: Parameters, progress: Progress = no_progress
+    ) -> AlignmentLesson:
+        """Return Fig. 4b to g, with one view as the current flattened view.
+
+        Raises
+        ------
+        AlignmentError
+            If no view is left to add, or none can be laid on; the message says why.
+        SurfaceError, FlatteningError
+            If the current view shows too little.
+        """
+        paper = self._paper(parameters)
+        document = Document(start_view=view_index)
+        plan = paper.plan(document)
+        # S_0 matters only by the view that it leads to.
+        key = (
+            view_index,
+            parameters.sampling_interval_px,
+            parameters.z_angle_limit_deg,
+            plan.view_index,
+            plan.side,
+        )
+        return self._alignments.get(key, lambda: _align(paper, document, plan.view_index, progress))
+
+    def _paper(self, parameters: Parameters) -> _PaperIntegration:
+        config = paper_config(self._session.config, parameters)
+        return self._integrations.get(
+            parameters, lambda: _PaperIntegration(self._session, config, self._flattenings)
+        )
+
+
+def _align(
+    paper: _PaperIntegration, document: Document, planned: int | None, progress: Progress
+) -> AlignmentLesson:
+    event = paper.answer(document, Request(0, "propose"), progress)
+    if planned is None or not isinstance(event, Proposed):
+        raise AlignmentError(getattr(event, "reason", "There is no view to add."))
+    assert document.start_view is not None
+    pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
+    proposal = paper.proposal(replace(document, pending=pending))
+    progress(0.9, "following the search")
+    current = paper.canonical(document).view
+    new = paper.part(event.view_index, event.component)
+    watched = _WatchedMatcher(current, new, paper.axis, paper.config.alignment)
+    watched.search(proposal.alignment.initial)
+    progress(0.98, "renewing the flattened view")
+    accepted = Accepted(event.view_index, event.current_from_new, side=event.side, component=event.component)
+    renewed = paper.canonical(replace(document, accepted=(accepted,)))
+    return AlignmentLesson(
+        planned_view=planned,
+        proposal=proposal,
+        flattening=paper.flattening(event.view_index),
+        current=current,
+        new=new,
+        search=watched.seen(),
+        renewed=renewed,
+        origin=_origin(renewed, current, new, document.start_view, event.view_index),
+    )
+
+
+def paper_config(config: Config, parameters: Parameters) -> Config:
+    """Return the session's configuration with the paper's choices and the learner's numbers.
+
+    The paper lays one surface a view (no necks are cut), halves the interval once, and interpolates
+    linearly over Delaunay triangles.
+    """
+    coarse = parameters.sampling_interval_px
+    return replace(
+        config,
+        flattening=replace(
+            config.flattening,
+            sampling_intervals_px=(coarse, coarse // 2),
+            interpolation="delaunay",
+            least_core_samples=0,
+        ),
+        planning=replace(
+            config.planning,
+            z_angle_limit_deg=parameters.z_angle_limit_deg,
+            overlap_area_m2=parameters.overlap_area_m2,
+        ),
+    )
+
+
+class _SessionRecording:
+    """The session's recording, read through its memory of frames; the axis is the one in use."""
+
+    def __init__(self, session: Integration) -> None:
+        self._session = session
+        recording = session.recording
+        self.name: str = recording.name
+        self.description: str = recording.description
+        self.location: str = recording.location
+        self.intrinsics: Intrinsics = recording.intrinsics
+        self.rotation_axis: RotationAxis | None = session.axis
+        self.held_point_m: Float64 | None = session.held_point_m
+        self.angles_deg: tuple[float, ...] = recording.angles_deg
+        self.has_masks: bool = recording.has_masks
+
+    def __len__(self) -> int:
+        return len(self.angles_deg)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        return self._session.frame(view_index)
+
+
+class _PaperIntegration(Integration):
+    """The paper's method beside a session; flattened views are recorded, and shared while d is the same."""
+
+    def __init__(self, session: Integration, config: Config, flattenings: Memory[Flattening]) -> None:
+        super().__init__(_SessionRecording(session), config, "paper")
+        self._shared = flattenings
+
+    def flattening(self, view_index: int) -> Flattening:
+        def make() -> Flattening:
+            surface = observe_item(self.frame(view_index), self.axis, self.config.surface)
+            least = self.config.surface.min_component_area_m2
+            return flatten(surface, self.axis, self.config.flattening, min_area_m2=least, record=True)
+
+        return self._shared.get((view_index, self.config.flattening.sampling_intervals_px), make)
+
+
+class _WatchedMatcher(Matcher):
+    """Searches exactly as its base does, and keeps what it looked at."""
+
+    def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
+        self._batches: list[tuple[Float64, Float64]] = []
+        self._paths: list[tuple[float, list[Float64]]] = []
+        found = super().search(initial, progress)
+        self._initial = initial
+        return found
+
+    def _cost(
+        self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
+    ) -> Float64:
+        cost = super()._cost(motions, offsets, points, smoothing_m, expected_share)
+        self._batches.append((offsets, cost))
+        return cost
+
+    def _refine(
+        self, initial: Rigid2, start: Float64, center: Float64, share: float
+    ) -> tuple[float, Float64]:
+        first = len(self._batches)
+        lowest, best = super()._refine(initial, start, center, share)
+        steps = [offsets[int(np.argmin(cost))] for offsets, cost in self._batches[first:]]
+        self._paths.append((lowest, [np.zeros(3), start, *steps, best]))
+        self._center = center
+        return lowest, best
+
+    def seen(self) -> Search:
+        """Return what the last search looked at."""
+        offsets, cost = self._batches[0]
+        turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
+        _, steps = min(self._paths, key=lambda item: item[0])
+        moved = [True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]
+        path = np.array(steps)[moved]
+        return Search(
+            turns_rad=turns,
+            shifts_m=shifts,
+            cost=cost.reshape(turns.size, shifts.size, shifts.size),
+            starts=np.array([steps[1] for _, steps in self._paths]),
+            path=path,
+            motions=tuple(self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path),
+            tried=sum(len(batch) for batch, _ in self._batches),
+        )
+
+
+def _unused_pairs(level: Level) -> Int32:
+    """Return the (K, 2) pairs of grid neighbours, diagonals included, that are not among the pairs."""
+    points = level.points_rc
+    if len(points) < 2:
+        return np.zeros((0, 2), dtype=np.int32)
+    near = cKDTree(points).query_pairs(1.5 * level.sampling_interval_px, output_type="ndarray")
+    code = np.sort(near, axis=1) @ np.array([len(points), 1])
+    used = np.sort(level.edges.astype(np.int64), axis=1) @ np.array([len(points), 1])
+    unused: Int32 = near[~np.isin(code, used)].astype(np.int32)
+    return unused
+
+
+def _origin(
+    renewed: Canonical, current: FlattenedView, new: FlattenedView, current_index: int, new_index: int
+) -> Uint8:
+    """Say for each pixel of the renewed view (H, W) which of the two views shows it."""
+    view = renewed.view
+    seen = []
+    for source, index in ((current, current_index), (new, new_index)):
+        seen.append(_covers(source, renewed.current_from_view[index].inverse(), view))
+    both = seen[0] & seen[1]
+    from_new: NDArray[np.bool_] = view.view_index == new_index
+    origin = np.where(from_new, np.where(both, NEW_OF_BOTH, NEW), np.where(both, OLD_OF_BOTH, KEPT))
+    return np.where(view.valid, origin, 0).astype(np.uint8)
+
+
+def _covers(source: FlattenedView, source_from_plane: Rigid2, plane: FlattenedView) -> Bool:
+    """Return where (H, W) on a plane's grid a view has cloth."""
+    rows, cols = np.indices(plane.shape)
+    rc = np.rint(
+        source.rc_from_uv(source_from_plane.apply(plane.uv_from_rc(np.stack([rows, cols], axis=-1))))
+    )
+    inside: Bool = np.asarray(((rc >= 0) & (rc < source.shape)).all(axis=-1))
+    at = np.where(inside[..., None], rc, 0).astype(np.intp)
+    covered: Bool = inside & source.valid[at[..., 0], at[..., 1]]
+    return covered

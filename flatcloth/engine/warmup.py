@@ -1,0 +1,67 @@
+"""Compile the numerical kernels once, so that the first start is as quick as the later ones.
+
+``python -m flatcloth.engine.warmup`` runs two small synthetic views through the whole method; numba keeps
+what it compiled beside the sources.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.engine.integration import Integration
+from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
+
+
+class TurnedCylinder:
+    """A recording of a checkered half cylinder, two views; as small as the method allows."""
+
+    name = "cylinder"
+    description = "checkered half cylinder, computed"
+    location = "computed"
+    has_masks = True
+    angles_deg = (0.0, 20.0)
+    intrinsics = Intrinsics(width=160, height=160, fx=250.0, fy=250.0, cx=79.5, cy=79.5)
+    rotation_axis = RotationAxis(point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0]))
+    held_point_m: Float64 = np.array([0.0, -0.2, 0.8])
+
+    def __len__(self) -> int:
+        """Return 2."""
+        return len(self.angles_deg)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Render one view: the ray meets the cylinder of radius 0.12 m about the axis."""
+        k, radius = self.intrinsics, 0.12
+        y, x = (np.mgrid[0 : k.height, 0 : k.width] - np.array([k.cy, k.cx])[:, None, None]) / k.fx
+        a, b = 1.0 + x * x, 0.8
+        root = np.sqrt(np.maximum(b * b - a * (b * b - radius * radius), 0.0))
+        depth = np.where(root > 0, (b - root) / a, 0.0)
+        around = np.degrees(np.arctan2(x * depth, 0.8 - depth)) - self.angles_deg[view_index]
+        mask = (root > 0) & (np.abs(around) < 80.0) & (np.abs(y * depth) < 0.15)
+        squares = np.floor(around / 12.0) + np.floor(y * depth / 0.025)
+        color = np.where((squares % 2 == 0)[..., None], 220, 40) * np.ones(3)
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=self.angles_deg[view_index],
+            color=color.astype(np.uint8),
+            depth_m=np.where(mask, depth, 0.0).astype(np.float32),
+            mask=mask,
+            intrinsics=k,
+        )
+
+
+def warm_up() -> None:
+    """Integrate the cylinder once."""
+    integration = Integration(TurnedCylinder())
+    state = apply(SessionState(2), Start())
+    for command in (None, Propose(1)):
+        if command is not None:
+            state = apply(state, command)
+        if state.request is not None:
+            state = apply(state, integration.answer(state.document, state.request))
+    state = apply(state, Accept(1))
+    integration.canonical(state.document)
+
+
+if __name__ == "__main__":
+    warm_up()

@@ -1,0 +1,115 @@
+"""The curves h(u) and A_z(u) behind a plan (paper, Fig. 4), computed again and drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Float64, Floats
+from flatcloth.export.history import Decision
+from flatcloth.export.session import OpenedSession
+from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
+from flatcloth.methods.paper.planning import column_curves
+from flatcloth.rendering.charts import SMALL, Frame, draw_axes
+from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SOFT, Drawing, Run
+from flatcloth.session.machine import Side
+
+if TYPE_CHECKING:
+    from flatcloth.core.config import PlanningConfig
+
+
+def plan_of(session: OpenedSession, decision: Decision) -> Plan | None:
+    """Return the plan behind a proposal, computed again; None if the operator chose the view."""
+    if decision.by_hand:
+        return None
+    try:
+        made = session.integration.plan(replace(decision.before, pending=None))
+    except FlatclothError:
+        return None  # nothing is planned from such a shape any more; the decision has its picture
+    return made
+
+
+def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
+    """Return the side of a plan that a proposal was made for; None for methods that plan without sides."""
+    pending = decision.before.pending
+    if plan is None or pending is None:
+        return None
+    sides = [side for side in plan.sides if side.side is pending.side and side.curves.u_m.size > 1]
+    return sides[0] if sides else None
+
+
+def curves_of_view(session: OpenedSession, view_index: int) -> ColumnCurves:
+    """Return h(u) and A_z(u) of a view's own flattened view, at its rotation (paper, Fig. 4d)."""
+    integration = session.integration
+    return column_curves(
+        integration.flattening(view_index).view,
+        integration.axis,
+        integration.recording.angles_deg[view_index],
+        integration.config.planning.z_angle_limit_deg,
+    )
+
+
+def draw_curves(
+    drawing: Drawing,
+    curves: ColumnCurves,
+    config: PlanningConfig,
+    heights: tuple[float, float, float],
+    side: SidePlan | None = None,
+) -> None:
+    """Draw h(u) over A_z(u), and what a side's plan read from them.
+
+    ``heights`` are where the upper plot begins, its height, and that of the lower one.
+    """
+    top, upper, lower = heights
+    limit = config.z_angle_limit_deg
+    u_mm = 1000 * curves.u_m
+    u_range = (float(u_mm[0]), float(u_mm[-1]))
+    width = drawing.width - 80
+    count = Frame(
+        left=56, top=top, width=width, height=upper, x_range=u_range,
+        y_range=(0.0, 1.05 * float(max(curves.column_count.max(), 1))),
+    )  # fmt: skip
+    angle = Frame(
+        left=56, top=top + upper + 44, width=width, height=lower, x_range=u_range,
+        y_range=(-limit - 5, limit + 5),
+    )  # fmt: skip
+    draw_axes(drawing, count, "", "h(u), pixels per column", ())
+    draw_axes(drawing, angle, "u (mm)", "A_z(u), mean Z-angle (\u00b0)")
+    if side is not None:
+        _shade_overlap(drawing, count, side, config)
+    drawing.line(count.place(u_mm, curves.column_count), BLUE, 1.6)
+    drawing.line(angle.place(u_mm, curves.column_mean_z_angle_deg), ORANGE, 1.6)
+    for sign in (-1, 1):
+        drawing.line(angle.place(np.array(u_range), np.full(2, sign * limit)), SOFT, 1.0, dashed=True)
+    told = [Run(f"\u00b1A_w = \u00b1{limit:g}\u00b0", SMALL, SOFT)]
+    if side is not None and math.isfinite(side.u_b_m) and math.isfinite(side.a_0_deg):
+        column = np.full(2, 1000 * side.u_b_m)
+        drawing.line(count.place(column, np.array(count.y_range)), GREEN, 1.2)
+        drawing.line(angle.place(column, np.array(angle.y_range)), GREEN, 1.2)
+        place = angle.place(column[:1], np.array([side.a_0_deg]))[0]
+        drawing.dot(float(place[0]), float(place[1]), 4.0, PINK)
+        reached = f"A_0 = {side.a_0_deg:.0f}\u00b0".replace("-", "\u2212")
+        told.insert(0, Run(reached, SMALL, PINK))
+    drawing.runs(angle.left + width, angle.top - 12, tuple(told), "end")
+
+
+def _shade_overlap(drawing: Drawing, frame: Frame, side: SidePlan, config: PlanningConfig) -> None:
+    """Shade the columns that make up the desirable overlap S_0."""
+    overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
+    drawing.text(frame.left + frame.width, frame.top - 12, overlap, SMALL, BLUE, "end")
+    if math.isfinite(side.u_b_m):
+        u_m, pixels = side.curves.u_m, side.curves.column_count
+        inside = u_m <= side.u_b_m if side.side is Side.LEFT else u_m >= side.u_b_m
+        drawing.area(_below(frame, 1000 * u_m[inside], pixels[inside]), BLUE, 0.22)
+
+
+def _below(frame: Frame, x: Floats, y: Floats) -> Float64:
+    """Return the polygon under a curve."""
+    if len(x) == 0:
+        return np.zeros((0, 2))
+    base = frame.place(np.array([x[-1], x[0]]), np.full(2, frame.y_range[0]))
+    return np.concatenate([frame.place(x, y), base])

@@ -1,0 +1,317 @@
+"""The files that a finished (or any) session leaves behind: arrays, picture, cloud, grasp points."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import os
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.plain_files import open_plain
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
+from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.recordings.files.text import shortened
+
+FORMAT = "flatcloth-flattened/1"
+GRASPS_FORMAT = "flatcloth-grasps/1"
+
+
+class NamedPoint(Protocol):
+    """A pick: a named point of the cloth, held frame."""
+
+    @property
+    def id(self) -> int:
+        """Number of the pick."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name given by the operator."""
+        ...
+
+    @property
+    def position_held_m(self) -> Any:
+        """(3,) metres."""
+        ...
+
+    @property
+    def normal_held(self) -> Any:
+        """(3,) unit, out of the cloth."""
+        ...
+
+    @property
+    def view_index(self) -> int:
+        """View it was measured in."""
+        ...
+
+    @property
+    def source_rc(self) -> Any:
+        """(row, col) in that view's image."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspFrames:
+    """What turns picks into poses, and the frames that the poses are given in.
+
+    ``axis`` is the turning axis (held frame), ``rotation_deg`` the rotation at which the item stands
+    for the camera's and the robot's frame, ``grips`` what the operator chose for each pick (by
+    its number), ``base_from_camera`` the hand-eye transform, None if there is none.
+    """
+
+    axis: RotationAxis
+    rotation_deg: float
+    grips: Mapping[int, Grip] = field(default_factory=dict)
+    base_from_camera: Rigid3 | None = None
+
+
+def export_shape(
+    view: FlattenedView,
+    picks: Iterable[NamedPoint],
+    folder: Path,
+    frames: GraspFrames,
+    floating: Sequence[FlattenedView] = (),
+) -> list[Path]:
+    """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
+
+    Each floating piece goes to ``floating-1.npz`` and so on, in a plane of its own. Each file is
+    written beside its final name and then moved there, so a crash leaves either the old or the new one.
+
+    Raises
+    ------
+    FlatclothError
+        If the folder cannot be written; the message names it.
+    """
+    files: dict[str, Callable[[Path], object]] = {
+        "flattened.npz": lambda path: _write_npz(view, path),
+        "flattened.png": lambda path: path.write_bytes(png_bytes(view)),
+        "cloud.ply": lambda path: path.write_bytes(ply_bytes(view)),
+        "grasps.json": lambda path: path.write_text(grasps_text(view, picks, frames)),
+    }
+    for n, piece in enumerate(floating, start=1):
+        files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, write in files.items():
+            partial = folder / f".{name}.partial"
+            write(partial)
+            os.replace(partial, folder / name)
+    except OSError as error:
+        raise FlatclothError(
+            f"{folder}: the export cannot be written ({error}); choose another folder."
+        ) from error
+    return [folder / name for name in files]
+
+
+_MOST_BYTES = 1_000_000_000
+_ARRAYS: dict[str, tuple[Any, ...]] = {
+    "rgb": (np.uint8, 3),
+    "xyz_m": (np.float32, 3),
+    "normal": (np.float32, 3),
+    "z_angle_deg": (np.float32,),
+    "valid": (np.bool_,),
+    "view_index": (np.int16,),
+    "source_rc": (np.float32, 2),
+    "placement_std_m": (np.float32,),
+}
+"""Type of each array of ``flattened.npz``, and its channels."""
+_MISFITS = (
+    OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, RuntimeError,
+    MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
+)  # fmt: skip
+"""What zipfile and numpy raise for a file that is damaged or none."""
+
+
+def read_shape(path: Path) -> FlattenedView:
+    """Read ``flattened.npz`` back.
+
+    Raises
+    ------
+    FlatclothError
+        If it is missing, damaged or of another format; the message names the file.
+    """
+    try:
+        with open_plain(path) as file, np.load(file, allow_pickle=False) as data:
+            return _shape_of(data)
+    except _MISFITS as error:
+        cause = (
+            error.strerror if isinstance(error, OSError) and error.strerror else shortened(str(error), 120)
+        )
+        raise FlatclothError(f"{path}: not a flattened view ({cause}); export it again.") from error
+
+
+def _shape_of(data: Any) -> FlattenedView:
+    """Return the view of an archive; raises one of ``_MISFITS`` if it holds none."""
+    if sum(part.file_size for part in data.zip.infolist()) > _MOST_BYTES:
+        raise ValueError(f"it unpacks to more than {_MOST_BYTES / 1e9:g} GB")
+    if str(data["format"]) != FORMAT:
+        raise ValueError(f"its format is {shortened(str(data['format']))}, not {FORMAT}")
+    size = data["valid"].shape
+    arrays: dict[str, Any] = {}
+    for name, (dtype, *channels) in _ARRAYS.items():
+        if name in data or name != "placement_std_m":
+            arrays[name] = data[name]
+            if arrays[name].dtype != dtype or len(size) != 2 or arrays[name].shape != (*size, *channels):
+                raise ValueError(f"{name} is of another kind or size")
+    pixel_size_m, origin = float(data["pixel_size_m"]), data["origin_uv_m"]
+    if not (pixel_size_m > 0 and origin.shape == (2,) and np.isfinite([pixel_size_m, *origin]).all()):
+        raise ValueError("it has no pixel size, or no origin")
+    return FlattenedView(
+        **arrays, pixel_size_m=pixel_size_m, origin_uv_m=(float(origin[0]), float(origin[1]))
+    )
+
+
+def _write_npz(view: FlattenedView, path: Path) -> None:
+    arrays: dict[str, Any] = {}
+    if view.placement_std_m is not None:
+        arrays["placement_std_m"] = view.placement_std_m
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            rgb=view.rgb,
+            xyz_m=view.xyz_m,
+            normal=view.normal,
+            z_angle_deg=view.z_angle_deg,
+            valid=view.valid,
+            view_index=view.view_index,
+            source_rc=view.source_rc,
+            pixel_size_m=np.float64(view.pixel_size_m),
+            origin_uv_m=np.array(view.origin_uv_m),
+            format=np.str_(FORMAT),
+            **arrays,
+        )
+
+
+def png_bytes(view: FlattenedView) -> bytes:
+    """Return the flattened picture as PNG, transparent off the cloth."""
+    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
+    bgra = np.concatenate([view.rgb[..., ::-1], alpha[..., None]], axis=-1)
+    return bytes(cv2.imencode(".png", bgra)[1])
+
+
+def ply_bytes(view: FlattenedView) -> bytes:
+    """Return the valid pixels as a binary PLY cloud: held frame, colors, normals, and u, v on the plane."""
+    at = view.valid
+    uv = view.uv_from_rc(np.argwhere(at))
+    kinds = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+    kinds += [(name, "u1") for name in ("red", "green", "blue")]
+    kinds += [("u", "<f4"), ("v", "<f4")]
+    points = np.zeros(int(at.sum()), dtype=kinds)
+    columns = [*view.xyz_m[at].T, *view.normal[at].T, *view.rgb[at].T, *uv.T]
+    for (name, _), column in zip(kinds, columns, strict=True):
+        points[name] = column
+    words = {"<f4": "float", "u1": "uchar"}
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment held frame, metres; u, v on the flattened plane",
+        f"element vertex {points.size}",
+    ]
+    header += [f"property {words[kind]} {name}" for name, kind in kinds]
+    return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
+
+
+def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
+    """Return the text of ``grasps.json``."""
+    return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
+
+
+def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> dict[str, Any]:
+    """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
+    axis, base = frames.axis, frames.base_from_camera
+    return {
+        "format": GRASPS_FORMAT,
+        "frame": "held",
+        "units": "m",
+        "rotation_deg": _number(frames.rotation_deg),
+        "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
+        BASE_FROM_CAMERA: None if base is None else _matrix(base),
+        "grasps": [_grasp(view, pick, frames) for pick in picks],
+    }
+
+
+def _grasp(view: FlattenedView, pick: NamedPoint, frames: GraspFrames) -> dict[str, Any]:
+    position: Float64 = np.asarray(pick.position_held_m, dtype=np.float64)
+    normal: Float64 = np.asarray(pick.normal_held, dtype=np.float64)
+    grasp: dict[str, Any] = {
+        "id": pick.id,
+        "name": pick.name,
+        "position_m": _numbers(position),
+        "normal": _numbers(normal),
+        "view_index": pick.view_index,
+        "source_rc": _numbers(np.asarray(pick.source_rc), 3),
+    }
+    if view.valid.any():
+        (row, col), distance_m = pixel_of_point(view, position)
+        grasp["flattened"] = {
+            "row": row,
+            "col": col,
+            "uv_m": _numbers(view.uv_from_rc(np.array([row, col]))),
+            "distance_m": _number(distance_m),
+        }
+    pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id))
+    return {**grasp, **({"grip": None, "poses": None} if pose is None else _posed(pose, frames))}
+
+
+def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
+    turn = pose.held_from_grasp.rotation
+    camera = pose.camera_from_grasp(frames.axis, frames.rotation_deg)
+    poses = {"held": pose.held_from_grasp, "camera": camera}
+    if frames.base_from_camera is not None:
+        poses["base"] = frames.base_from_camera @ camera
+    about, outline_m = pose.uncertainty, pose.outline_distance_m
+    return {
+        "grip": {
+            "approach": _numbers(turn[:, 2]),
+            "axis": _numbers(turn[:, 0]),
+            "axis_from": pose.axis_from,
+            "opening_m": _number(pose.opening_m),
+            "outline_distance_m": None if outline_m is None else _number(outline_m),
+        },
+        "uncertainty": {
+            "position_m": _number(about.position_m),
+            "normal_deg": _number(about.normal_deg, 2),
+            "axis_deg": _number(about.axis_deg, 2),
+            "placement_m": _number(about.placement_m),
+        },
+        "poses": {
+            name: {
+                "position_m": _numbers(motion.translation_m),
+                "quaternion_wxyz": [_number(x, 9) for x in quaternion_wxyz(motion.rotation)],
+                "matrix": _matrix(motion),
+            }
+            for name, motion in poses.items()
+        },
+    }
+
+
+def _matrix(motion: Rigid3) -> list[list[float | None]]:
+    """Return a rigid motion as the four rows of its matrix."""
+    rows = [
+        [*_numbers(turn, 9), _number(float(shift))]
+        for turn, shift in zip(motion.rotation, motion.translation_m, strict=True)
+    ]
+    return [*rows, [0.0, 0.0, 0.0, 1.0]]
+
+
+def _numbers(values: Floats, digits: int = 6) -> list[float | None]:
+    return [_number(float(x), digits) for x in values]
+
+
+def _number(value: float, digits: int = 6) -> float | None:
+    """Return a rounded number without a negative zero; JSON has no word for what is not finite."""
+    return round(value, digits) + 0.0 if math.isfinite(value) else None

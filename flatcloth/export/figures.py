@@ -1,0 +1,317 @@
+"""The figures of a session: maps of the shape, growth, energy, and each decision with its curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
+from flatcloth.export.history import ACCEPTED, Decision
+from flatcloth.export.session import OpenedSession
+from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
+from flatcloth.methods.base import SidePlan
+from flatcloth.rendering.charts import (
+    SIZE,
+    SMALL,
+    Frame,
+    bars,
+    draw_axes,
+    draw_key,
+    draw_ramp,
+    draw_scale_bar,
+    draw_title,
+)
+from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, text_width
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
+
+_BELOW, _HEAD, _MARGIN = 46, 44, 16
+
+LAYER_WORDS = {
+    "color": ("Color", "the color of the cloth"),
+    "height": ("Height z", "the height along the turning axis"),
+    "z_angle": ("Z-angle", "the Z-angle at which each pixel was seen"),
+    "source": ("Source", "which view each pixel came from"),
+    "stretch": ("Stretch", "how much the flattening changed lengths"),
+    "incidence": ("Incidence", "how obliquely each pixel was seen"),
+    "density": ("Density", "how densely the cloth was measured"),
+}
+"""For each layer its name, and what it shows."""
+
+
+def words_of(layer: str) -> tuple[str, str]:
+    """Return a layer's name and what it shows; its own name for one that has no words yet."""
+    return LAYER_WORDS.get(layer, (layer.replace("_", " ").capitalize(), f"the layer {layer}"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A drawing with the name of its files and its caption."""
+
+    name: str
+    caption: str
+    drawing: Drawing
+
+
+def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
+    """Write every figure as ``.png`` and ``.svg`` to a folder.
+
+    Raises
+    ------
+    FlatclothError
+        If the folder cannot be written, or the session has nothing to show.
+    """
+    made: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for figure in all_figures(session):
+            for suffix, data in (("png", figure.drawing.png()), ("svg", figure.drawing.svg().encode())):
+                path = folder / f"{figure.name}.{suffix}"
+                path.write_bytes(data)
+                made.append(path)
+    except OSError as error:
+        raise FlatclothError(
+            f"{folder}: figures cannot be written there ({error.strerror}); choose another folder."
+        ) from error
+    return made
+
+
+def all_figures(session: OpenedSession) -> Iterator[Figure]:
+    """Make the figures one after the other."""
+    yield from maps(session)
+    yield growth(session)
+    yield energy(session)
+    yield from curves(session)
+    decisions = session.story.decisions
+    for n, decision in enumerate(decisions):
+        session.progress(n / len(decisions), f"drawing decision {n + 1} of {len(decisions)}")
+        yield from of_decision(session, decision)
+
+
+def of_decision(session: OpenedSession, decision: Decision) -> Iterator[Figure]:
+    """Make the figures of one decision: the proposal laid on the shape, and the curves of its plan."""
+    yield overlay(session, decision)
+    side = side_of(plan_of(session, decision), decision)
+    if side is not None:
+        yield plan_figure(session, decision, side)
+
+
+# --- maps ----------------------------------------------------------------------------------------
+
+
+def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Figure]:
+    """Make the maps of the shape, one for each layer that it has."""
+    view = session.growth.view
+    integration = session.integration
+    angles_deg = integration.recording.angles_deg
+    for name in names:
+        if name in QUALITY_LAYERS and view.quality is None:
+            continue
+        picture = cropped(rgba(view, name, integration.axis, len(angles_deg)), view)
+        about = f"{1e4 * view.area_m2:.0f} cm\u00b2 from {len(session.growth.steps)} views"
+        explained = legend(view, name, integration.axis, angles_deg)
+        shape = name == "color"
+        title, shows = ("Canonical shape", about) if shape else words_of(name)
+
+        def explain(drawing: Drawing, x: float, y: float, explained: dict[str, object] = explained) -> None:
+            _explain(drawing, x, y, explained)
+
+        yield Figure(
+            name=f"map-{name.replace('_', '-')}",
+            caption=f"{title}: {shows}.",
+            drawing=map_drawing(
+                picture,
+                title,
+                about if shape else "",
+                explain,
+                marks=picks_on(session) if shape else (),
+            ),
+        )
+
+
+def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:
+    """Return the picks that lie on the shape: u, v (m) and number."""
+    view = session.growth.view
+    places = []
+    for pick in session.story.picks:
+        rc, distance_m = pixel_of_point(view, pick.position_held_m)
+        if distance_m <= LOST_AT_M:
+            u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()
+            places.append((float(u_m), float(v_m), str(pick.id)))
+    return places
+
+
+def map_drawing(
+    picture: PlanePicture,
+    title: str,
+    about: str,
+    explain: Callable[[Drawing, float, float], None] | None = None,
+    longest: float = 460.0,
+    legend_width: float = 150.0,
+    marks: Sequence[tuple[float, float, str]] = (),
+) -> Drawing:
+    """Return a picture of the plane with title, scale bar and, on its right, what its colours mean.
+
+    ``marks`` are places (u, v in m) with a short label each.
+    """
+    rows, cols = picture.rgba.shape[:2]
+    per_pixel = longest / max(rows, cols)
+    width, height = cols * per_pixel, rows * per_pixel
+    head = 1.25 * (text_width(title, 15) + (text_width(about, SIZE) + 10 if about else 0))
+    whole = max(_MARGIN + width + _MARGIN + legend_width, head + 2 * _MARGIN)
+    drawing = Drawing(whole, _HEAD + max(height, 240) + _BELOW)
+    draw_title(drawing, title, about)
+    drawing.picture(picture.rgba, _MARGIN, _HEAD, width, height)
+    points_per_m = per_pixel / picture.pixel_size_m
+    draw_scale_bar(drawing, _MARGIN, drawing.height - 14, points_per_m, 0.3 * longest)
+    for u_m, v_m, label in marks:
+        across, down = (np.array([u_m, v_m]) - picture.origin_uv_m) / picture.pixel_size_m + 0.5
+        x, y = _MARGIN + across * per_pixel, _HEAD + down * per_pixel
+        drawing.dot(x, y, 6.5, PAPER)
+        drawing.dot(x, y, 5.0, PINK)
+        drawing.box(x + 8, y - 8, text_width(label, SIZE) + 6, 16, PAPER, 0.85)
+        drawing.text(x + 11, y + 4.5, label, SIZE, PINK, bold=True)
+    if explain is not None:
+        explain(drawing, _MARGIN + width + 24, _HEAD + 12)
+    return drawing
+
+
+def _explain(drawing: Drawing, x: float, y: float, explained: dict[str, object]) -> None:
+    """Draw a layer's legend; see :func:`flatcloth.rendering.layers.legend`."""
+    match explained:
+        case {"kind": "ramp", "title": str(title), "low": float(low), "high": float(high), "colors": colors}:
+            assert isinstance(colors, list)
+            drawing.text(x, y, title, SMALL, TEXT)
+            draw_ramp(drawing, x, y + 14, 170, colors, low, high)
+        case {"kind": "classes", "title": str(title), "classes": list(classes)}:
+            drawing.text(x, y, title, SMALL, TEXT)
+            draw_key(drawing, x, y + 24, [(c["color"], c["label"]) for c in classes])
+
+
+# --- growth and energy ---------------------------------------------------------------------------
+
+
+def growth(session: OpenedSession) -> Figure:
+    """Make the chart of the shape's area after each accepted view."""
+    steps = session.growth.steps
+    after = 1e4 * np.array([step.area_m2 for step in steps])
+    before = np.concatenate([[0.0], after[:-1]])
+    order = np.arange(len(steps), dtype=np.float64)
+    drawing = Drawing(max(420.0, 110 + 46 * len(steps)), 350)
+    draw_title(drawing, "Growth", "area of the shape after each accepted view")
+    frame = Frame(
+        left=62, top=84, width=drawing.width - 90, height=200,
+        x_range=(-0.7, len(steps) - 0.3), y_range=(0.0, float(after.max()) * 1.05),
+    )  # fmt: skip
+    labels = [(step.order, f"{step.view_index}\n{step.angle_deg:g}\u00b0") for step in steps]
+    draw_axes(drawing, frame, "", "cm\u00b2", labels)
+    bars(drawing, frame, order, np.zeros(len(order)), np.minimum(before, after), "#b9c6d6")
+    bars(drawing, frame, order, np.minimum(before, after), np.maximum(before, after), BLUE)
+    for (x, y), step in zip(frame.place(order, np.maximum(before, after)), steps, strict=True):
+        added = f"{round(1e4 * step.added_m2):+d}".replace("-", "\u2212")
+        drawing.text(x, y - 6, added, SMALL, SOFT, "middle")
+    drawing.text(frame.left - 7, frame.top + frame.height + 54, "view, rotation", SMALL, SOFT)
+    caption = f"The shape grew from {after[0]:.0f} to {after[-1]:.0f} cm\u00b2 in {len(steps)} views."
+    return Figure(name="growth", caption=caption, drawing=drawing)
+
+
+def energy(session: OpenedSession) -> Figure:
+    """Make the chart of the energy of Eq. (2) at each iteration, a line for each view of the shape."""
+    steps = session.growth.steps
+    colors = view_colors(len(session.integration.recording))
+    lines = [
+        [np.array(level.energy) for level in session.integration.flattening(step.view_index).levels]
+        for step in steps
+    ]
+    every = np.concatenate([part for line in lines for part in line])
+    every = every[every > 0]
+    low, high = (float(every.min()), float(every.max())) if every.size else (0.1, 1.0)
+    most = max(sum(len(part) for part in line) for line in lines) - 1
+    drawing = Drawing(640, max(330.0, 120 + 18 * len(steps)))
+    draw_title(drawing, "Energy", "H of Eq. (2) at each iteration, the coarse interval first")
+    frame = Frame(
+        left=62, top=84, width=440, height=drawing.height - 140,
+        x_range=(0.0, float(max(most, 1))), y_range=(low / 1.5, high * 1.5), log_y=True,
+    )  # fmt: skip
+    draw_axes(drawing, frame, "iteration", "H (m\u00b2)")
+    key = []
+    for step, line in zip(steps, lines, strict=True):
+        color = "#" + bytes(colors[step.view_index].tolist()).hex()
+        start = 0
+        for part in line:
+            points = frame.place(np.arange(start, start + len(part)), np.maximum(part, low / 1.5))
+            drawing.line(points, color, 1.6)
+            drawing.dot(float(points[0, 0]), float(points[0, 1]), 2.4, color)
+            start += len(part)
+        key.append((color, f"view {step.view_index} ({step.angle_deg:g}\u00b0)"))
+    draw_key(drawing, frame.left + frame.width + 20, frame.top, key)
+    caption = "Energy of the flattening of each accepted view; a dot marks where a sampling interval begins."
+    return Figure(name="energy", caption=caption, drawing=drawing)
+
+
+# --- decisions -----------------------------------------------------------------------------------
+
+
+def overlay(session: OpenedSession, decision: Decision) -> Figure:
+    """Make the picture of a proposal laid on the shape as it was when it was decided about."""
+    integration = session.integration
+    angle = integration.recording.angles_deg[decision.view_index]
+    title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
+    told = told_verdict(decision)
+    drawing = map_drawing(laid_before(session, decision), title, told, legend_width=20.0)
+    return Figure(name=_name(decision, "overlay"), caption=f"{title}, {told}.", drawing=drawing)
+
+
+def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
+    """Return a proposal laid on the shape, as it was when it was decided about."""
+    integration, before = session.integration, decision.before
+    return laid_on(
+        integration.canonical(before).view, integration.overlay(before), integration.new_points(before)
+    )
+
+
+def told_verdict(decision: Decision) -> str:
+    """Return the verdict in words, with reason and score."""
+    words = [decision.verdict]
+    if decision.verdict == ACCEPTED and decision.moved:
+        words.append("moved by hand")
+    if decision.reason:
+        words.append(decision.reason)
+    if math.isfinite(decision.score):
+        words.append(f"score {decision.score:.2f}")
+    if not decision.stands:
+        words.append("taken back")
+    return ", ".join(words)
+
+
+def plan_figure(session: OpenedSession, decision: Decision, side: SidePlan) -> Figure:
+    """Make the curves h(u) and A_z(u) of a plan, with the overlap S_0 and the Z-angle where it is reached."""
+    drawing = Drawing(520, 420)
+    draw_title(drawing, f"Plan of decision {decision.number}", side.reason)
+    draw_curves(drawing, side.curves, session.integration.config.planning, (84.0, 110.0, 120.0), side)
+    caption = f"h(u) and A_z(u) of the shape before decision {decision.number}; {side.reason}."
+    return Figure(name=_name(decision, "plan"), caption=caption, drawing=drawing)
+
+
+def curves(session: OpenedSession) -> Iterator[Figure]:
+    """Make the curves h(u) and A_z(u) of each view of the shape."""
+    for step in session.growth.steps:
+        found = curves_of_view(session, step.view_index)
+        if found.u_m.size < 2:
+            continue
+        drawing = Drawing(520, 420)
+        title = f"View {step.view_index} ({step.angle_deg:g}\u00b0)"
+        draw_title(drawing, title, "columns of its flattened view")
+        draw_curves(drawing, found, session.integration.config.planning, (84.0, 110.0, 120.0))
+        caption = f"h(u) and A_z(u) of the flattened view {step.view_index}."
+        yield Figure(name=f"curves-view-{step.view_index}", caption=caption, drawing=drawing)
+
+
+def _name(decision: Decision, kind: str) -> str:
+    return f"decision-{decision.number:02d}-view-{decision.view_index}-{kind}"

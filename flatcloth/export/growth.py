@@ -1,0 +1,159 @@
+"""How the shape grew: at which accepted view each pixel was covered first, and whose data it shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
+from flatcloth.export.history import ACCEPTED, Decision, Story
+from flatcloth.session.machine import Document
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+Int16 = NDArray[np.int16]
+
+_SAME_PIXEL_PX = 0.5
+_LEAST_SHARED = 20
+_MOST_SHARED = 4000
+_VIEW_APART_PX = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """A view that is part of the shape, in the order in which it was accepted; the start view is step 0.
+
+    ``area_m2`` is that of the shape with it, ``added_m2`` what it added; ``decision`` is None for the
+    start view.
+    """
+
+    order: int
+    view_index: int
+    angle_deg: float
+    area_m2: float
+    added_m2: float
+    decision: Decision | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth:
+    """The shape and its history.
+
+    ``view`` is the shape; ``first_step`` (H, W) int16 the step that covered each of its pixels first,
+    ``source_step`` (H, W) int16 the step whose view each pixel shows; both -1 off the cloth.
+    """
+
+    view: FlattenedView
+    first_step: Int16
+    source_step: Int16
+    steps: tuple[Step, ...]
+
+    def shown_after(self, order: int) -> Bool:
+        """Return (H, W): the pixels that are covered after a step."""
+        shown: Bool = (self.first_step >= 0) & (self.first_step <= order)
+        return shown
+
+
+def grow(integration: Integration, story: Story, progress: Progress = no_progress) -> Growth:
+    """Follow the shape of a session from its start view on.
+
+    Raises
+    ------
+    FlatclothError
+        If the session has no start view yet.
+    """
+    document = story.document
+    if document.start_view is None:
+        raise FlatclothError(
+            f"{story.folder}: the session has no start view yet; there is nothing to export."
+        )
+    views = [document.start_view, *(a.view_index for a in document.accepted)]
+    shape = integration.canonical(document).view
+    source = _orders(shape, views)
+    first = source.copy()
+    steps: list[Step] = []
+    for order, view_index in enumerate(views):
+        progress(order / len(views), f"following the growth: {order + 1} of {len(views)} views")
+        earlier = integration.canonical(at_step(document, order)).view
+        before_m2 = steps[-1].area_m2 if steps else 0.0
+        steps.append(
+            Step(
+                order=order,
+                view_index=view_index,
+                angle_deg=integration.recording.angles_deg[view_index],
+                area_m2=earlier.area_m2,
+                added_m2=earlier.area_m2 - before_m2,
+                decision=_acceptance(story, view_index) if order else None,
+            )
+        )
+        covered = first > order
+        covered[covered] = _covers(earlier, shape, covered)
+        first[covered] = order
+    return Growth(view=shape, first_step=first, source_step=source, steps=tuple(steps))
+
+
+def at_step(document: Document, order: int) -> Document:
+    """Return the document as it was when its shape consisted of the start view and ``order`` others."""
+    return replace(document, accepted=document.accepted[:order], pending=None, finished=None)
+
+
+def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:
+    """Return ``target_from_source`` on the plane, from pixels that show the same image pixel.
+
+    None if the two shapes share too few. Shapes of one session lie differently: a renewed
+    one takes the orientation of the view that was added.
+    """
+    uv_s, key_s = _measured(source)
+    uv_t, key_t = _measured(target)
+    if len(key_s) == 0 or len(key_t) == 0:
+        return None
+    some = np.linspace(0, len(key_s) - 1, min(len(key_s), _MOST_SHARED)).astype(np.intp)
+    away, which = cKDTree(key_t).query(key_s[some], distance_upper_bound=_SAME_PIXEL_PX)
+    same = np.isfinite(away)
+    if same.sum() < _LEAST_SHARED:
+        return None
+    return fit_rigid2(uv_s[some][same], uv_t[which[same]])
+
+
+def _measured(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rc = np.argwhere(view.valid)
+    source = view.source_rc[view.valid].astype(np.float64)
+    key = np.column_stack([view.view_index[view.valid] * _VIEW_APART_PX, source])
+    known = np.isfinite(key).all(axis=1)
+    return view.uv_from_rc(rc)[known], key[known]
+
+
+def _covers(earlier: FlattenedView, shape: FlattenedView, asked: Bool) -> Bool:
+    """Return for the asked pixels (H, W) of the shape whether an earlier shape covered them (K,)."""
+    earlier_from_shape = motion_between(shape, earlier)
+    uv = shape.uv_from_rc(np.argwhere(asked))
+    if earlier_from_shape is None:
+        return np.zeros(len(uv), dtype=bool)
+    rc = np.rint(earlier.rc_from_uv(earlier_from_shape.apply(uv))).astype(np.intp)
+    inside = ((rc >= 0) & (rc < earlier.shape)).all(axis=1)
+    covered = np.zeros(len(uv), dtype=bool)
+    covered[inside] = earlier.valid[rc[inside, 0], rc[inside, 1]]
+    return covered
+
+
+def _orders(view: FlattenedView, views: list[int]) -> Int16:
+    """Return (H, W): the order in which the view of each pixel was accepted, -1 off the cloth."""
+    table = np.full(max(views) + 2, -1, dtype=np.int16)
+    table[views] = np.arange(len(views), dtype=np.int16)
+    known = view.valid & (view.view_index >= 0) & (view.view_index <= max(views))
+    orders: Int16 = np.where(known, table[np.where(known, view.view_index, -1)], np.int16(-1))
+    return orders
+
+
+def _acceptance(story: Story, view_index: int) -> Decision | None:
+    for decision in reversed(story.decisions):
+        if decision.stands and decision.verdict == ACCEPTED and decision.view_index == view_index:
+            return decision
+    return None

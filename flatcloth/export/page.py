@@ -1,0 +1,270 @@
+"""The session as one HTML page that needs no server and no network: 3D and flattened, with its timeline."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import itertools
+import json
+import re
+import zlib
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.resources import static_folder
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.export.bundle import bundle
+from flatcloth.export.figures import told_verdict, words_of
+from flatcloth.export.growth import Growth
+from flatcloth.export.session import OpenedSession
+from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
+from flatcloth.grasping.grips import grip_numbers
+from flatcloth.rendering.drawing import data_url, png_of
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.session.journal import Pick
+
+FORMAT = "flatcloth-page/1"
+MOST_AROUND = 6000
+"""Points a step of what else the camera saw; more would only make the page larger."""
+AROUND_SPACING_M = 0.007
+
+
+@dataclass
+class _Parcel:
+    """Bytes of arrays and pictures, one after the other, with a table of where they lie."""
+
+    data: bytearray = field(default_factory=bytearray)
+    arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, name: str, values: NDArray[Any]) -> None:
+        """Add an array, little-endian, at a place that fits its elements."""
+        start = self.add_bytes(
+            np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).tobytes(), 4
+        )
+        self.arrays[name] = {"kind": values.dtype.name, "start": start, "count": int(values.size)}
+
+    def add_bytes(self, data: bytes, align: int = 1) -> int:
+        """Add bytes and return where they begin."""
+        self.data += bytes(-len(self.data) % align)
+        start = len(self.data)
+        self.data += data
+        return start
+
+    def packed(self) -> str:
+        """Return everything compressed, as text; the same bytes each time."""
+        squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
+        return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
+
+
+def page(session: OpenedSession) -> str:
+    """Return the page as HTML text, which holds all it shows."""
+    parcel = _Parcel()
+    story = _story(session, parcel)
+    static = static_folder()
+    style = "\n".join(
+        (static / name).read_text("utf-8") for name in ("page.css", "canvas.css", "offline.css")
+    )
+    script = bundle(static, "offline.js")
+    parts = {
+        "policy": _policy(script, style),
+        "title": escape(f"{session.story.recording_name} \u00b7 flatcloth"),
+        "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
+        "style": style,
+        # No text can end the element that it stands in.
+        "story": json.dumps(story, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
+        "arrays": parcel.packed(),
+        "script": script,
+    }
+    template = (static / "offline.html").read_text("utf-8")
+    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
+
+
+def _policy(script: str, style: str) -> str:
+    """Return a policy by which the page runs its own script and loads nothing from anywhere."""
+
+    def digest(text: str) -> str:
+        return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest(script)}'; style-src 'sha256-{digest(style)}';"
+        " img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
+    story, growth, integration = session.story, session.growth, session.integration
+    view, axis, recording = growth.view, integration.axis, integration.recording
+    window = _window(view)
+    cloth = growth.first_step[window] >= 0
+    xyz = view.xyz_m[window][cloth].astype(np.float64)
+    around, around_rgb = _around(session)
+    every = np.concatenate([xyz, *around])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    step_m = float(max((high - low).max() / 65535, 1e-9))
+    parcel.add("first", growth.first_step[window].ravel())
+    parcel.add("source", growth.source_step[window].ravel())
+    parcel.add("xyz", _levels(xyz, low, step_m))
+    parcel.add("normal", np.rint(127 * np.nan_to_num(view.normal[window][cloth])).astype(np.int8))
+    parcel.add("z_angle", np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth])).astype(np.int16))
+    parcel.add("source_rc", np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535).astype(np.uint16))
+    parcel.add("around_xyz", _levels(np.concatenate(around), low, step_m))
+    parcel.add("around_rgb", np.concatenate(around_rgb))
+    starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
+    origin = view.uv_from_rc(np.array([window[0].start, window[1].start]))
+    shown_low, shown_high = np.nanpercentile(every, 0.5, axis=0), np.nanpercentile(every, 99.5, axis=0)
+    return {
+        "format": FORMAT,
+        "recording": {
+            "name": story.recording_name,
+            "description": recording.description,
+            "n_views": story.n_views,
+        },
+        "method": story.method,
+        "finished": story.document.finished,
+        "count": len(xyz),
+        "grid": {
+            "rows": cloth.shape[0],
+            "cols": cloth.shape[1],
+            "pixel_size_m": view.pixel_size_m,
+            "origin_uv_m": origin.tolist(),
+            "corner_rc": [window[0].start, window[1].start],
+        },
+        "bounds": {"low": low.tolist(), "step": step_m},
+        "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
+        "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
+        "axis": {
+            "direction": axis.direction.tolist(),
+            "line": [p.tolist() for p in _axis_ends(every, axis)],
+        },
+        "around_spacing_m": AROUND_SPACING_M,
+        "around": [{"start": a, "count": b - a} for a, b in itertools.pairwise(starts)],
+        "steps": _steps(growth, axis),
+        "decisions": _decisions(session),
+        "picks": [_pick(session, pick) for pick in story.picks],
+        "layers": _layers(session, parcel, window),
+        "arrays": parcel.arrays,
+    }
+
+
+def _window(view: FlattenedView) -> tuple[slice, slice]:
+    """Return the part of the grid that holds cloth."""
+    rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
+    """Return points as steps from a corner: finer than any sensor, and half the size."""
+    levels: NDArray[np.uint16] = np.rint((xyz_m - low) / step_m).clip(0, 65535).astype(np.uint16)
+    return levels
+
+
+def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint8]]]:
+    """Return for each step what else its view saw, thinned to about one point in a cube of the spacing."""
+    points, colors = [], []
+    for step in session.growth.steps:
+        cloud = session.integration.cloud(step.view_index)
+        cell = np.floor(cloud.xyz_m / AROUND_SPACING_M).astype(np.int64)
+        _, kept = np.unique(cell, axis=0, return_index=True)
+        if len(kept) > MOST_AROUND:
+            kept = kept[np.linspace(0, len(kept) - 1, MOST_AROUND).astype(np.intp)]
+        points.append(cloud.xyz_m[kept].astype(np.float64))
+        colors.append(cloud.rgb[kept])
+    return points, colors
+
+
+def _half_extents_m(xyz: Float64, center: Float64, axis: RotationAxis) -> list[float]:
+    """Return how far the item reaches from its middle: across the axis (all around), and along it."""
+    offset = xyz - center
+    along = offset @ axis.direction
+    across = np.linalg.norm(offset - along[:, None] * axis.direction, axis=1)
+    return [float(np.nanpercentile(across, 99.5)), float(np.nanpercentile(np.abs(along), 99.5))]
+
+
+def _axis_ends(points: Float64, axis: RotationAxis) -> tuple[Float64, Float64]:
+    along = (points - axis.point_m) @ axis.direction
+    low, high = np.nanmin(along) - 0.05, np.nanmax(along) + 0.05
+    return axis.point_m + low * axis.direction, axis.point_m + high * axis.direction
+
+
+def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:
+    return [
+        {
+            "order": step.order,
+            "view_index": step.view_index,
+            "angle_deg": step.angle_deg,
+            "area_cm2": 1e4 * step.area_m2,
+            "added_cm2": 1e4 * step.added_m2,
+            "told": "the start view" if step.decision is None else told_verdict(step.decision),
+            "camera_m": held_from_camera(axis, step.angle_deg).translation_m.tolist(),
+        }
+        for step in growth.steps
+    ]
+
+
+def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
+    angles_deg = session.integration.recording.angles_deg
+    steps = {step.decision.number: step.order for step in session.growth.steps if step.decision is not None}
+    return [
+        {
+            "view_index": decision.view_index,
+            "angle_deg": angles_deg[decision.view_index],
+            "verdict": decision.verdict,
+            "told": told_verdict(decision),
+            "stands": decision.stands,
+            "step": steps.get(decision.number),
+        }
+        for decision in session.story.decisions
+    ]
+
+
+def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
+    view, axis = session.growth.view, session.integration.axis
+    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.story.grips.get(pick.id))
+    rc, distance_m = pixel_of_point(view, pick.position_held_m)
+    on_shape = distance_m <= LOST_AT_M
+    z_angle = float(view.z_angle_deg[rc]) if on_shape else float("nan")
+    return {
+        "id": pick.id,
+        "name": pick.name,
+        "rc": list(rc) if on_shape else None,
+        "uv_m": view.uv_from_rc(np.array(rc)).tolist() if on_shape else None,
+        "miss_m": 0.0,
+        "position_held_m": _finite(pick.position_held_m),
+        "normal_held": _finite(pick.normal_held),
+        "z_angle_deg": z_angle if np.isfinite(z_angle) else None,
+        "view_index": pick.view_index,
+        "source_rc": _finite(np.array(pick.source_rc)),
+        "grip": grip_numbers(pose),
+        "gripper_m": None if pose is None else pose.gripper_m().tolist(),
+    }
+
+
+def _finite(values: Floats) -> list[float | None]:
+    return [float(x) if np.isfinite(x) else None for x in np.asarray(values)]
+
+
+def _layers(session: OpenedSession, parcel: _Parcel, window: tuple[slice, slice]) -> list[dict[str, Any]]:
+    view, integration = session.growth.view, session.integration
+    angles_deg = integration.recording.angles_deg
+    made = []
+    for name in LAYERS:
+        if name in QUALITY_LAYERS and view.quality is None:
+            continue
+        picture = png_of(rgba(view, name, integration.axis, len(angles_deg))[window])
+        title, about = words_of(name)
+        made.append(
+            {
+                "name": name,
+                "title": title,
+                "about": about,
+                "legend": legend(view, name, integration.axis, angles_deg),
+                "start": parcel.add_bytes(picture),
+                "count": len(picture),
+            }
+        )
+    return made

@@ -1,0 +1,222 @@
+"""A report to print: the recording, the settings, each decision, the picks, the figures; one HTML file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.config import Config
+from flatcloth.core.resources import static_folder
+from flatcloth.core.types import Floats
+from flatcloth.export import figures
+from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
+from flatcloth.export.figures import Figure
+from flatcloth.export.history import SKIPPED, VERDICTS, Decision
+from flatcloth.export.session import OpenedSession
+from flatcloth.grasping.grasps import GraspPose, grasp_pose
+from flatcloth.rendering.drawing import Drawing, data_url, png_of
+
+
+def report(session: OpenedSession) -> str:
+    """Return the report as HTML that needs nothing else."""
+    story = session.story
+    style = (static_folder() / "offline_report.css").read_text(encoding="utf-8")
+    title = f"{story.recording_name}: integration report"
+    body = [
+        *_head(session),
+        *_settings(story.config),
+        *_decisions(session),
+        *_picks(session),
+        *_figures(session),
+    ]
+    return "\n".join(
+        [
+            "<!doctype html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{escape(title)}</title>",
+            f"<style>\n{style}</style></head>",
+            "<body><main>",
+            *body,
+            "</main></body></html>",
+            "",
+        ]
+    )
+
+
+def differences(config: Config) -> list[tuple[str, Any, Any]]:
+    """Return the settings that differ from the defaults: name, value, default."""
+    values, defaults = config.to_dict(), Config().to_dict()
+    return [
+        (f"{section}.{name}", value, defaults[section][name])
+        for section, settings in values.items()
+        for name, value in settings.items()
+        if value != defaults[section][name]
+    ]
+
+
+def _head(session: OpenedSession) -> Iterable[str]:
+    story, growth, recording = session.story, session.growth, session.integration.recording
+    views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
+    camera = recording.intrinsics
+    ended = story.document.finished or "Not finished: more views may be added."
+    yield f"<h1>{escape(story.recording_name)}</h1>"
+    yield f'<p class="lead">{escape(recording.description or "Integration of turned RGB-D views.")}</p>'
+    yield _facts(
+        [
+            (
+                "Session",
+                f"begun {_day(story.created)}, flatcloth {story.versions.get('flatcloth', 'unknown')}",
+            ),
+            (
+                "Recording",
+                f"{story.n_views} views, {camera.width} \u00d7 {camera.height} px",
+            ),
+            ("Method", story.method),
+            ("Shape", f"{1e4 * growth.view.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
+            ("Views, in order", views),
+            ("Decisions", _counted(story.decisions)),
+            ("End", ended),
+        ]
+    )
+    for note in session.integration.notes:
+        yield f'<p class="note">{escape(note)}</p>'
+    yield "<h2>Shape</h2>"
+    yield from (_figure(figure, "hero") for figure in figures.maps(session, ("color",)))
+
+
+def _settings(config: Config) -> Iterable[str]:
+    yield "<h2>Settings</h2>"
+    changed = differences(config)
+    if not changed:
+        yield "<p>All settings have their defaults.</p>"
+        return
+    yield "<p>All settings have their defaults, but these:</p>"
+    yield _table(
+        ("setting", "here", "default"), [(name, f"{here}", f"{there}") for name, here, there in changed]
+    )
+
+
+def _decisions(session: OpenedSession) -> Iterable[str]:
+    yield "<h2>Decisions</h2>"
+    decisions = session.story.decisions
+    if not decisions:
+        yield "<p>Nothing was decided: the shape is the start view alone.</p>"
+    for n, decision in enumerate(decisions):
+        session.progress(n / len(decisions), f"reporting decision {n + 1} of {len(decisions)}")
+        yield from _decision(session, decision)
+
+
+def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
+    angle = session.integration.recording.angles_deg[decision.view_index]
+    picture = data_url(png_of(figures.laid_before(session, decision).rgba), "image/png")
+    told = figures.told_verdict(decision).removeprefix(decision.verdict)
+    about = f"View {decision.view_index} laid on the shape"
+    gone = "" if decision.stands else " gone"
+    yield f'<section class="decision{gone}">'
+    yield (
+        f"<h3>{decision.number}. View {decision.view_index} ({angle:g}\u00b0):"
+        f' <b class="{decision.verdict}">{decision.verdict}</b><span>{escape(told)}</span></h3>'
+    )
+    yield f'<img class="picture" src="{picture}" alt="{about}">'
+    plan = plan_of(session, decision)
+    side = side_of(plan, decision)
+    config = session.integration.config.planning
+    yield "<div>"
+    chosen = "chosen by hand" if decision.by_hand else "chosen by the plan"
+    if side is not None:
+        chosen, curves, of = side.reason, side.curves, f"of the shape before decision {decision.number}"
+    else:
+        if plan is not None and plan.view_index == decision.view_index:
+            chosen = plan.reason
+        curves, of = curves_of_view(session, decision.view_index), f"of view {decision.view_index}"
+    yield f'<p class="lead">{escape(chosen)}; {_clock(decision.time)} UTC</p>'
+    if curves.u_m.size > 1:
+        drawing = Drawing(400, 262, f"h(u) and A_z(u) {of}")
+        draw_curves(drawing, curves, config, (28.0, 70.0, 78.0), side)
+        yield f"<figure>{drawing.svg(paper=None)}<figcaption>h(u) and A_z(u) {of}</figcaption></figure>"
+    yield "</div></section>"
+
+
+def _picks(session: OpenedSession) -> Iterable[str]:
+    yield "<h2>Picks</h2>"
+    story = session.story
+    if not story.picks:
+        yield "<p>No grasp point was picked.</p>"
+        return
+    view, axis = session.growth.view, session.integration.axis
+    rows = []
+    for pick in story.picks:
+        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, story.grips.get(pick.id))
+        source = f"view {pick.view_index} @ {pick.source_rc[0]:.1f}, {pick.source_rc[1]:.1f}"
+        rows.append((str(pick.id), pick.name, _vector_mm(pick.position_held_m), *_posed(pose), source))
+    yield (
+        "<p>Positions in the held frame (the camera frame of view 0, the item turned back), approach along"
+        " the inward normal; one standard deviation.</p>"
+    )
+    head = ("no.", "name", "x y z (mm)", "approach", "axis", "opening", "known to", "measured in")
+    yield _table(head, rows)
+
+
+def _posed(pose: GraspPose | None) -> tuple[str, str, str, str]:
+    if pose is None:
+        return ("\u2013",) * 4
+    turn, about = pose.held_from_grasp.rotation, pose.uncertainty
+    mm = 1000 * about.position_m
+    known = "\u2013"
+    if not math.isnan(mm):
+        known = f"{'< 0.1' if mm < 0.1 else f'{mm:.1f}'} mm, {about.normal_deg:.0f}\u00b0"
+    axis = f"{_vector(turn[:, 0])} ({pose.axis_from})"
+    return _vector(turn[:, 2]), axis, f"{1000 * pose.opening_m:.0f} mm", known
+
+
+def _figures(session: OpenedSession) -> Iterable[str]:
+    yield '<h2>Figures</h2><div class="figures">'
+    yield _figure(figures.growth(session), "wide")
+    yield _figure(figures.energy(session), "wide")
+    others = ("source", "z_angle", "height", "density", "incidence", "stretch")
+    yield from (_figure(figure) for figure in figures.maps(session, others))
+    yield "</div>"
+
+
+def _figure(figure: Figure, kind: str = "") -> str:
+    drawn = figure.drawing.svg(paper=None)
+    return f'<figure class="{kind}">{drawn}<figcaption>{escape(figure.caption)}</figcaption></figure>'
+
+
+def _facts(facts: Sequence[tuple[str, str]]) -> str:
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
+    return f'<dl class="facts">{rows}</dl>'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _counted(decisions: Sequence[Decision]) -> str:
+    count = {word: sum(d.verdict == word for d in decisions) for word in VERDICTS}
+    words = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
+    gone = sum(not d.stands for d in decisions)
+    return ", ".join([*words, *([f"{gone} of them taken back"] if gone else [])])
+
+
+def _day(time: str) -> str:
+    return time[:10] or "at an unknown time"
+
+
+def _clock(time: str) -> str:
+    return time[11:19] or "at an unknown time"
+
+
+def _vector(values: Floats) -> str:
+    return " ".join(f"{float(x):.3f}".replace("-", "\u2212") for x in np.asarray(values))
+
+
+def _vector_mm(values: Floats) -> str:
+    return " ".join(f"{1000 * float(x):.1f}".replace("-", "\u2212") for x in np.asarray(values))

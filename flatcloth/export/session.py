@@ -1,0 +1,159 @@
+"""Opening a session for export: its story, and what is computed from its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import FlattenedView, Progress, no_progress
+from flatcloth.export.data import GraspFrames
+from flatcloth.export.growth import Growth, grow
+from flatcloth.export.history import Story, read_story
+from flatcloth.grasping.grasps import Grip
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import fingerprint
+from flatcloth.session.axis_file import read_axis
+from flatcloth.session.machine import Document
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedSession:
+    """A session to export; what is derived is computed when first asked for.
+
+    ``progress`` is told how far the work is.
+    """
+
+    story: Story
+    integration: Integration
+    progress: Progress = no_progress
+
+    @cached_property
+    def growth(self) -> Growth:
+        """The shape and how it grew."""
+        return grow(self.integration, self.story, self.progress)
+
+    @property
+    def view(self) -> FlattenedView:
+        """The shape, without how it grew.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        return self.integration.canonical(self.story.document).view
+
+    def frames(
+        self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
+    ) -> GraspFrames:
+        """Return the frames of the grasp poses; by default at the rotation at which the item stands."""
+        return frames_of(
+            self.integration, self.story.document, self.story.grips, base_from_camera, rotation_deg
+        )
+
+
+def frames_of(
+    integration: Integration,
+    document: Document,
+    grips: Mapping[int, Grip],
+    base_from_camera: Rigid3 | None = None,
+    rotation_deg: float | None = None,
+) -> GraspFrames:
+    """Return the frames of grasp poses; by default the item stands as at the view that was looked at last."""
+    standing = integration.recording.angles_deg[document.present_view or 0]
+    return GraspFrames(
+        axis=integration.axis,
+        rotation_deg=standing if rotation_deg is None else rotation_deg,
+        grips=grips,
+        base_from_camera=base_from_camera,
+    )
+
+
+def open_session(
+    folder: Path,
+    recording: Path | None = None,
+    progress: Progress = no_progress,
+    *,
+    angles: Path | None = None,
+    step_deg: float | None = None,
+) -> OpenedSession:
+    """Open a session folder for export, without locking or changing it.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    recording : Path, optional
+        Where its recording is now; by default where the session found it.
+    progress : callable
+        Told how far the work is.
+    angles, step_deg
+        The angles that the recording was opened with, if it has none of its own; see
+        :func:`flatcloth.recordings.open_recording`.
+
+    Raises
+    ------
+    JournalError
+        If the folder is no session, is damaged, or is about another recording.
+    RecordingError
+        If the recording is not there; the message tells how to name it.
+    ConfigError
+        If the session uses a method that this version does not know.
+    """
+    from flatcloth.engine.integration import Integration
+
+    story = read_story(folder)
+    place = story.recording_location if recording is None else str(recording)
+    try:
+        opened = open_recording(place, angles=angles, step_deg=step_deg)
+    except RecordingError as error:
+        if recording is not None:
+            raise
+        raise RecordingError(
+            f"{folder}: its recording {story.recording_name!r} cannot be opened ({error})"
+            " Name its present place with --recording."
+        ) from error
+    if fingerprint(opened) != story.recording_fingerprint:
+        raise JournalError(
+            f"{folder}: the session is about another recording ({story.recording_name!r}) than {place}."
+            " Name the right one with --recording."
+        )
+    try:
+        integration = Integration(opened, story.config, story.method)
+    except ConfigError as error:
+        raise ConfigError(f"{folder / 'session.json'}: {error}") from error
+    axis = read_axis(folder)
+    if axis is not None:
+        integration.turn_about(axis)  # what was decided was decided with it
+    return OpenedSession(story, integration, progress)
+
+
+def of_page(integration: Integration, folder: object) -> OpenedSession:
+    """Return the session of an open page for export.
+
+    Parameters
+    ----------
+    integration : Integration
+        What the page shows; safe to be used by several threads.
+    folder : object
+        The session folder that the page writes.
+
+    Raises
+    ------
+    FlatclothError
+        If the session is not kept on disk.
+    JournalError
+        If what is on disk cannot be read.
+    """
+    path = getattr(folder, "folder", None)
+    if path is None:
+        raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
+    return OpenedSession(read_story(path), integration)

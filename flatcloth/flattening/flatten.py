@@ -1,0 +1,363 @@
+"""One view to its flattened view ``F(u, v)`` (paper, section 3).
+
+The surface is sampled at a coarse, then at a fine interval; Eq. (2) is minimised from the pixel
+start ``(u_n, v_n) = (j_n, i_n)`` scaled to metres, the fine level from the coarse result. Parts of
+the surface that no pair connects are flattened each on its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from flatcloth.core.config import FlatteningConfig
+from flatcloth.core.errors import ConfigError, FlatteningError
+from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
+from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
+from flatcloth.flattening.minimisation import minimise
+from flatcloth.flattening.necks import cut_necks
+from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
+from flatcloth.flattening.sampling import Samples, sample_surface
+from flatcloth.flattening.surface import Surface
+from flatcloth.flattening.upsampling import Carrier
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """One sampling interval: the samples, and where they lay before and after the minimisation.
+
+    ``component`` (N,) int32 numbers the connected parts, the largest first; ``energy`` is H of the
+    largest part before the first and after each iteration; ``states`` some (N, 2) states on the way
+    (of the largest part's points ``state_members``), if recorded.
+    """
+
+    samples: Samples
+    component: Int32
+    initial_uv_m: Float64
+    uv_m: Float64
+    energy: tuple[float, ...]
+    state_members: Int32
+    states: tuple[Float64, ...] = ()
+    state_iterations: tuple[int, ...] = ()
+
+    @property
+    def sampling_interval_px(self) -> int:
+        """Interval d."""
+        return self.samples.sampling_interval_px
+
+    @property
+    def points_rc(self) -> Int32:
+        """(N, 2) image pixels of the samples."""
+        return self.samples.points_rc
+
+    @property
+    def points_m(self) -> Float64:
+        """(N, 3) samples, camera frame."""
+        return self.samples.points_m
+
+    @property
+    def edges(self) -> Int32:
+        """(M, 2) pairs with B = 1."""
+        return self.samples.edges
+
+    @property
+    def edge_length_m(self) -> Float64:
+        """(M,) lengths E."""
+        return self.samples.edge_length_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """A connected part of a flattened view: its own raster, in a plane of its own.
+
+    ``members`` (K,) are its samples. ``flips`` counts places that came out mirrored (and were left
+    out), ``overlaps`` pixels on which two places of the cloth lie: more than a few of either mean
+    that the part is folded and not to be trusted.
+    """
+
+    view: FlattenedView
+    members: Int32
+    flips: int
+    overlaps: int
+
+    @property
+    def folded_share(self) -> float:
+        """Share of the part that lies mirrored or on another place of the cloth: 0 if it is sound."""
+        return (0.5 * self.flips + self.overlaps) / max(int(self.view.valid.sum()), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flattening:
+    """A flattened view with every intermediate result; the parts are the largest first."""
+
+    levels: tuple[Level, ...]
+    components: tuple[Component, ...]
+    surface: Surface = field(repr=False)
+    carrier: Carrier = field(repr=False)
+
+    @property
+    def view(self) -> FlattenedView:
+        """The flattened view of the largest part."""
+        return self.components[0].view
+
+    @cached_property
+    def triangles(self) -> Int32:
+        """(T, 3) Delaunay triangles of the largest part, indices into the last level's samples."""
+        level = self.levels[-1]
+        return triangulate(level.uv_m, level.samples, self.components[0].members, self.surface)[0]
+
+
+def flatten(
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    *,
+    min_area_m2: float = 0.0,
+    record: bool = False,
+    previous: Flattening | None = None,
+) -> Flattening:
+    """Flatten the surface of one view.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    axis : RotationAxis
+        Axis of the recording, to turn the attributes to the held frame.
+    config : FlatteningConfig
+        Intervals, pixel size and limits.
+    min_area_m2 : float
+        Parts smaller than this are dropped (the largest never).
+    record : bool
+        Keep states of the minimisation for the teaching view.
+    previous : Flattening, optional
+        A flattened view of the same item, turned a little: where it shows the same cloth, the
+        first level starts from its result, and the plane stays where it was.
+
+    Returns
+    -------
+    Flattening
+
+    Raises
+    ------
+    FlatteningError
+        If no part has a triangle; the message names the view.
+    """
+    levels: list[Level] = []
+    for interval in config.sampling_intervals_px:
+        samples = sample_surface(surface, interval, config)
+        if interval == config.sampling_intervals_px[-1]:
+            samples = cut_necks(samples, config.least_core_samples)
+        if not len(samples.points_rc):
+            continue
+        least = _least_samples(surface, interval, min_area_m2)
+        if levels:
+            start = _from_coarse(samples, levels[-1], surface)
+            levels.append(_solve_level(samples, start, least, config, record))
+        elif previous is not None:
+            levels.append(_continued(samples, previous, surface, axis, least, config, record))
+        else:
+            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, config, record))
+    if not levels:
+        raise FlatteningError(_too_small(surface))
+    carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
+    components = _raster_components(levels[-1], carrier, surface, axis, config, min_area_m2)
+    if not components:
+        raise FlatteningError(_too_small(surface))
+    return Flattening(levels=tuple(levels), components=tuple(components), surface=surface, carrier=carrier)
+
+
+_SAME_CLOTH_M = 0.008
+"""A point of another view is the same cloth if it is seen within this of it, turned back."""
+
+
+def _too_small(surface: Surface) -> str:
+    return (
+        f"View {surface.frame.view_index}: the visible cloth is too small or too scattered to be "
+        "flattened; use another view or a smaller sampling interval."
+    )
+
+
+def _solve_level(
+    samples: Samples, initial: Float64, least_samples: int, config: FlatteningConfig, record: bool
+) -> Level:
+    n = len(samples.points_rc)
+    component = _components(n, samples.edges)
+    uv = initial.copy()
+    largest = None
+    for c in np.flatnonzero(np.bincount(component) >= least_samples):
+        members = np.flatnonzero(component == c).astype(np.int32)
+        own = component[samples.edges[:, 0]] == c
+        local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
+        result = minimise(
+            initial[members],
+            local,
+            samples.edge_length_m[own],
+            majorisations=config.majorisations,
+            energy_tolerance=config.energy_tolerance,
+            record=record and c == 0,
+        )
+        uv[members] = result.uv_m
+        if c == 0:
+            largest = result
+    return Level(
+        samples=samples,
+        component=component,
+        initial_uv_m=initial,
+        uv_m=uv,
+        energy=largest.energy if largest else (0.0,),
+        state_members=np.flatnonzero(component == 0).astype(np.int32),
+        states=largest.states if largest else (),
+        state_iterations=largest.state_iterations if largest else (),
+    )
+
+
+def _components(n: int, edges: Int32) -> Int32:
+    """Return the number of each point's connected part (N,), the largest part being 0."""
+    graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    order = np.argsort(-np.bincount(label), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    numbers: Int32 = rank[label].astype(np.int32)
+    return numbers
+
+
+def _pixel_start(samples: Samples, surface: Surface) -> Float64:
+    return samples.points_rc[:, ::-1] * np.float64(surface.pixel_pitch_m)
+
+
+def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
+    """Carry each fine point along with the coarse ones; what none can carry follows the nearest by pixels."""
+    uv = Carrier(coarse.uv_m, coarse.samples, surface).place(samples.points_rc)
+    alone = np.isnan(uv[:, 0])
+    if alone.any():
+        start, coarse_start = _pixel_start(samples, surface), _pixel_start(coarse.samples, surface)
+        _, near = cKDTree(coarse_start).query(start[alone])
+        uv[alone] = start[alone] + coarse.uv_m[near] - coarse_start[near]
+    return uv
+
+
+def _continued(
+    samples: Samples,
+    previous: Flattening,
+    surface: Surface,
+    axis: RotationAxis,
+    least_samples: int,
+    config: FlatteningConfig,
+    record: bool,
+) -> Level:
+    """Solve from where the last view ended; if that leads into a bad minimum, from the pixels."""
+    warm, still = _from_previous(samples, previous, surface, axis)
+    level = _solve_level(samples, warm, least_samples, config, record)
+    if _residual_m(level) > 1.5 * _residual_m(previous.levels[-1]):
+        level = _solve_level(samples, still, least_samples, config, record)
+    return level
+
+
+def _residual_m(level: Level) -> float:
+    """Root of H per pair: by how much the lengths of the largest part are missed, or a tenth of a mm."""
+    pairs = int((level.component[level.edges[:, 0]] == 0).sum())
+    return max(float(np.sqrt(level.energy[-1] / max(pairs, 1))), 1e-4)
+
+
+def _from_previous(
+    samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis
+) -> tuple[Float64, Float64]:
+    """Start where another view put the same cloth; the rest follows by pixels, moved along rigidly.
+
+    Also returns the pixel start alone, moved along.
+    """
+    start = _pixel_start(samples, surface)
+    frame, seen = surface.frame, previous.surface
+    turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
+    points, k = turn.apply(samples.points_m), seen.frame.intrinsics
+    rc = np.rint(project(points, k)).astype(np.int32)
+    inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))
+    depth = seen.xyz_m[rc[inside, 0], rc[inside, 1], 2]
+    with np.errstate(invalid="ignore"):
+        same = inside[np.abs(depth - points[inside, 2]) < _SAME_CLOTH_M]
+    placed = previous.carrier.place(rc[same])
+    found = np.isfinite(placed[:, 0])
+    known, placed = same[found], placed[found]
+    if known.size < 3:
+        return start, start
+    still = fit_rigid2(start[known], placed).apply(start)
+    uv = still.copy()
+    uv[known] = placed
+    return uv, still
+
+
+def _raster_components(
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    min_area_m2: float,
+) -> list[Component]:
+    make = {"smooth": _smooth_components, "delaunay": _delaunay_components}.get(config.interpolation)
+    if make is None:
+        raise ConfigError(f"flattening.interpolation: {config.interpolation!r} is not smooth or delaunay.")
+    parts = make(level, carrier, surface, axis, config, min_area_m2)
+    found = [part for part in parts if part.view.valid.any()]
+    found.sort(key=lambda part: -part.view.area_m2)
+    return [part for n, part in enumerate(found) if n == 0 or part.view.area_m2 >= min_area_m2]
+
+
+def _smooth_components(
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    min_area_m2: float,
+) -> Iterator[Component]:
+    uv, stretch = carrier.place_all()
+    component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
+    sizes = np.bincount(level.component)
+    least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
+    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
+    drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
+    if not drawn.any():
+        drawn = sizes == sizes.max()
+    boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
+    for c in np.flatnonzero(drawn & (sizes >= 3)):
+        box = boxes[c]
+        corner = (box[0].start, box[1].start)
+        view, flips, overlaps = rasterise_pixels(
+            uv, component[box] == c, corner, stretch, surface, axis, config.pixel_size_m
+        )
+        members = np.flatnonzero(level.component == c).astype(np.int32)
+        yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
+
+
+def _least_samples(surface: Surface, interval_px: int, area_m2: float) -> int:
+    """Fewer samples than this have no shape (3), or cannot be that area if seen at 60 deg."""
+    return max(3, int(0.5 * area_m2 / (interval_px * surface.pixel_pitch_m) ** 2))
+
+
+def _delaunay_components(
+    level: Level,
+    carrier: Carrier,
+    surface: Surface,
+    axis: RotationAxis,
+    config: FlatteningConfig,
+    _min_area_m2: float,
+) -> Iterator[Component]:
+    _, stretch = carrier.place_all()
+    for c in range(int(level.component.max()) + 1):
+        members = np.flatnonzero(level.component == c).astype(np.int32)
+        triangles, flips = triangulate(level.uv_m, level.samples, members, surface)
+        if len(triangles):
+            view = rasterise_triangles(
+                level.uv_m, level.samples, triangles, stretch, surface, axis, config.pixel_size_m
+            )
+            yield Component(view=view, members=members, flips=flips, overlaps=0)

@@ -1,0 +1,428 @@
+"""Minimising Eq. (2): points of the plane whose distances equal given lengths.
+
+``H(u, v) = sum over pairs of w_ab (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
+quadratic that touches it from above; its minimum is one solve with the graph Laplacian, which is
+factored once. It never increases H and does not fold the sheet from the pixel start, where
+gradient methods do (the paper's "instability"). Anderson mixing speeds it up; Gauss-Newton steps
+finish it where thin parts make majorisation crawl: their bending is far softer than any damping
+that would keep a step safe, so the steps are not damped, and two majorisations after each undo the
+stretching that a linearised turn leaves. Samples come in image order and garments hang long and
+narrow, so all matrices are narrow bands, factored in place by LAPACK; where the band is wide,
+conjugate gradients with the last factor as preconditioner come first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeVar, cast
+
+import numpy as np
+from numba import njit
+from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Float64, Int32
+
+T = TypeVar("T")
+_ANDERSON_DEPTH = 6
+_MAX_STEPS = 60
+_REPAIRS = 2
+"""Majorisations after each Gauss-Newton step."""
+_WIDE_BAND = 24
+"""From this bandwidth on, conjugate gradients are tried before a factorisation."""
+_MOST_CG_STEPS = 9
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
+_EXACT_M2 = 1e-14
+"""H per pair below which the lengths are met exactly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Minimum:
+    """Result: ``uv_m`` (N, 2), ``energy`` H before the first and after each iteration, recorded states.
+
+    ``states`` holds (N, 2) arrays at some iterations (``state_iterations``), for the teaching view;
+    empty unless asked for.
+    """
+
+    uv_m: Float64
+    energy: tuple[float, ...]
+    states: tuple[Float64, ...] = ()
+    state_iterations: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Banding:
+    """An order of points in which the pairs of a graph are near each other, and its matrices narrow bands.
+
+    ``order`` (N,) the points in it; ``place`` (N,) where each point comes; ``pairs`` (M, 2) int32 the
+    pairs, by those places, the lower first.
+    """
+
+    order: Int32
+    place: Int32
+    pairs: Int32
+
+
+def banding(n: int, edges: Int32) -> Banding:
+    """Find a narrow order of ``n`` points with pairs ``edges`` (M, 2) int32."""
+    order = _narrow_order(n, edges)
+    place = np.argsort(order).astype(np.int32)
+    return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
+
+
+class BandedLaplacian:
+    """A graph's Laplacian plus a trace of the identity, factored once to be solved often.
+
+    Parameters
+    ----------
+    narrow : Banding
+        The points' order, and the pairs.
+    weight : (M,) float64
+        Weights of the pairs, not negative.
+    held : float
+        Share of the identity, which makes it definite.
+    """
+
+    def __init__(self, narrow: Banding, weight: Float64, held: float) -> None:
+        self._narrow = narrow
+        band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
+        band[0] += held
+        self._factor = cast("Float64", _factor(band))
+
+    def solve(self, rhs: Float64) -> Float64:
+        """Return the solution (N, 2) for a right-hand side (N, 2)."""
+        solved: Float64 = _solved(self._factor, rhs[self._narrow.order].T).T[self._narrow.place]
+        return solved
+
+
+def minimise(
+    initial_uv_m: Float64,
+    edges: Int32,
+    edge_length_m: Float64,
+    *,
+    majorisations: int,
+    energy_tolerance: float,
+    weight: Float64 | None = None,
+    record: bool = False,
+    narrow: Banding | None = None,
+) -> Minimum:
+    """Minimise Eq. (2) for one connected graph.
+
+    Parameters
+    ----------
+    initial_uv_m : (N, 2) float64
+        Start, metres; two points of a pair must not coincide.
+    edges : (M, 2) int32
+        Pairs with B = 1; the graph must be connected.
+    edge_length_m : (M,) float64
+        Lengths E, positive.
+    majorisations : int
+        Majorisation steps before the first Gauss-Newton step.
+    energy_tolerance : float
+        Ends when the next step promises to lower H by a smaller share than this.
+    weight : (M,) float64, optional
+        Weights of the pairs, positive, about 1; by default all 1, as in the paper.
+    record : bool
+        Keep about twenty states on the way.
+    narrow : Banding, optional
+        That of the pairs, if it is known already.
+
+    Returns
+    -------
+    Minimum
+        The centroid and the mean direction of the start are kept: H does not fix them.
+
+    Notes
+    -----
+    Cost: N times the square of the bandwidth (points in one image row) for each Gauss-Newton step,
+    and a quarter of that once for majorisation.
+    """
+    if edges.shape[0] == 0:
+        return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
+    narrow = narrow or banding(len(initial_uv_m), edges)
+    order, place, pairs = narrow.order, narrow.place, narrow.pairs
+    weights = np.ones(len(edges)) if weight is None else weight
+    x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
+    trace: list[Float64] | None = [x] if record else None
+    band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
+    band[0, 0] += 1.0  # point 0 is held, which makes it definite
+    laplacian = _factor(band)
+    x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, energy_tolerance, trace)
+    states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
+    return Minimum(
+        uv_m=aligned_to(x.T[place], initial_uv_m),
+        energy=tuple(energy),
+        states=tuple(states),
+        state_iterations=tuple(_thinned(list(range(len(energy))))) if record else (),
+    )
+
+
+def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
+    """Return H of Eq. (2), m^2."""
+    length = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
+    return float(np.square(length - edge_length_m).sum())
+
+
+def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
+    """Return the points moved rigidly (no mirror) as near to the reference (N, 2) as possible."""
+    return fit_rigid2(uv_m, reference_uv_m).apply(uv_m)
+
+
+def _thinned(items: list[T], most: int = 20) -> list[T]:
+    if len(items) <= most:
+        return items
+    return [items[round(i)] for i in np.linspace(0, len(items) - 1, most)]
+
+
+def _bandwidth(edges: Int32) -> int:
+    return int(np.abs(edges[:, 0] - edges[:, 1]).max())
+
+
+def _narrow_order(n: int, edges: Int32) -> Int32:
+    """Order of the points in which pairs are near each other: as given (image rows) if that is."""
+    if _bandwidth(edges) <= 3.0 * math.sqrt(n) + 8:
+        return np.arange(n, dtype=np.int32)
+    ones = np.ones(len(edges), dtype=np.int8)
+    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
+    order: Int32 = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)
+    return order
+
+
+def _factor(band: Float64) -> Float64 | None:
+    """Cholesky factor of a lower band, which is overwritten; None if it is not definite."""
+    factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
+    return None if failed else factor
+
+
+def _solved(factor: Float64, rhs: Float64) -> Float64:
+    """Solve for (2, N): by the Laplacian for u and v apart, by the Hessian for both interleaved."""
+    if factor.shape[1] == rhs.shape[1]:
+        x, _ = dpbtrs(factor, rhs.T, lower=1)
+    else:
+        x, _ = dpbtrs(factor, rhs.T.ravel(), lower=1)
+        x = x.reshape(-1, 2)
+    return np.ascontiguousarray(x.T)
+
+
+def _majorise(
+    x: Float64,
+    edges: Int32,
+    lengths: Float64,
+    weight: Float64,
+    laplacian: Float64 | None,
+    iterations: int,
+    trace: list[Float64] | None,
+) -> tuple[Float64, list[float]]:
+    """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by the plain one."""
+    rhs = np.empty_like(x)
+    h = _majorise_rhs(x, edges, lengths, weight, rhs)
+    energy = [h]
+    past_x, past_f = np.empty((_ANDERSON_DEPTH, x.size)), np.empty((_ANDERSON_DEPTH, x.size))
+    kept = 0
+    for iteration in range(iterations if laplacian is not None else 0):
+        plain = _solved(cast("Float64", laplacian), rhs)
+        plain -= plain.mean(axis=1, keepdims=True)
+        g, f = plain.ravel(), (plain - x).ravel()
+        candidate = _anderson(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
+        slot = iteration % _ANDERSON_DEPTH
+        past_x[slot], past_f[slot] = g, f
+        kept = min(kept + 1, _ANDERSON_DEPTH)
+        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        if h_new > h:
+            candidate, kept = plain, 0
+            h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        x, h = candidate, h_new
+        energy.append(h)
+        if trace is not None:
+            trace.append(x)
+    return x, energy
+
+
+def _gauss_newton(
+    x: Float64,
+    edges: Int32,
+    lengths: Float64,
+    weight: Float64,
+    laplacian: Float64 | None,
+    energy: list[float],
+    tolerance: float,
+    trace: list[Float64] | None,
+) -> tuple[Float64, list[float]]:
+    """Gauss-Newton steps on (2, N), each repaired by majorisations, until little gain is promised."""
+    n, bandwidth = x.shape[1], _bandwidth(edges)
+    gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
+    damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
+    for _ in range(_MAX_STEPS):
+        if h <= _EXACT_M2 * len(edges):
+            break
+        _gradient(x, edges, lengths, weight, unit, gradient)
+        found = None
+        if bandwidth > _WIDE_BAND and damping <= _LEAST_DAMPING and last_factor is not None:
+            found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
+        if found is None:
+            factor = _factor(_hessian_band(n, bandwidth, edges, unit, damping))
+            if factor is not None:
+                last_factor = factor
+                step = _solved(factor, gradient)
+                found = step, float(np.vdot(gradient, step))
+        step, gain = found if found is not None else (np.zeros_like(x), 0.0)
+        candidate = x - step
+        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        if laplacian is not None and (gain > tolerance * h or h_new >= h):
+            for _ in range(_REPAIRS):
+                candidate = _solved(laplacian, rhs)
+                h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        if not h_new < h:
+            damping *= 10
+            if found is None or damping > _MOST_DAMPING:
+                break
+            continue
+        x, h = candidate, h_new
+        energy.append(h)
+        if trace is not None:
+            trace.append(x - x.mean(axis=1, keepdims=True))
+        damping = max(0.1 * damping, _LEAST_DAMPING)
+        if gain <= tolerance * h:
+            break
+    return x, energy
+
+
+def _conjugate_gradients(
+    gradient: Float64, edges: Int32, unit: Float64, factor: Float64, h: float, tolerance: float
+) -> tuple[Float64, float] | None:
+    """Solve the Gauss-Newton system roughly; return step and promised gain, or None if it takes too long.
+
+    It ends when what the next steps would add, forecast from the rate so far, does not matter.
+    """
+    step, curved = np.zeros_like(gradient), np.empty_like(gradient)
+    rest = gradient.copy()
+    toward = _solved(factor, rest)
+    direction, power, gain = toward, float(np.vdot(rest, toward)), 0.0
+    for iteration in range(_MOST_CG_STEPS):
+        _hessian_times(direction, edges, unit, curved)
+        length = power / max(float(np.vdot(direction, curved)), 1e-300)
+        step += length * direction
+        rest -= length * curved
+        added = length * power
+        gain += added
+        toward = _solved(factor, rest)
+        new_power = float(np.vdot(rest, toward))
+        rate = min(new_power / power, 0.95) if power > 0 else 0.0
+        forecast = added * rate / (1.0 - rate)
+        if iteration >= 2 and forecast <= max(0.05 * gain, 0.2 * tolerance * h):
+            return step, gain + forecast
+        direction = toward + (new_power / max(power, 1e-300)) * direction
+        power = new_power
+    return None
+
+
+@njit(cache=True, nogil=True)
+def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
+    """Combine the past images so that the combined residual is least."""
+    size = f.size
+    gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
+    for i in range(kept):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(size):
+                s += (f[k] - past_f[i, k]) * (f[k] - past_f[j, k])
+            gram[i, j] = gram[j, i] = s
+        s = 0.0
+        for k in range(size):
+            s += (f[k] - past_f[i, k]) * f[k]
+        rhs[i] = s
+    largest = 0.0
+    for i in range(kept):
+        largest = max(largest, gram[i, i])
+    for i in range(kept):
+        gram[i, i] += 1e-12 * largest + 1e-300
+    gamma = np.linalg.solve(gram, rhs)
+    mixed = g.copy()
+    for i in range(kept):
+        for k in range(size):
+            mixed[k] -= gamma[i] * (g[k] - past_x[i, k])
+    return mixed
+
+
+@njit(cache=True, nogil=True)
+def _laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
+    """Lower band of the graph Laplacian, which is definite only once something is held."""
+    band = np.zeros((bandwidth + 1, n))
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        band[0, a] += weight[e]
+        band[0, b] += weight[e]
+        band[b - a, a] -= weight[e]
+    return band
+
+
+@njit(cache=True, nogil=True)
+def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rhs: Float64) -> float:
+    """Write B(x) x, the right-hand side of the majorising solve, and return H."""
+    rhs[:] = 0.0
+    h = 0.0
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
+        d = math.sqrt(du * du + dv * dv)
+        h += weight[e] * (d - lengths[e]) ** 2
+        s = weight[e] * lengths[e] / max(d, 1e-12)
+        rhs[0, a] += s * du
+        rhs[1, a] += s * dv
+        rhs[0, b] -= s * du
+        rhs[1, b] -= s * dv
+    return h
+
+
+@njit(cache=True, nogil=True)
+def _gradient(
+    x: Float64, edges: Int32, lengths: Float64, weight: Float64, unit: Float64, gradient: Float64
+) -> None:
+    """Write the unit vectors of all pairs, times the root of the weight, and the gradient of H / 2."""
+    gradient[:] = 0.0
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
+        d = max(math.sqrt(du * du + dv * dv), 1e-12)
+        root = math.sqrt(weight[e])
+        residual = root * (d - lengths[e])
+        for k, n in ((0, root * du / d), (1, root * dv / d)):
+            unit[e, k] = n
+            gradient[k, a] += n * residual
+            gradient[k, b] -= n * residual
+
+
+@njit(cache=True, nogil=True)
+def _hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
+    """Lower band of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
+    band = np.zeros((2 * bandwidth + 2, 2 * n))
+    band[0] = damping
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
+        for end in (a, b):
+            band[0, 2 * end] += uu
+            band[0, 2 * end + 1] += vv
+            band[1, 2 * end] += uv
+        offset = 2 * (b - a)
+        band[offset, 2 * a] -= uu
+        band[offset + 1, 2 * a] -= uv
+        band[offset - 1, 2 * a + 1] -= uv
+        band[offset, 2 * a + 1] -= vv
+    return band
+
+
+@njit(cache=True, nogil=True)
+def _hessian_times(p: Float64, edges: Int32, unit: Float64, product: Float64) -> None:
+    """Write the Gauss-Newton Hessian of H / 2 times p (2, N)."""
+    product[:] = 0.0
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        along = unit[e, 0] * (p[0, a] - p[0, b]) + unit[e, 1] * (p[1, a] - p[1, b])
+        for k in range(2):
+            product[k, a] += along * unit[e, k]
+            product[k, b] -= along * unit[e, k]

@@ -1,0 +1,64 @@
+"""Narrow necks: where a sheet of samples hangs together by a few pairs only.
+
+Two parts of cloth that are joined by a strip of one or two samples are each flattened rightly, but
+nothing holds the angle between them: cloth stretches and shears by a percent or two, and over such a
+strip that swings one part against the other by tens of millimetres at its far end. So the strip is
+cut and the parts are flattened, and later placed, each on its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from flatcloth.core.types import Bool, Int32
+from flatcloth.flattening.sampling import Samples
+
+_NEIGHBOURS = 8
+
+
+def cut_necks(samples: Samples, least_core: int) -> Samples:
+    """Return the samples without the pairs that lead from one part to another through a neck.
+
+    Parameters
+    ----------
+    samples : Samples
+        Samples on a grid with their pairs.
+    least_core : int
+        A part has at least this many connected samples with all eight neighbours; what has not
+        belongs to the part it is nearest to. 0 cuts nothing.
+    """
+    if least_core <= 0 or len(samples.edges) == 0:
+        return samples
+    part = _parts(len(samples.points_rc), samples.edges, least_core)
+    inside = part[samples.edges[:, 0]] == part[samples.edges[:, 1]]
+    return replace(samples, edges=samples.edges[inside], edge_length_m=samples.edge_length_m[inside])
+
+
+def _parts(n: int, edges: Int32, least_core: int) -> Int32:
+    """Find the core that each sample (N,) is nearest to over the pairs; -1 if none is in reach."""
+    a, b = edges[:, 0], edges[:, 1]
+    whole = np.bincount(edges.ravel(), minlength=n) >= _NEIGHBOURS
+    core = _cores(n, edges[whole[a] & whole[b]], whole)
+    size = np.bincount(core[core >= 0], minlength=1)
+    if (size >= least_core).sum() <= 1:
+        return np.zeros(n, dtype=np.int32)  # nothing to tell apart
+    part = np.where((core >= 0) & (size[np.maximum(core, 0)] >= least_core), core, -1).astype(np.int32)
+    while True:  # one step over the pairs at a time, so that the nearest core wins
+        reached = part.copy()
+        for near, far in ((a, b), (b, a)):
+            grows = (part[near] >= 0) & (reached[far] < 0)
+            reached[far[grows]] = part[near[grows]]
+        if (reached == part).all():
+            return part
+        part = reached
+
+
+def _cores(n: int, edges: Int32, whole: Bool) -> Int32:
+    ones = np.ones(len(edges), dtype=np.int8)
+    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n))
+    label: Int32 = np.where(whole, connected_components(graph, directed=False)[1], -1)
+    return label

@@ -1,0 +1,216 @@
+"""Local fits of the inverse depth, over what can be reached from the centre on one layer.
+
+The inverse depth of a plane is exactly affine in the image, so the fit has no bias by perspective.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame
+
+STEP_RIGHT, STEP_DOWN = 1, 2
+"""Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer."""
+STEPS_BOTH = STEP_RIGHT | STEP_DOWN
+
+
+def normals_from_fit(
+    fit: Float64, rows: NDArray[np.number], cols: NDArray[np.number], frame: RgbdFrame
+) -> tuple[Float64, Float64]:
+    """Return unit normals (N, 3) towards the camera and the cosine of the incidence angle (N,).
+
+    A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
+    """
+    k = frame.intrinsics
+    x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
+    n = np.stack([fit[:, 1] * k.fx, fit[:, 2] * k.fy, fit[:, 0]], axis=1)
+    n[:, 2] -= n[:, 0] * x + n[:, 1] * y
+    length = np.linalg.norm(n, axis=1)
+    length[length == 0] = np.inf
+    cos_incidence = fit[:, 0] / (length * np.sqrt(x * x + y * y + 1))
+    normal: Float64 = -n / length[:, None]
+    return normal, cos_incidence
+
+
+def fit_planes(
+    inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, radius: int, noisy_depth_m: float
+) -> tuple[Float64, float]:
+    """Fit a plane around every pixel of the item.
+
+    Where no jump touches the window the weighted fit is three separable filters. Only the other
+    pixels need a fit of their own; it is one-sided there, so it is a quadratic one, unless the depth
+    scatters about its planes by more than ``noisy_depth_m``.
+
+    Returns
+    -------
+    fit : (K, 6) float64
+        As :func:`fit_patches`, in the order of the item's pixels.
+    noise_m : float
+        Median deviation of the measured depth from its planes.
+    """
+    offset = np.arange(-radius, radius + 1, dtype=np.float64)
+    weight = _weight(offset / radius)
+    total, second = weight.sum(), (weight * offset**2).sum()
+    rows, cols = np.nonzero(item)
+    fit = np.zeros((rows.size, 6))
+    for n, (x, y, norm) in enumerate(
+        (
+            (weight, weight, total * total),
+            (weight * offset, weight, second * total),
+            (weight, weight * offset, second * total),
+        )
+    ):
+        filtered = cv2.sepFilter2D(inverse_depth, cv2.CV_64F, x, y, borderType=cv2.BORDER_CONSTANT)
+        fit[:, n] = filtered[rows, cols] / norm
+    whole = cv2.erode(
+        (steps == STEPS_BOTH).astype(np.uint8),
+        np.ones((2 * radius + 1,) * 2, dtype=np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    cut = whole[rows, cols] == 0
+    inner = fit[~cut, 0]
+    scatter = np.abs(inverse_depth[rows[~cut], cols[~cut]] - inner) / np.maximum(inner, 1e-9) ** 2
+    noise_m = float(np.median(scatter)) if scatter.size else 0.0
+    at = rows[cut].astype(np.int32), cols[cut].astype(np.int32)
+    fit[cut] = fit_patches(inverse_depth, steps, *at, radius, 1, noise_m <= noisy_depth_m)
+    return fit, noise_m
+
+
+def _weight(share: Float64) -> Float64:
+    """Weight of a row or column at this share of the radius; the kernel of the fits repeats it."""
+    weight: Float64 = 1.0 - 0.8 * share**2
+    return weight
+
+
+@njit(cache=True, nogil=True)
+def fit_patches(
+    inverse_depth: Float64,
+    steps: NDArray[np.uint8],
+    rows: Int32,
+    cols: Int32,
+    radius: int,
+    stride: int,
+    quadratic: bool,
+) -> Float64:
+    """Fit the inverse depth around each given pixel over what is reachable without a jump.
+
+    Every ``stride``-th row and column of the window counts (neighbours of a noisy pixel tell little
+    more than it does).
+
+    Returns (N, 6): value, d/dcol, d/drow, and for ``quadratic`` half the second derivatives
+    d2/dcol2, d2/dcoldrow (whole), d2/drow2. Weights fall with the distance. Where the points do
+    not determine a quadratic, a plane is fitted; where not even that, all six are 0.
+    """
+    n_rows = inverse_depth.shape[0]
+    size = 2 * radius + 1
+    result = np.zeros((rows.size, 6))
+    reach = np.zeros((size, size), dtype=np.bool_)
+    terms = np.zeros(6)
+    for n in range(rows.size):
+        r0, c0 = rows[n], cols[n]
+        _reach(steps, r0, c0, radius, reach)
+        a = np.zeros((6, 6))
+        b = np.zeros(6)
+        count = 0
+        q0 = inverse_depth[r0, c0]
+        for i in range(radius % stride, size, stride):
+            r = r0 + i - radius
+            if r < 0 or r >= n_rows:
+                continue
+            for j in range(radius % stride, size, stride):
+                if not reach[i, j]:
+                    continue
+                x, y = float(j - radius) / radius, float(i - radius) / radius
+                w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
+                q = inverse_depth[r, c0 + j - radius] - q0
+                terms[0], terms[1], terms[2] = 1.0, x, y
+                terms[3], terms[4], terms[5] = x * x, x * y, y * y
+                m = 6 if quadratic else 3
+                for k in range(m):
+                    wk = w * terms[k]
+                    b[k] += wk * q
+                    for j2 in range(k + 1):
+                        a[k, j2] += wk * terms[j2]
+                count += 1
+        solved = 0
+        if quadratic and count >= 12:
+            solved = _cholesky_solve(a, b, 6)
+        if solved == 0 and count >= 6:
+            solved = _cholesky_solve(a, b, 3)
+        if solved == 0:
+            continue
+        result[n, 0] = b[0] + q0
+        result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
+        if solved == 6:
+            for k in range(3, 6):
+                result[n, k] = b[k] / (radius * radius)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool) -> None:
+    """Mark the window cells reached from the centre by monotone paths of good steps."""
+    n_rows, n_cols = steps.shape
+    size = 2 * radius + 1
+    for i in range(size):
+        for j in range(size):
+            reach[i, j] = False
+    reach[radius, radius] = True
+    for ring_r in range(radius + 1):
+        for sign_r in (1, -1):
+            if ring_r == 0 and sign_r == -1:
+                continue
+            r = r0 + sign_r * ring_r
+            if r < 0 or r >= n_rows:
+                continue
+            i = radius + sign_r * ring_r
+            for ring_c in range(radius + 1):
+                for sign_c in (1, -1):
+                    if ring_c == 0 and (sign_c == -1 or ring_r == 0):
+                        continue
+                    c = c0 + sign_c * ring_c
+                    if c < 0 or c >= n_cols:
+                        continue
+                    j = radius + sign_c * ring_c
+                    good = False
+                    if ring_r > 0 and reach[i - sign_r, j]:
+                        upper = r - 1 if sign_r > 0 else r
+                        good = (steps[upper, c] & 2) > 0
+                    if not good and ring_c > 0 and reach[i, j - sign_c]:
+                        left = c - 1 if sign_c > 0 else c
+                        good = (steps[r, left] & 1) > 0
+                    reach[i, j] = good
+
+
+@njit(cache=True, nogil=True)
+def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
+    """Solve the leading m x m symmetric system (lower triangle given) in place; 0 if singular."""
+    low = np.zeros((m, m))
+    for k in range(m):
+        for j in range(k + 1):
+            s = a[k, j]
+            for p in range(j):
+                s -= low[k, p] * low[j, p]
+            if k == j:
+                if s <= 1e-6 * a[k, k] or s <= 0.0:
+                    return 0
+                low[k, k] = math.sqrt(s)
+            else:
+                low[k, j] = s / low[j, j]
+    for k in range(m):
+        s = b[k]
+        for p in range(k):
+            s -= low[k, p] * b[p]
+        b[k] = s / low[k, k]
+    for k in range(m - 1, -1, -1):
+        s = b[k]
+        for p in range(k + 1, m):
+            s -= low[p, k] * b[p]
+        b[k] = s / low[k, k]
+    return m

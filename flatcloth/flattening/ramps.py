@@ -1,0 +1,168 @@
+"""Ramps: where a stereo sensor joins two layers of cloth by a steep slope that is not there.
+
+Across a depth edge such a sensor does not jump; over 5 to 8 pixels its depth runs from one layer to
+the other. The mark of a ramp is a steep middle between two flatter ends: the depth gained over the
+middle exceeds by far what the slopes beside it explain. Cloth that turns out of sight steepens up
+to its outline instead, and is left alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
+
+
+def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceConfig) -> Bool:
+    """Return the pixels (H, W) that lie on a ramp.
+
+    Parameters
+    ----------
+    inverse_depth : (H, W) float64
+        1/m as measured, 0 where the item was not measured.
+    intrinsics : Intrinsics
+        The camera.
+    config : SurfaceConfig
+        Width, least height and least slope of a ramp.
+    """
+    focal = math.sqrt(intrinsics.fx * intrinsics.fy)
+    strength = _strength(
+        inverse_depth, config.ramp_half_width_px, config.ramp_height_m, config.ramp_slope, focal
+    )
+    # An edge between layers is long; a short one is noise. Where its layers approach each other it
+    # goes on as a weaker ramp, which alone could be a fold.
+    edge = _long_ones(strength >= 1.0, config.ramp_length_px)
+    if not edge.any():
+        return edge
+    weak = strength >= config.weak_ramp_share
+    _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
+    joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
+    joined[label[edge]] = True
+    joined[0] = False
+    ramp: Bool = joined[label]
+    return ramp
+
+
+def _long_ones(found: Bool, length_px: int) -> Bool:
+    _, label, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
+    long = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length_px
+    long[0] = False
+    kept: Bool = long[label]
+    return kept
+
+
+def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> Float64:
+    """Return the inverse depth of the item with small holes bridged smoothly (harmonic).
+
+    Parameters
+    ----------
+    inverse_depth : (H, W) float64
+        1/m, 0 off the item.
+    measured : (H, W) bool
+        Where the sensor measured anything: what lies behind a hole of the item is no dropout.
+    max_area_px : int
+        Larger holes stay open. Where the surroundings are two layers, the filling is steep and the
+        tests for jumps and ramps cut it again.
+    """
+    hole = (inverse_depth == 0) & ~measured
+    _, label, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] <= max_area_px
+    small[0] = False
+    filled = inverse_depth.copy()
+    _relax(filled, np.argwhere(small[label]), 60)
+    return filled
+
+
+@njit(cache=True, nogil=True)
+def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
+    """Set each hole pixel to the mean of its known neighbours, again and again."""
+    rows, cols = values.shape
+    for _ in range(sweeps):
+        for n in range(holes.shape[0]):
+            r, c = holes[n]
+            total, count = 0.0, 0
+            for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                rr, cc = r + dr, c + dc
+                if 0 <= rr < rows and 0 <= cc < cols and values[rr, cc] > 0:
+                    total += values[rr, cc]
+                    count += 1
+            if count > 0:
+                values[r, c] = total / count
+
+
+@njit(cache=True, nogil=True)
+def _strength(
+    inverse_depth: Float64, half: int, least_height: float, least_slope: float, focal: float
+) -> Float32:
+    """How far each pixel (H, W) goes towards a ramp: 1 where height and slope both reach the least."""
+    rows, cols = inverse_depth.shape
+    strength = np.zeros((rows, cols), dtype=np.float32)
+    for r in range(2, rows - 2):
+        for c in range(2, cols - 2):
+            q = inverse_depth[r, c]
+            if q <= 0:
+                continue
+            best = np.float32(0.0)
+            best_dr, best_dc = 0, 0
+            for k in range(4):
+                dr, dc = (0, 1) if k == 0 else (1, 0) if k == 1 else (1, 1) if k == 2 else (1, -1)
+                before, after = inverse_depth[r - 2 * dr, c - 2 * dc], inverse_depth[r + 2 * dr, c + 2 * dc]
+                if before <= 0 or after <= 0:
+                    continue
+                step = 4.0 * (1.4142 if k > 1 else 1.0) * least_slope / (focal * q)
+                steepness = abs(1.0 / after - 1.0 / before) / step
+                if steepness < 0.3:
+                    continue
+                height = _excess(inverse_depth, r, c, dr, dc, half) / least_height
+                found = np.float32(min(steepness, height))
+                if found > best:
+                    best, best_dr, best_dc = found, dr, dc
+            if best > 0.3:
+                # The steep middle, not its foot: that still lies on its layer.
+                spread = 1 if best >= 1.0 else 0
+                for k in range(-spread, spread + 1):
+                    rr, cc = r + k * best_dr, c + k * best_dc
+                    strength[rr, cc] = max(strength[rr, cc], best)
+    return strength
+
+
+@njit(cache=True, nogil=True)
+def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
+    """Height gained over the middle in one direction, less what the slopes beside it explain; metres."""
+    near_a, near_b = _depth(inverse_depth, r, c, dr, dc, -half), _depth(inverse_depth, r, c, dr, dc, half)
+    if near_a <= 0 or near_b <= 0:
+        return 0.0
+    height = near_b - near_a
+    sign = 1.0 if height > 0 else -1.0
+    for k in range(-half, half):
+        a, b = _depth(inverse_depth, r, c, dr, dc, k), _depth(inverse_depth, r, c, dr, dc, k + 1)
+        if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
+            return 0.0  # a clean jump within one step: the layers are apart as measured
+    # The slope of each side explains its half; where a side ends, its last two steps stand for it.
+    side_a = sign * (near_a - _outer(inverse_depth, r, c, dr, dc, -half, near_a))
+    side_b = sign * (_outer(inverse_depth, r, c, dr, dc, half, near_b) - near_b)
+    return sign * height - max(side_a, 0.0) - max(side_b, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _outer(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int, near: float) -> float:
+    """Depth at twice the half width, extrapolated if the item ends before."""
+    far = _depth(inverse_depth, r, c, dr, dc, 2 * half)
+    if far > 0:
+        return far
+    inner = _depth(inverse_depth, r, c, dr, dc, half // 2)
+    return near + 2.0 * (near - inner) if inner > 0 else near
+
+
+@njit(cache=True, nogil=True)
+def _depth(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, k: int) -> float:
+    rr, cc = r + k * dr, c + k * dc
+    if rr < 0 or cc < 0 or rr >= inverse_depth.shape[0] or cc >= inverse_depth.shape[1]:
+        return 0.0
+    q = inverse_depth[rr, cc]
+    return 1.0 / q if q > 0 else 0.0

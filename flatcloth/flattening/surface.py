@@ -1,0 +1,248 @@
+"""From one RGB-D frame to the cloth surface: which pixels, which neighbours, which normals.
+
+A pixel belongs to the surface if it was measured, lies on the side of interest, is not seen at a
+grazing angle and does not touch a depth edge. Depth and normals come from local fits of the inverse
+depth, which is exactly affine in the image for a plane, over the pixels that can be reached from
+the centre without a depth jump: layers are never mixed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import SurfaceError
+from flatcloth.core.geometry import back_project, z_angle_deg
+from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
+from flatcloth.flattening.ramps import fill_dropouts, find_ramps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface:
+    """The cloth surface in one view; all arrays (H, W, ...), camera frame of that view.
+
+    ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
+    ``normal`` float32, unit, towards the camera (NaN off the surface); ``z_angle_deg`` float32;
+    ``usable`` bool, the surface; ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``;
+    ``inverse_depth`` float64, 1/m as measured, 0 where the item was not measured; ``noise_m`` the
+    median deviation of the measured depth from its local planes, ``noisy`` whether that is much.
+    """
+
+    frame: RgbdFrame
+    xyz_m: Float32
+    normal: Float32
+    z_angle_deg: Float32
+    usable: Bool
+    steps: NDArray[np.uint8]
+    inverse_depth: Float64
+    noise_m: float
+    noisy: bool
+
+    @property
+    def pixel_pitch_m(self) -> float:
+        """Median size of an image pixel on the surface, seen frontally."""
+        depth = float(np.median(self.xyz_m[..., 2][self.usable]))
+        return depth / math.sqrt(self.frame.intrinsics.fx * self.frame.intrinsics.fy)
+
+
+def observed_area_m2(frame: RgbdFrame, item: Bool) -> float:
+    """Return the area of the measured pixels of ``item`` (H, W), each taken as facing the camera."""
+    depth = frame.depth_m[item]
+    return float(np.square(depth, dtype=np.float64).sum() / (frame.intrinsics.fx * frame.intrinsics.fy))
+
+
+def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
+    """Return the measured pixels (H, W) of the side of interest.
+
+    With a mask, that is the mask. Without, it is the foreground object on the axis: of the
+    regions that no depth jump divides, the large one nearest to the axis (or, without an axis,
+    nearest to the camera). Both sides of the cloth may be in it then.
+    """
+    if frame.mask is not None:
+        return (frame.depth_m > 0) & frame.mask
+    return foreground_mask(frame, axis, config)
+
+
+def observe_item(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> Surface:
+    """Find the surface as :func:`observe_surface` does, in the part of the frame around the item only."""
+    cropped, item = crop_to_item(frame, item_mask(frame, axis, config))
+    return observe_surface(cropped, axis, config, item)
+
+
+def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[RgbdFrame, Bool]:
+    """Return the part of a frame around the item, and the item in it: what follows costs its size.
+
+    Raises
+    ------
+    SurfaceError
+        If there is no pixel of the item.
+    """
+    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
+    if rows.size == 0:
+        raise SurfaceError(
+            f"View {frame.view_index}: it shows nothing of the side of interest; use another view."
+        )
+    around = tuple(
+        slice(max(int(found[0]) - margin_px, 0), int(found[-1]) + margin_px + 1) for found in (rows, cols)
+    )
+    return frame.cropped(*around), item[around]
+
+
+def observe_surface(
+    frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig, item: Bool | None = None
+) -> Surface:
+    """Find the surface of the side of interest in one frame.
+
+    Parameters
+    ----------
+    frame : RgbdFrame
+        The view.
+    axis : RotationAxis
+        Axis of the recording, camera frame.
+    config : SurfaceConfig
+        Limits.
+    item : (H, W) bool, optional
+        The measured pixels to use; by default those of :func:`item_mask`.
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    SurfaceError
+        If no surface is left; the message names the view.
+    """
+    k = frame.intrinsics
+    if item is None:
+        item = item_mask(frame, axis, config)
+    inverse_depth = _inverse(frame.depth_m, item)
+    step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, config.max_dropout_px)
+    inverse_depth[find_ramps(inverse_depth, k, config)] = 0.0
+    steps = _find_steps(inverse_depth, step_limit)
+    item = inverse_depth > 0
+    rows, cols = np.nonzero(item)
+    fit, noise_m = fit_planes(inverse_depth, steps, item, config.normal_window_px, config.noisy_depth_m)
+    normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
+    kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
+    usable = np.zeros(item.shape, dtype=np.bool_)
+    usable[rows[kept], cols[kept]] = True
+    usable &= _off_edges(item, steps)
+    if not usable.any():
+        raise SurfaceError(
+            f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
+            "removed; use another view, or check depth and mask."
+        )
+    depth = np.zeros(item.shape, dtype=np.float32)
+    depth[rows[kept], cols[kept]] = 1.0 / fit[kept, 0]
+    depth[~usable] = 0.0
+    normals = np.full((*item.shape, 3), np.nan, dtype=np.float32)
+    normals[rows, cols] = normal
+    normals[~usable] = np.nan
+    angle = np.full(item.shape, np.nan, dtype=np.float32)
+    angle[usable] = z_angle_deg(normals[usable], axis)
+    return Surface(
+        frame=frame,
+        xyz_m=back_project(depth, k),
+        normal=normals,
+        z_angle_deg=angle,
+        usable=usable,
+        steps=steps,
+        inverse_depth=inverse_depth,
+        noise_m=noise_m,
+        noisy=noise_m > config.noisy_depth_m,
+    )
+
+
+def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
+    """Return the measured pixels (H, W) of the foreground object, from depth alone; see :func:`item_mask`."""
+    k = frame.intrinsics
+    measured = frame.depth_m > 0
+    inverse_depth = _inverse(frame.depth_m, measured)
+    step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
+    labels = _label_regions(_find_steps(inverse_depth, step_limit), measured)
+    count = int(labels.max()) + 1
+    if count == 0:
+        raise SurfaceError(f"View {frame.view_index}: nothing was measured; use another view.")
+    label = labels[measured]
+    xyz = back_project(frame.depth_m, k)[measured].astype(np.float64)
+    area = np.bincount(label, xyz[:, 2] ** 2 / (k.fx * k.fy), count)
+    if axis is None:
+        distance = xyz[:, 2]
+    else:
+        offset = xyz - axis.point_m
+        distance = np.linalg.norm(offset - (offset @ axis.direction)[:, None] * axis.direction, axis=1)
+    mean_distance = np.bincount(label, distance, count) / np.maximum(np.bincount(label, None, count), 1)
+    large = area >= min(config.min_item_area_m2, area.max())
+    nearest = mean_distance[large].min()
+    # Layers of one item that overlap are separate regions; they lie within its depth extent.
+    chosen = large & (mean_distance <= nearest + config.item_depth_extent_m)
+    kept: Bool = measured & np.append(chosen, False)[labels]
+    return kept
+
+
+def _inverse(depth_m: Float32, item: Bool) -> Float64:
+    """Inverse depth (H, W), 0 off the measured pixels of the item."""
+    return np.where(item, 1.0 / np.where(item, depth_m.astype(np.float64), 1.0), 0.0)
+
+
+def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
+    """Pixels of the item that no jump divides from a neighbour that belongs to the item too."""
+    cut_right = item[:, :-1] & item[:, 1:] & ((steps[:, :-1] & STEP_RIGHT) == 0)
+    cut_down = item[:-1] & item[1:] & ((steps[:-1] & STEP_DOWN) == 0)
+    off = item.copy()
+    off[:, :-1] &= ~cut_right
+    off[:, 1:] &= ~cut_right
+    off[:-1] &= ~cut_down
+    off[1:] &= ~cut_down
+    return off
+
+
+def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
+    """Label (H, W) the regions that steps connect, from 0; -1 where nothing was measured."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    index = np.full(measured.shape, -1, dtype=np.int32)
+    index[measured] = np.arange(int(measured.sum()), dtype=np.int32)
+    a = np.concatenate([index[(steps & bit) > 0] for bit in (STEP_RIGHT, STEP_DOWN)])
+    b = np.concatenate(
+        [index[:, 1:][(steps[:, :-1] & STEP_RIGHT) > 0], index[1:][(steps[:-1] & STEP_DOWN) > 0]]
+    )
+    n = int(measured.sum())
+    graph = coo_matrix((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
+    labels = np.full(measured.shape, -1, dtype=np.int32)
+    labels[measured] = connected_components(graph, directed=False)[1]
+    return labels
+
+
+@njit(cache=True, nogil=True)
+def _find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
+    """Mark the steps between measured neighbours that no depth jump cuts.
+
+    The limit is on the ratio of depths: a step of ``step_limit`` times the depth is the slope of
+    the grazing limit, so the test means the same at every distance.
+    """
+    rows, cols = inverse_depth.shape
+    steps = np.zeros((rows, cols), dtype=np.uint8)
+    for r in range(rows):
+        for c in range(cols):
+            q = inverse_depth[r, c]
+            if q <= 0:
+                continue
+            if c + 1 < cols:
+                p = inverse_depth[r, c + 1]
+                if p > 0 and abs(p - q) <= step_limit * min(p, q):
+                    steps[r, c] |= 1
+            if r + 1 < rows:
+                p = inverse_depth[r + 1, c]
+                if p > 0 and abs(p - q) <= step_limit * min(p, q):
+                    steps[r, c] |= 2
+    return steps

@@ -1,0 +1,331 @@
+"""Between flattened pixels and 3D points: grasp points and poses, and the pixel of a 3D point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3, camera_from_held
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.grasping.surroundings import TangentMap, nearest_outline, tangent_map
+
+OPENING_M = 0.04
+"""How far apart the fingers stand if the operator does not say."""
+
+OPENING_RANGE_M = (0.005, 0.30)
+"""Openings that a gripper for cloth may have."""
+
+LOST_AT_M = 0.010
+"""A point further than this from the shape is not on it: its view was taken back."""
+
+_FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspPoint:
+    """The 3D point behind a flattened pixel.
+
+    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its place on the plane;
+    positions and unit normals (3,) in the held frame and in the camera frame at ``angle_deg``;
+    the normal points out of the cloth, towards the camera that saw it. ``view_index`` and
+    ``source_rc`` name the image pixel it was measured in; ``miss_m`` is the distance on the plane
+    between the place asked for and the pixel (0 if that place lies on the cloth).
+    """
+
+    rc: tuple[int, int]
+    uv_m: tuple[float, float]
+    position_held_m: Float64
+    position_camera_m: Float64
+    normal_held: Float64
+    normal_camera: Float64
+    angle_deg: float
+    z_angle_deg: float
+    view_index: int
+    source_rc: tuple[float, float]
+    miss_m: float
+
+
+def grasp_at(
+    view: FlattenedView, uv_m: tuple[float, float], axis: RotationAxis, angle_deg: float
+) -> GraspPoint:
+    """Return the grasp point at the valid pixel nearest to a place on the plane.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The flattened view, attributes in the held frame.
+    uv_m : (float, float)
+        Place on the plane, metres; may lie off the cloth or off the grid.
+    axis : RotationAxis
+        Axis of the recording, held frame.
+    angle_deg : float
+        Present rotation, for the camera-frame numbers.
+
+    Raises
+    ------
+    FlatclothError
+        If the view has no valid pixel or ``uv_m`` is not finite.
+    """
+    if not (math.isfinite(uv_m[0]) and math.isfinite(uv_m[1])):
+        raise FlatclothError("The picked place is not a finite point of the plane; click again.")
+    if not view.valid.any():
+        raise FlatclothError("Nothing is flattened yet; step first, then pick.")
+    asked = view.rc_from_uv(np.asarray(uv_m))
+    row, col = _nearest_valid(view, asked)
+    uv = view.uv_from_rc(np.array([row, col]))
+    inside = bool(np.all(np.abs(asked - (row, col)) <= 0.5 + 1e-9))
+    position = view.xyz_m[row, col].astype(np.float64)
+    normal = view.normal[row, col].astype(np.float64)
+    camera_position, camera_normal = camera_from_held(axis, angle_deg).apply_with_normal(position, normal)
+    return GraspPoint(
+        rc=(row, col),
+        uv_m=(float(uv[0]), float(uv[1])),
+        position_held_m=position,
+        position_camera_m=camera_position,
+        normal_held=normal,
+        normal_camera=camera_normal,
+        angle_deg=angle_deg,
+        z_angle_deg=float(view.z_angle_deg[row, col]),
+        view_index=int(view.view_index[row, col]),
+        source_rc=(float(view.source_rc[row, col, 0]), float(view.source_rc[row, col, 1])),
+        miss_m=0.0 if inside else float(np.hypot(*(uv - np.asarray(uv_m)))),
+    )
+
+
+def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int], float]:
+    """Return the valid pixel (row, col) nearest to a point (3,) in the held frame, and its distance in m.
+
+    Raises
+    ------
+    FlatclothError
+        If the view has no valid pixel.
+    """
+    rows, cols = np.nonzero(view.valid)
+    if rows.size == 0:
+        raise FlatclothError("Nothing is flattened yet; step first, then pick.")
+    distance_m = np.linalg.norm(view.xyz_m[rows, cols] - np.asarray(xyz_m), axis=1)
+    best = int(np.argmin(distance_m))
+    return (int(rows[best]), int(cols[best])), float(distance_m[best])
+
+
+def point_on_ray(
+    points_m: Floats, origin_m: Floats, direction: Floats, max_angle_deg: float = 1.0
+) -> int | None:
+    """Return the index of the point that a ray from the eye hits first, or None if it hits none.
+
+    Of the points (N, 3) within ``max_angle_deg`` of the ray, those within 10 mm in depth of the
+    front-most are candidates; the one at the smallest angle to the ray wins.
+    """
+    offset = np.asarray(points_m, dtype=np.float64) - np.asarray(origin_m, dtype=np.float64)
+    unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    along = offset @ unit
+    across = np.linalg.norm(offset - along[:, None] * unit, axis=1)
+    angle = np.arctan2(across, along)
+    near = np.flatnonzero(np.isfinite(angle) & (angle <= math.radians(max_angle_deg)) & (along > 0))
+    if near.size == 0:
+        return None
+    front = near[along[near] <= along[near].min() + 0.010]
+    return int(front[np.argmin(angle[front])])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """How a pick is to be gripped: what the operator chooses of a pose.
+
+    ``axis_held`` is the in-plane axis chosen by hand, unit, held frame (so that it stays with the
+    cloth when the flattened plane turns); None: along the nearest outline. ``opening_m`` is the
+    distance of the fingers.
+    """
+
+    axis_held: tuple[float, float, float] | None = None
+    opening_m: float = OPENING_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspUncertainty:
+    """How well a pose is known; one standard deviation, NaN where it cannot be told.
+
+    ``position_m`` along the approach, from the scatter of the depth nearby; ``normal_deg`` of the
+    approach and ``axis_deg`` of the in-plane axis, from the spread of the normals and of the
+    outline's direction nearby; ``placement_m`` of the pixel's place on the flattened plane, where
+    the view knows it. What is common to the neighbourhood (a bias of the depth, the turning axis,
+    the hand-eye transform) is not in them.
+    """
+
+    position_m: float = math.nan
+    normal_deg: float = math.nan
+    axis_deg: float = math.nan
+    placement_m: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspPose:
+    """Where and how a parallel gripper takes the cloth.
+
+    ``held_from_grasp``: origin at the pick, z the approach (into the cloth, against the outward normal),
+    x the in-plane axis, y = z cross x; the fingers stand ``opening_m`` apart along y and close along it.
+    ``axis_from`` tells where x comes from: ``outline`` (along it, y into the cloth), ``hand``, or
+    ``level`` (horizontal) where the cloth around the pick shows no direction. ``direction_uv`` (2,) is
+    x on the plane and ``outline_distance_m`` the distance to the outline; None where unknown.
+    """
+
+    held_from_grasp: Rigid3
+    opening_m: float
+    axis_from: str
+    direction_uv: Float64 | None
+    outline_distance_m: float | None
+    uncertainty: GraspUncertainty
+
+    def camera_from_grasp(self, axis: RotationAxis, angle_deg: float) -> Rigid3:
+        """Return the pose in the camera frame when the item stands at a rotation."""
+        return camera_from_held(axis, angle_deg) @ self.held_from_grasp
+
+    def gripper_m(self) -> Float64:
+        """Return the gripper as (6, 2, 3) line segments, held frame: fingers, bar, stem, axis, opening."""
+        half, back, stem = self.opening_m / 2, -_FINGER_M, -_FINGER_M - _STEM_M
+        lines = [
+            [(0, -half, 0), (0, -half, back)],
+            [(0, half, 0), (0, half, back)],
+            [(0, -half, back), (0, half, back)],
+            [(0, 0, back), (0, 0, stem)],
+            [(-_AXIS_MARK_M, 0, 0), (_AXIS_MARK_M, 0, 0)],
+            [(0, -half, 0), (0, half, 0)],
+        ]
+        return self.held_from_grasp.apply(np.array(lines, dtype=np.float64))
+
+
+def grasp_pose(
+    view: FlattenedView,
+    position_held_m: Floats,
+    normal_held: Floats,
+    axis: RotationAxis,
+    grip: Grip | None = None,
+) -> GraspPose | None:
+    """Return the grasp pose of a pick, or None if its normal is not known.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The present shape; tells outline, tangent and uncertainty if the pick is still on it.
+    position_held_m, normal_held : (3,) array
+        The pick: its point and its outward normal, held frame.
+    axis : RotationAxis
+        The turning axis, held frame; tells what is level.
+    grip : Grip, optional
+        What the operator chose; by default along the outline, ``OPENING_M`` open.
+    """
+    grip = grip or Grip()
+    position = np.asarray(position_held_m, dtype=np.float64)
+    outward = np.asarray(normal_held, dtype=np.float64)
+    length = float(np.linalg.norm(outward))
+    if not (math.isfinite(length) and length > 1e-6 and bool(np.isfinite(position).all())):
+        return None
+    approach = -outward / length
+    rc, tangent = _patch_of(view, position)
+    outline = None if rc is None else nearest_outline(view, rc)
+    source, x, direction = "hand", None, None
+    if grip.axis_held is not None:
+        x = _unit_across(np.asarray(grip.axis_held, dtype=np.float64), approach)
+    if x is None and tangent is not None and outline is not None:
+        source, direction = "outline", outline.direction
+        x = _unit_across(tangent.held_from_plane @ direction, approach)
+    if x is None:
+        source, direction = "level", None
+        x = _level(axis, approach)
+    if direction is None and tangent is not None:
+        direction = _on_plane(tangent, x)
+    return GraspPose(
+        held_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
+        opening_m=grip.opening_m,
+        axis_from=source,
+        direction_uv=direction,
+        outline_distance_m=None if outline is None else outline.distance_m,
+        uncertainty=GraspUncertainty(
+            position_m=math.nan if tangent is None else tangent.scatter_m,
+            normal_deg=math.nan if tangent is None else tangent.normal_spread_deg,
+            axis_deg=outline.spread_deg if source == "outline" and outline is not None else math.nan,
+            placement_m=math.nan if rc is None else _placement_std_m(view, rc),
+        ),
+    )
+
+
+def axis_by_hand(
+    view: FlattenedView, position_held_m: Floats, angle_deg: float
+) -> tuple[float, float, float]:
+    """Return the axis in space (unit, held frame) of a direction drawn on the plane through a pick.
+
+    ``angle_deg`` turns from u towards v, clockwise as drawn.
+
+    Raises
+    ------
+    FlatclothError
+        If the angle is not finite, or the pick does not lie on the shape or on too little of it.
+    """
+    if not math.isfinite(angle_deg):
+        raise FlatclothError("The angle of the grip's axis is not a number; give degrees.")
+    _, tangent = _patch_of(view, np.asarray(position_held_m, dtype=np.float64))
+    if tangent is None:
+        raise FlatclothError(
+            "The shape shows too little cloth around this pick to turn its axis; pick another place."
+        )
+    angle = math.radians(angle_deg)
+    axis = tangent.held_from_plane @ np.array([math.cos(angle), math.sin(angle)])
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    return x, y, z
+
+
+def quaternion_wxyz(rotation: Floats) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3)."""
+    x, y, z, w = Rotation.from_matrix(np.asarray(rotation)).as_quat(canonical=True).tolist()
+    return w, x, y, z
+
+
+def _patch_of(view: FlattenedView, position_m: Float64) -> tuple[tuple[int, int] | None, TangentMap | None]:
+    """Return the pixel of a point and its tangent map; None where the shape does not have them."""
+    if not view.valid.any():
+        return None, None
+    rc, distance_m = pixel_of_point(view, position_m)
+    if distance_m > LOST_AT_M:
+        return None, None
+    return rc, tangent_map(view, rc)
+
+
+def _unit_across(vector: Float64, approach: Float64) -> Float64 | None:
+    """Return the unit part of a vector across the approach; None if nearly all of it is along it."""
+    across: Float64 = vector - (vector @ approach) * approach
+    length = float(np.linalg.norm(across))
+    if not length > 0.1 * float(np.linalg.norm(vector)):
+        return None
+    return across / length
+
+
+def _level(axis: RotationAxis, approach: Float64) -> Float64:
+    across = np.cross(axis.direction, approach)
+    if np.linalg.norm(across) < 1e-6:  # approached from above: any level direction is one
+        across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
+    unit: Float64 = across / np.linalg.norm(across)
+    return unit
+
+
+def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
+    direction: Float64 = np.linalg.pinv(tangent.held_from_plane) @ x
+    length = float(np.linalg.norm(direction))
+    return direction / length if length > 1e-9 else None
+
+
+def _placement_std_m(view: FlattenedView, rc: tuple[int, int]) -> float:
+    # Only some ways of integrating know it.
+    return math.nan if view.placement_std_m is None else float(view.placement_std_m[rc])
+
+
+def _nearest_valid(view: FlattenedView, asked_rc: Float64) -> tuple[int, int]:
+    row, col = (round(float(x)) for x in asked_rc)
+    if 0 <= row < view.shape[0] and 0 <= col < view.shape[1] and view.valid[row, col]:
+        return row, col
+    rows, cols = np.nonzero(view.valid)
+    best = int(np.argmin((rows - asked_rc[0]) ** 2 + (cols - asked_rc[1]) ** 2))
+    return int(rows[best]), int(cols[best])

@@ -1,0 +1,155 @@
+"""How the operator wants each pick gripped, kept beside the session's journal in ``grips.json``."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import finite
+from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
+
+FILE = "grips.json"
+FORMAT = "flatcloth-grips/1"
+
+
+def read_grips(folder: Path) -> dict[int, Grip]:
+    """Return the grips that were chosen in a session folder, by the number of their pick.
+
+    Raises
+    ------
+    FlatclothError
+        If the file is damaged; the message names it.
+    """
+    path = folder / FILE
+    try:
+        content = json.loads(read_plain(path))
+        if content["format"] != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}")
+        return {int(key): _read(value) for key, value in content["grips"].items()}
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FlatclothError(
+            f"{path}: is damaged ({error}). Delete it: every grip then follows the outline again."
+        ) from error
+
+
+class GripBook:
+    """The grips of a session; ``folder`` None keeps them in memory only. Used by one thread.
+
+    Raises
+    ------
+    FlatclothError
+        If the file that is there is damaged.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._grips = {} if folder is None else read_grips(folder)
+
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """What was chosen, by the number of the pick; picks that are not in it have the default."""
+        return MappingProxyType(self._grips)
+
+    def get(self, pick_id: int) -> Grip:
+        """Return the grip of a pick."""
+        return self._grips.get(pick_id, Grip())
+
+    def set(self, pick_id: int, grip: Grip) -> None:
+        """Keep the grip of a pick, on disk before it counts.
+
+        Raises
+        ------
+        FlatclothError
+            If the opening is none a gripper has, or the file cannot be written.
+        """
+        check_opening_m(grip.opening_m)
+        self._write({**self._grips, pick_id: grip})
+
+    def forget(self, pick_id: int) -> None:
+        """Drop the grip of a pick that was deleted.
+
+        Raises
+        ------
+        FlatclothError
+            If the file cannot be written.
+        """
+        if pick_id in self._grips:
+            self._write({key: grip for key, grip in self._grips.items() if key != pick_id})
+
+    def _write(self, grips: dict[int, Grip]) -> None:
+        if self._folder is not None:
+            table = {
+                str(key): {"axis_held": grip.axis_held, "opening_m": grip.opening_m}
+                for key, grip in sorted(grips.items())
+            }
+            path = self._folder / FILE
+            draft = self._folder / f".{FILE}.partial"
+            try:
+                draft.write_text(json.dumps({"format": FORMAT, "grips": table}, indent=1) + "\n")
+                os.replace(draft, path)
+            except OSError as error:
+                raise FlatclothError(
+                    f"{path}: cannot be written ({error.strerror}). The grip was not changed; make room."
+                ) from error
+        self._grips = grips
+
+
+def check_opening_m(opening_m: float) -> None:
+    """Refuse an opening that no gripper for cloth has.
+
+    Raises
+    ------
+    FlatclothError
+        With the range in millimetres.
+    """
+    low, high = OPENING_RANGE_M
+    if not low <= opening_m <= high:
+        raise FlatclothError(
+            f"A gripper opens {1000 * low:.0f} to {1000 * high:.0f} mm, not {1000 * opening_m:g} mm."
+        )
+
+
+def _read(value: Mapping[str, Any]) -> Grip:
+    opening_m = float(value["opening_m"])
+    low, high = OPENING_RANGE_M
+    if not low <= opening_m <= high:
+        raise ValueError("an opening is out of range")
+    if value["axis_held"] is None:
+        return Grip(opening_m=opening_m)
+    x, y, z = (float(number) for number in value["axis_held"])
+    length = math.hypot(x, y, z)
+    if not (math.isfinite(length) and length > 0.5):
+        raise ValueError("an axis has no direction")
+    return Grip(axis_held=(x / length, y / length, z / length), opening_m=opening_m)
+
+
+def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
+    """Return the grip of a pose for a page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
+    if pose is None:
+        return None
+    uv, about = pose.direction_uv, pose.uncertainty
+    angle_deg = None if uv is None else math.degrees(math.atan2(float(uv[1]), float(uv[0])))
+    return {
+        "axis_from": pose.axis_from,
+        "axis_deg": None if angle_deg is None else 90.0 - (90.0 - angle_deg) % 180.0,
+        "axis_uv": None if uv is None else uv.tolist(),
+        "axis_held": pose.held_from_grasp.rotation[:, 0].tolist(),
+        "approach_held": pose.held_from_grasp.rotation[:, 2].tolist(),
+        "opening_m": pose.opening_m,
+        "outline_distance_m": finite(pose.outline_distance_m),
+        "position_std_m": finite(about.position_m),
+        "normal_std_deg": finite(about.normal_deg),
+        "axis_std_deg": finite(about.axis_deg),
+        "placement_std_m": finite(about.placement_m),
+    }

@@ -1,0 +1,90 @@
+"""The hand-eye transform: where the camera stands in the robot's base frame, read from a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import Float64
+
+FORMAT = "flatcloth-hand-eye/1"
+KEY = "base_from_camera"
+
+_TOLERANCE = 1e-3
+"""A rotation that was written with few digits is mended; one that is further off is refused."""
+_FURTHEST_M = 20.0
+"""No camera stands further from its robot; such a number is in millimetres."""
+
+
+class HandEyeError(FlatclothError):
+    """A hand-eye file that cannot be used; names the file, the cause and the remedy."""
+
+
+def read_hand_eye(path: Path) -> Rigid3:
+    """Read ``base_from_camera`` from a hand-eye file (docs/grasps.md).
+
+    Raises
+    ------
+    HandEyeError
+        If the file cannot be read, is of another format, or its matrix is no rigid motion in metres.
+    """
+    try:
+        content = json.loads(read_plain(path))
+    except OSError as error:
+        raise HandEyeError(f"{path}: cannot be read ({error.strerror}). Name a hand-eye file.") from error
+    except (ValueError, RecursionError) as error:
+        raise HandEyeError(f"{path}: is not JSON ({error}). {_wanted()}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise HandEyeError(f"{path}: has no format {FORMAT!r}. {_wanted()}")
+    return rigid_from_matrix(_matrix(path, content.get(KEY)), path)
+
+
+def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
+    """Return the rigid motion of a (4, 4) matrix; ``path`` is named in errors.
+
+    Raises
+    ------
+    HandEyeError
+        If it is no rigid motion, or its translation is not in metres.
+    """
+    turn, shift = matrix[:3, :3], matrix[:3, 3]
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
+        raise HandEyeError(
+            f"{path}: the last row of {KEY} is not 0 0 0 1. Write the matrix row by row, translation last."
+        )
+    if np.abs(turn.T @ turn - np.eye(3)).max() > _TOLERANCE:
+        raise HandEyeError(
+            f"{path}: {KEY} scales or shears. Its left 3 x 3 part must be a rotation, to three digits."
+        )
+    if np.linalg.det(turn) < 0:
+        raise HandEyeError(
+            f"{path}: {KEY} mirrors. Both frames must be right-handed: swap or negate an axis."
+        )
+    if np.linalg.norm(shift) > _FURTHEST_M:
+        raise HandEyeError(
+            f"{path}: {KEY} puts the camera {np.linalg.norm(shift):.0f} m from the robot. Give metres."
+        )
+    left, _, right = np.linalg.svd(turn)
+    return Rigid3(left @ right, shift)
+
+
+def _matrix(path: Path, value: Any) -> Float64:
+    rows = value if isinstance(value, list) else []
+    numbers = [x for row in rows if isinstance(row, list) for x in row]
+    shaped = len(rows) == 4 and all(isinstance(row, list) and len(row) == 4 for row in rows)
+    plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+    if shaped and plain:
+        matrix = np.array(rows, dtype=np.float64)
+        if np.isfinite(matrix).all():
+            return matrix
+    raise HandEyeError(f"{path}: {KEY} is not 4 rows of 4 finite numbers. {_wanted()}")
+
+
+def _wanted() -> str:
+    return f'It must hold {{"format": "{FORMAT}", "{KEY}": [four rows of four numbers, metres]}}.'

@@ -1,0 +1,125 @@
+"""What lies around a pixel of a flattened view: the nearest outline, and the local map into space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from flatcloth.core.types import Bool, FlattenedView, Float64
+
+_OUTLINE_REACH_M = 0.015
+"""The outline's direction is that of its stretch within this distance."""
+_PATCH_RADIUS_M = 0.008
+_LAYER_GAP_M = 0.010
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearestOutline:
+    """The outline of the cloth nearest to a pixel, on the plane.
+
+    ``uv_m`` its nearest point, ``distance_m`` to it, ``direction`` (2,) its unit direction there with the
+    cloth on the right hand as seen from outside, ``spread_deg`` how far it is from straight (rms).
+    """
+
+    uv_m: tuple[float, float]
+    distance_m: float
+    direction: Float64
+    spread_deg: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentMap:
+    """The cloth around a pixel as a linear map from the plane to space.
+
+    ``held_from_plane`` (3, 2): metres of space, held frame, per metre of the plane;
+    ``scatter_m`` rms of the measured points about a smooth patch, along its normal;
+    ``normal_spread_deg`` rms angle of the normals to their mean; ``count`` pixels.
+    """
+
+    held_from_plane: Float64
+    scatter_m: float
+    normal_spread_deg: float
+    count: int
+
+
+def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline | None:
+    """Return the outline nearest to a valid pixel (row, col), or None if it is too short for a direction.
+
+    Holes inside the cloth are places that no view saw, not its outline; other pieces of cloth on
+    the plane do not count either.
+    """
+    piece = _piece_around(view, rc)
+    edge = piece & ndimage.binary_dilation(~np.pad(piece, 1))[1:-1, 1:-1]
+    uv = view.uv_from_rc(np.argwhere(edge))
+    at = view.uv_from_rc(np.array(rc))
+    offset = np.linalg.norm(uv - at, axis=1)
+    nearest = uv[int(np.argmin(offset))]
+    away = np.linalg.norm(uv - nearest, axis=1)
+    near = away <= _OUTLINE_REACH_M
+    if near.sum() < 3:
+        return None
+    # The stretch next to the point counts most: outlines bend.
+    weight = np.exp(-np.square(away[near] / (_OUTLINE_REACH_M / 2)))
+    center = np.average(uv[near], axis=0, weights=weight)
+    spread, axes = np.linalg.eigh(np.cov(uv[near].T, aweights=weight))
+    if not spread[1] > 0:
+        return None
+    direction = axes[:, 1]
+    cloth = view.uv_from_rc(np.argwhere(piece))
+    inside = cloth[np.linalg.norm(cloth - nearest, axis=1) <= _OUTLINE_REACH_M].mean(axis=0) - center
+    if direction[0] * inside[1] - direction[1] * inside[0] < 0:
+        direction = -direction
+    return NearestOutline(
+        uv_m=(float(nearest[0]), float(nearest[1])),
+        distance_m=float(offset.min()),
+        direction=direction,
+        spread_deg=math.degrees(math.atan(math.sqrt(max(float(spread[0]), 0.0) / float(spread[1])))),
+    )
+
+
+def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
+    """Return the tangent map at a valid pixel (row, col), or None if too little cloth is around it.
+
+    A quadratic in (u, v) is fitted to the points of the pixel's layer within 8 mm; the map is its
+    linear part.
+    """
+    reach = max(_PATCH_RADIUS_M / view.pixel_size_m, 2.5)
+    span = math.ceil(reach)
+    top, left = max(rc[0] - span, 0), max(rc[1] - span, 0)
+    window = np.s_[top : rc[0] + span + 1, left : rc[1] + span + 1]
+    places = np.argwhere(view.valid[window]) + np.array([top, left])
+    offset = (places - rc)[:, ::-1] * view.pixel_size_m
+    xyz = view.xyz_m[places[:, 0], places[:, 1]].astype(np.float64)
+    normal = view.normal[places[:, 0], places[:, 1]].astype(np.float64)
+    here, out = view.xyz_m[rc].astype(np.float64), view.normal[rc].astype(np.float64)
+    away = np.linalg.norm(offset, axis=1)
+    same = (away <= reach * view.pixel_size_m) & np.isfinite(xyz).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        same &= (np.abs((xyz - here) @ out) <= _LAYER_GAP_M) & (normal @ out > 0.5)
+    if same.sum() < 8:
+        return None
+    u, v = (offset[same] / _PATCH_RADIUS_M).T
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    fit, _, rank, _ = np.linalg.lstsq(terms, xyz[same] - here, rcond=1e-6)
+    if rank < terms.shape[1]:
+        return None
+    mean = normal[same].mean(axis=0)
+    mean /= np.linalg.norm(mean)
+    rest = (xyz[same] - here - terms @ fit) @ mean
+    tilt = np.arccos(np.clip(normal[same] @ mean / np.linalg.norm(normal[same], axis=1), -1.0, 1.0))
+    return TangentMap(
+        held_from_plane=fit[1:3].T / _PATCH_RADIUS_M,
+        scatter_m=math.sqrt(float(rest @ rest) / (len(rest) - terms.shape[1])),
+        normal_spread_deg=math.degrees(math.sqrt(float(np.mean(tilt**2)))),
+        count=int(same.sum()),
+    )
+
+
+def _piece_around(view: FlattenedView, rc: tuple[int, int]) -> Bool:
+    """Return the piece of cloth (H, W) that a pixel lies on, its holes filled."""
+    labels, _ = ndimage.label(view.valid, structure=np.ones((3, 3), dtype=int))
+    piece: Bool = ndimage.binary_fill_holes(labels == labels[rc])
+    return piece

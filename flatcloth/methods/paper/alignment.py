@@ -1,0 +1,190 @@
+"""Laying a new flattened view on the current one (paper, section 4.2).
+
+The initial estimate comes from lines of equal Z-angle, the final one from a search around it that
+compares intensity and height. Height is measured along the turning axis, so it does not change
+while the item turns.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flatcloth.core.config import AlignmentConfig
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import height_m, z_angle_deg
+from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
+from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
+from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.planning import column_curves
+
+
+def align_by_z_angle(
+    current: FlattenedView,
+    new: FlattenedView,
+    axis: RotationAxis,
+    angles_deg: tuple[float, float],
+    frame_from_current: Rigid2,
+    z_angle_limit_deg: float,
+    config: AlignmentConfig,
+    progress: Progress = no_progress,
+) -> Alignment:
+    """Align a new flattened view to the current one by the paper's method.
+
+    Parameters
+    ----------
+    current, new : FlattenedView
+        The current canonical view and the view to add, attributes in the held frame.
+    axis : RotationAxis
+        Axis of the recording.
+    angles_deg : (float, float)
+        Rotation of the accepted view that the new one continues, and of the new view; their
+        difference is the paper's A (signed).
+    frame_from_current : Rigid2
+        Motion from the current plane to the plane of the accepted view that is continued.
+    z_angle_limit_deg : float
+        A_w.
+    config : AlignmentConfig
+        Extent of the search.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    AlignmentError
+        If the views have no Z-angle in common.
+    """
+    correspondence = correspond(current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg, config)
+    initial = from_lines(correspondence)
+    matcher = Matcher(current, new, axis, config)
+    progress(0.2, "searching the alignment")
+    found = matcher.search(initial, progress)
+    return Alignment(
+        current_from_new=found,
+        initial=initial,
+        score=matcher.score(found),
+        initial_score=matcher.score(initial),
+        correspondence=correspondence,
+    )
+
+
+def correspond(
+    current: FlattenedView,
+    new: FlattenedView,
+    axis: RotationAxis,
+    angles_deg: tuple[float, float],
+    frame_from_current: Rigid2,
+    z_angle_limit_deg: float,
+    config: AlignmentConfig,
+) -> Correspondence:
+    """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
+    before_deg, after_deg = angles_deg
+    rotation_deg = after_deg - before_deg
+    curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current)
+    new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg)
+    low, high = _common_range(curves, new_curves, rotation_deg)
+    a_m = 0.5 * (low + high)
+    current_angle = z_angle_deg(current.normal, axis, before_deg)
+    new_angle = z_angle_deg(new.normal, axis, before_deg)
+    pixels = [
+        _pixels_at(angle, view, a_m, config) for angle, view in ((current_angle, current), (new_angle, new))
+    ]
+    axes = [
+        _principal_axis(view.uv_from_rc(rc), height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis))
+        for view, rc in zip((current, new), pixels, strict=True)
+    ]
+    heights = [
+        height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis)
+        for view, rc in zip((current, new), pixels, strict=True)
+    ]
+    height = _common_height(heights[0], heights[1])
+    lines = []
+    for view, rc, (center, direction), z, value in zip(
+        (current, new), pixels, axes, heights, (a_m, a_m + rotation_deg), strict=True
+    ):
+        uv = view.uv_from_rc(rc)
+        lines.append(
+            ZAngleLine(
+                z_angle_deg=value,
+                pixels_uv_m=uv,
+                center_uv_m=center,
+                direction=direction,
+                point_uv_m=_point_at_height(uv, z, center, direction, height),
+            )
+        )
+    return Correspondence(
+        rotation_deg=rotation_deg,
+        current_curves=curves,
+        new_curves=new_curves,
+        common_range_deg=(low, high),
+        a_m_deg=a_m,
+        current=lines[0],
+        new=lines[1],
+        height_m=height,
+    )
+
+
+def from_lines(correspondence: Correspondence) -> Rigid2:
+    """Return the motion under which both lines and both points coincide (the initial estimate)."""
+    d0, d1 = correspondence.current.direction, correspondence.new.direction
+    theta = math.atan2(d1[0] * d0[1] - d1[1] * d0[0], float(d1 @ d0))
+    turned = Rigid2(theta).apply(correspondence.new.point_uv_m)
+    shift = correspondence.current.point_uv_m - turned
+    return Rigid2(theta, float(shift[0]), float(shift[1]))
+
+
+def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float) -> tuple[float, float]:
+    a0 = current.column_mean_z_angle_deg[current.column_count > 0]
+    a1 = new.column_mean_z_angle_deg[new.column_count > 0] - rotation_deg
+    if a0.size == 0 or a1.size == 0:
+        raise AlignmentError("One of the views shows no cloth within the Z-angle limit; choose another view.")
+    low, high = max(a0.min(), a1.min()), min(a0.max(), a1.max())
+    if low >= high:
+        raise AlignmentError(
+            "The views have no Z-angle in common, so nothing can be matched; choose a smaller rotation."
+        )
+    return float(low), float(high)
+
+
+def _pixels_at(angle: Float64, view: FlattenedView, a_m: float, config: AlignmentConfig) -> Int32:
+    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that holds enough of them."""
+    with np.errstate(invalid="ignore"):
+        off = np.abs((angle - a_m + 180.0) % 360.0 - 180.0)
+    off = np.where(view.valid, off, np.inf)
+    for band in config.line_bands_deg:
+        found = np.argwhere(off <= band).astype(np.int32)
+        if len(found) * view.pixel_size_m**2 >= config.line_min_area_m2:
+            return found
+    raise AlignmentError(
+        f"Too few pixels have the common Z-angle of {a_m:.0f} deg to draw a line; choose another view."
+    )
+
+
+def _principal_axis(uv: Float64, height: Float64) -> tuple[Float64, Float64]:
+    center = uv.mean(axis=0)
+    _, _, axes = np.linalg.svd(uv - center, full_matrices=False)
+    direction: Float64 = axes[0]
+    along = (uv - center) @ direction
+    if float(along @ (height - height.mean())) > 0:  # point down the item: height falls along it
+        direction = -direction
+    return center, direction
+
+
+def _common_height(current: Float64, new: Float64) -> float:
+    low = max(np.percentile(current, 2), np.percentile(new, 2))
+    high = min(np.percentile(current, 98), np.percentile(new, 98))
+    if low > high:
+        raise AlignmentError("The corresponding lines share no height; choose another view.")
+    return float(0.5 * (low + high))
+
+
+def _point_at_height(uv: Float64, z: Float64, center: Float64, direction: Float64, height: float) -> Float64:
+    """Point on the line where the pixels around it have the height; nearest 10 mm first."""
+    along = (uv - center) @ direction
+    off = np.abs(z - height)
+    near = off <= max(0.010, float(np.partition(off, min(5, off.size - 1))[min(5, off.size - 1)]))
+    point: Float64 = center + float(np.median(along[near])) * direction
+    return point

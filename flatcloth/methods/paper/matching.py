@@ -1,0 +1,284 @@
+"""Comparing two flattened views that are laid on each other, and searching the best placement.
+
+Criteria are the paper's (4.2): intensity and height. Intensity is compared as texture, less its
+local mean: shading stays with the light while the item turns, and would pull plain cloth along.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+
+from flatcloth.core.config import AlignmentConfig
+from flatcloth.core.geometry import height_m
+from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
+from flatcloth.methods.base import AlignmentScore
+
+_CHANCE_PAIRS = 5000
+
+
+class Matcher:
+    """Compares two flattened views, laid on each other, by intensity and height.
+
+    Each overlapping pixel of the new view disagrees by a robust mean of the two differences,
+    0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps.
+    """
+
+    def __init__(
+        self, current: FlattenedView, new: FlattenedView, axis: RotationAxis, config: AlignmentConfig
+    ) -> None:
+        self.config = config
+        self._pixel_size_m = new.pixel_size_m
+        self._current_pixel_size_m = current.pixel_size_m
+        self._origin = np.asarray(current.origin_uv_m)
+        rc = np.argwhere(new.valid)
+        self._uv = new.uv_from_rc(rc)
+        self._fields: dict[float, Float32] = {}
+        self._values: dict[float, Float32] = {}
+        for smoothing_m in (config.coarse_smoothing_m, config.fine_smoothing_m):
+            texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
+            spread = max(_spread(texture), _spread(new_texture), config.intensity_floor)
+            self._fields[smoothing_m] = attribute_fields(current, axis, texture / spread)
+            fields = attribute_fields(new, axis, new_texture / spread)
+            self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
+        self._chance = self._chance_disagreement()
+
+    def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
+        """Compare under each motion.
+
+        Parameters
+        ----------
+        motions : list of Rigid2
+            Placements ``current_from_new``.
+        stride : int
+            Every how many pixels of the new view are compared.
+        smoothing_m : float, optional
+            Coarse or fine texture; by default fine.
+
+        Returns
+        -------
+        (n, 5) float64
+            Mean disagreement, overlap share, its intensity and height parts, rms of height (m).
+        """
+        which = self.config.fine_smoothing_m if smoothing_m is None else smoothing_m
+        poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
+        return _compare(
+            self._fields[which],
+            self._uv[::stride],
+            self._values[which][::stride],
+            poses,
+            self._origin,
+            self._current_pixel_size_m,
+            self.config.height_scale_m,
+            self.config.intensity_weight,
+        )
+
+    def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
+        """Search around the initial estimate: a coarse grid, then its best places each in detail."""
+        c = self.config
+        center = self._uv.mean(axis=0)
+        share = max(float(self.disagreement([initial], 4)[0, 1]), c.min_overlap_share)
+        shifts = _symmetric(c.search_translation_m, c.search_step_m)
+        turns = np.radians(_symmetric(c.search_rotation_deg, c.search_step_deg))
+        offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
+        motions = [_disturbed(initial, offset, center) for offset in offsets]
+        cost = self._cost(motions, offsets, c.search_points, c.coarse_smoothing_m, share)
+        starts = _distinct(offsets, cost, c.search_candidates, 2.5 * c.search_step_m)
+        found = []
+        for n, start in enumerate(starts):
+            progress(0.3 + 0.6 * n / len(starts), "searching the alignment")
+            found.append(self._refine(initial, start, center, share))
+        _, best = min(found, key=lambda item: item[0])
+        return _disturbed(initial, best, center)
+
+    def refine(self, initial: Rigid2) -> Rigid2:
+        """Descend to the best place around one."""
+        center = self._uv.mean(axis=0)
+        share = max(float(self.disagreement([initial], 4)[0, 1]), self.config.min_overlap_share)
+        _, best = self._refine(initial, np.zeros(3), center, share)
+        return _disturbed(initial, best, center)
+
+    def score(self, current_from_new: Rigid2) -> AlignmentScore:
+        """Score a placement: 0 is chance or worse, 1 perfect agreement.
+
+        Each agreement is taken relative to that of pixels paired at random, so that "half the
+        checks match anyway" counts nothing. Texture counts as far as there is any.
+        """
+        c = self.config
+        result = self.disagreement([current_from_new], 1)[0]
+        area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
+        by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
+        by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
+        told = min(1.0, self._chance[0] / c.telling_texture)
+        enough = min(1.0, area / c.enough_overlap_m2)
+        total = by_height * (1.0 - told * (1.0 - by_intensity)) * enough if result[1] > 0 else 0.0
+        return AlignmentScore(
+            total,
+            {
+                "intensity_agreement": by_intensity,
+                "height_agreement": by_height,
+                "height_rms_mm": float(result[4]) * 1e3,
+                "texture_share": told,
+                "overlap_cm2": area * 1e4,
+                "overlap_share": float(result[1]),
+            },
+        )
+
+    def _chance_disagreement(self) -> tuple[float, float]:
+        """Mean disagreement, by intensity and by height, of pixels paired at random."""
+        fine = self.config.fine_smoothing_m
+        current = self._fields[fine]
+        current = current[np.isfinite(current[..., 1])]
+        random = np.random.default_rng(0)
+        a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
+        b = self._values[fine][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
+        intensity = np.square(a[:, 0] - b[:, 0])
+        height = np.square((a[:, 1] - b[:, 1]) / self.config.height_scale_m)
+        return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
+
+    def _cost(
+        self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
+    ) -> Float64:
+        """Return what is minimised: disagreement, missing overlap, and a little for going far."""
+        c = self.config
+        result = self.disagreement(motions, max(1, len(self._uv) // points), smoothing_m)
+        missing = np.clip(1.0 - result[:, 1] / expected_share, 0.0, 1.0)
+        far = np.square(offsets[:, 1:]).sum(axis=1) / c.search_translation_m**2
+        far += np.square(offsets[:, 0]) / math.radians(c.search_rotation_deg) ** 2
+        cost: Float64 = result[:, 0] + c.missing_overlap_cost * missing + c.distance_cost * far
+        return cost
+
+    def _refine(
+        self, initial: Rigid2, start: Float64, center: Float64, share: float
+    ) -> tuple[float, Float64]:
+        """Descend by halving steps over the 26 neighbours; return cost and offset (theta, u, v)."""
+        c = self.config
+        neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
+        step: Float64 = np.array([math.radians(c.search_step_deg), c.search_step_m, c.search_step_m]) / 2
+        best, lowest = start, math.inf
+        while step[1] > c.search_finest_m:
+            fine = step[1] <= c.fine_smoothing_m
+            smoothing = c.fine_smoothing_m if fine else c.coarse_smoothing_m
+            points = 4 * c.search_points if fine else c.search_points
+            lowest = math.inf
+            for _ in range(8):
+                offsets = best + neighbours * step
+                motions = [_disturbed(initial, offset, center) for offset in offsets]
+                cost = self._cost(motions, offsets, points, smoothing, share)
+                n = int(np.argmin(cost))
+                if cost[n] >= lowest:
+                    break
+                lowest, best = float(cost[n]), offsets[n]
+            step *= 0.5
+        return lowest, best
+
+
+def _symmetric(extent: float, step: float) -> Float64:
+    count = math.floor(extent / step)
+    return np.arange(-count, count + 1, dtype=np.float64) * step
+
+
+def _disturbed(initial: Rigid2, offset: Float64, center: Float64) -> Rigid2:
+    """Return the initial placement, its view turned about its own centre and shifted first."""
+    return initial @ Rigid2(float(offset[0]), float(offset[1]), float(offset[2])).about(center)
+
+
+def _distinct(offsets: Float64, cost: Float64, most: int, apart_m: float) -> list[Float64]:
+    """Return the best offsets that are not neighbours of a better one."""
+    chosen: list[Float64] = []
+    for n in np.argsort(cost, kind="stable"):
+        if all(np.abs(offsets[n, 1:] - other[1:]).max() > apart_m for other in chosen):
+            chosen.append(offsets[n])
+            if len(chosen) == most:
+                break
+    return chosen
+
+
+def attribute_fields(view: FlattenedView, axis: RotationAxis, texture: Float32) -> Float32:
+    """Return (H, W, 2): the given texture, and the height (m); NaN off the cloth."""
+    fields = np.stack([texture, height_m(view.xyz_m, axis).astype(np.float32)], axis=-1)
+    fields[~view.valid] = np.nan
+    return np.ascontiguousarray(fields, dtype=np.float32)
+
+
+def _spread(texture: Float32) -> float:
+    shown = texture[texture != 0]
+    return float(1.4826 * np.median(np.abs(shown))) if shown.size else 0.0
+
+
+def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
+    """Return the intensity (H, W) less its mean within 10 mm, smoothed; 0 off the cloth."""
+    grey = (view.rgb @ np.array([0.299, 0.587, 0.114])).astype(np.float32)
+    weight = view.valid.astype(np.float32)
+    fine, coarse = smoothing_m / view.pixel_size_m, 0.010 / view.pixel_size_m
+
+    def mean(sigma: float) -> Float32:
+        total = cv2.GaussianBlur(grey * weight, (0, 0), sigma)
+        return np.asarray(total / np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-3), dtype=np.float32)
+
+    texture: Float32 = np.where(view.valid, mean(fine) - mean(coarse), np.float32(0))
+    return texture
+
+
+@njit(cache=True, nogil=True)
+def _compare(
+    fields: Float32,
+    uv: Float64,
+    values: Float32,
+    poses: Float64,
+    origin: Float64,
+    pixel_size: float,
+    height_scale: float,
+    intensity_weight: float,
+) -> Float64:
+    """Compare under each pose (theta, u, v): disagreement, overlap share, its parts, height rms."""
+    rows, cols = fields.shape[0], fields.shape[1]
+    result = np.zeros((poses.shape[0], 5))
+    for p in range(poses.shape[0]):
+        cos, sin = math.cos(poses[p, 0]), math.sin(poses[p, 0])
+        n, total, intensity, height, square = 0, 0.0, 0.0, 0.0, 0.0
+        for k in range(uv.shape[0]):
+            u = cos * uv[k, 0] - sin * uv[k, 1] + poses[p, 1]
+            v = sin * uv[k, 0] + cos * uv[k, 1] + poses[p, 2]
+            x, y = (u - origin[0]) / pixel_size, (v - origin[1]) / pixel_size
+            c, r = math.floor(x), math.floor(y)
+            if r < 0 or c < 0 or r >= rows - 1 or c >= cols - 1:
+                continue
+            fx, fy = x - c, y - r
+            w00, w01, w10, w11 = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+            h = (
+                w00 * fields[r, c, 1]
+                + w01 * fields[r, c + 1, 1]
+                + w10 * fields[r + 1, c, 1]
+                + w11 * fields[r + 1, c + 1, 1]
+            )
+            if not math.isfinite(h):
+                continue
+            i = (
+                w00 * fields[r, c, 0]
+                + w01 * fields[r, c + 1, 0]
+                + w10 * fields[r + 1, c, 0]
+                + w11 * fields[r + 1, c + 1, 0]
+            )
+            di = i - values[k, 0]
+            dh = h - values[k, 1]
+            ci = di * di / (di * di + 1.0)
+            ch = (dh / height_scale) ** 2
+            ch = ch / (ch + 1.0)
+            n += 1
+            intensity += ci
+            height += ch
+            total += intensity_weight * ci + (1 - intensity_weight) * ch
+            square += dh * dh
+        if n > 0:
+            result[p, 0] = total / n
+            result[p, 1] = n / uv.shape[0]
+            result[p, 2] = intensity / n
+            result[p, 3] = height / n
+            result[p, 4] = math.sqrt(square / n)
+        else:
+            result[p, 0] = 1.0
+    return result

@@ -1,0 +1,98 @@
+"""Where the cloth goes on out of sight: the occluding edges of one view (paper, section 4).
+
+The paper calls the leftmost or rightmost boundary an occluding edge if it divides one surface into
+a visible and a hidden part, and judges it by the Z-angle of the outermost column. Here every end
+of every image row counts, so that one flat stretch does not hide a steep one; and an end that
+disappears behind a nearer layer counts too, for the turn that moves this layer away.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from flatcloth.core.config import PlanningConfig
+from flatcloth.core.types import Bool, Float64, Floats, Int32
+from flatcloth.flattening.surface import Surface
+from flatcloth.session.machine import Side
+
+
+def occluding_edge_length_m(
+    surface: Surface, points_rc: Int32, reach_px: int, side: Side, config: PlanningConfig
+) -> float:
+    """Return the length, along the image's rows, of the edges that the turn for one side would open.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface of a view.
+    points_rc : (N, 2) int32
+        Samples of the part that is extended.
+    reach_px : int
+        The part is what the surface shows within this distance of a sample.
+    side : Side
+        The turn for ``Side.LEFT`` is positive: it brings what lies beyond the left outline to
+        the front, and moves nearer layers to the right.
+    config : PlanningConfig
+        Limits.
+    """
+    part = _near(surface.usable, points_rc, reach_px)
+    depth = surface.xyz_m[..., 2]
+    outward = -1.0 if side is Side.LEFT else 1.0
+    turned_away = _ends(part, side, config.edge_width_px) & (
+        _mean_inwards(outward * surface.z_angle_deg, part, side, config.edge_width_px)
+        >= config.occluding_z_angle_deg
+    )
+    other = Side.RIGHT if side is Side.LEFT else Side.LEFT
+    measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
+    beyond = _nearest_outwards(measured, other, config.edge_search_px)
+    with np.errstate(invalid="ignore"):
+        covered = _ends(part, other, config.edge_width_px) & (beyond < depth - config.covering_gap_m)
+    pitch = depth / surface.frame.intrinsics.fy
+    return float(pitch[turned_away].sum() + pitch[covered].sum())
+
+
+def _near(usable: Bool, points_rc: Int32, reach_px: int) -> Bool:
+    seeds = np.zeros(usable.shape, dtype=np.uint8)
+    seeds[points_rc[:, 0], points_rc[:, 1]] = 1
+    size = 2 * reach_px + 1
+    near: Bool = (cv2.dilate(seeds, np.ones((size, size), dtype=np.uint8)) > 0) & usable
+    return near
+
+
+def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Float64:
+    """Shift (H, W) so that each pixel holds what lies ``steps`` further out on that side (negative: in)."""
+    shift = steps if side is Side.LEFT else -steps
+    result = np.full(values.shape, fill, dtype=np.float64)
+    if shift > 0:
+        result[:, shift:] = values[:, :-shift]
+    elif shift < 0:
+        result[:, :shift] = values[:, -shift:]
+    else:
+        result[:] = values
+    return result
+
+
+def _ends(part: Bool, side: Side, width: int) -> Bool:
+    """Pixels of the part with nothing of it in the next ``width`` pixels outwards."""
+    ends = part.copy()
+    for n in range(1, width + 1):
+        ends &= _outwards(part, n, side, 0.0) == 0
+    return ends
+
+
+def _mean_inwards(values: Floats, part: Bool, side: Side, width: int) -> Float64:
+    total, count = np.zeros(part.shape), np.zeros(part.shape)
+    shown = np.where(part, values, 0.0)
+    for n in range(width):
+        total += _outwards(shown, -n, side, 0.0)
+        count += _outwards(part, -n, side, 0.0)
+    mean: Float64 = total / np.maximum(count, 1.0)
+    return mean
+
+
+def _nearest_outwards(depth: Float64, side: Side, width: int) -> Float64:
+    nearest = np.full(depth.shape, np.inf)
+    for n in range(1, width + 1):
+        nearest = np.minimum(nearest, _outwards(depth, n, side, np.inf))
+    return nearest

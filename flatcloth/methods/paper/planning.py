@@ -1,0 +1,192 @@
+"""Which side to extend next, and by which rotation (paper, section 4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flatcloth.core.config import PlanningConfig
+from flatcloth.core.geometry import z_angle_deg
+from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis
+from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
+from flatcloth.session.machine import Side
+
+
+def column_curves(
+    view: FlattenedView,
+    axis: RotationAxis,
+    angle_deg: float,
+    z_angle_limit_deg: float,
+    frame_from_view: Rigid2 | None = None,
+) -> ColumnCurves:
+    """Return h(u) and A_z(u) (paper, 4.1, steps 1 and 2).
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The flattened view, attributes in the held frame.
+    axis : RotationAxis
+        Axis of the recording.
+    angle_deg : float
+        Rotation at which the Z-angles are taken.
+    z_angle_limit_deg : float
+        A_w; pixels beyond are not considered.
+    frame_from_view : Rigid2, optional
+        Motion to the plane whose columns are meant; by default the view's own.
+    """
+    angle = z_angle_deg(view.normal[view.valid], axis, angle_deg)
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    if frame_from_view is not None:
+        uv = frame_from_view.apply(uv)
+    within = np.abs(angle) < z_angle_limit_deg
+    column = np.rint(uv[within, 0] / view.pixel_size_m).astype(np.int64)
+    if column.size == 0:
+        none = np.zeros(0)
+        return ColumnCurves(
+            u_m=none,
+            column_count=none.astype(np.int32),
+            column_mean_z_angle_deg=none,
+            pixel_size_m=view.pixel_size_m,
+        )
+    first = int(column.min())
+    count = np.bincount(column - first)
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(column - first, angle[within]) / count
+    return ColumnCurves(
+        u_m=(first + np.arange(count.size, dtype=np.float64)) * view.pixel_size_m,
+        column_count=count.astype(np.int32),
+        column_mean_z_angle_deg=mean,
+        pixel_size_m=view.pixel_size_m,
+    )
+
+
+def overlap_column(curves: ColumnCurves, side: Side, area_m2: float) -> tuple[float, float]:
+    """Return ``u_b`` (m) and ``A_0`` (deg): the first column from a side at which the area exceeds S_0.
+
+    If the whole view is smaller than S_0 it is the last column, so that A is smallest
+    (paper, 4.1, step 3). NaN if the curves are empty.
+    """
+    order = slice(None) if side is Side.LEFT else slice(None, None, -1)
+    count = curves.column_count[order]
+    filled = np.flatnonzero(count)
+    if filled.size == 0:
+        return float("nan"), float("nan")
+    reached = np.flatnonzero(np.cumsum(count) * curves.pixel_size_m**2 > area_m2)
+    index = int(reached[0]) if reached.size else int(filled[-1])
+    return float(curves.u_m[order][index]), float(curves.column_mean_z_angle_deg[order][index])
+
+
+def rotation_to_limit_deg(side: Side, a_0_deg: float, config: PlanningConfig) -> float:
+    """Return A, unsigned: the rotation that brings A_0 to the limit A_w, held to what is allowed.
+
+    0 if A_0 is not known (paper, 4.1, step 4).
+    """
+    if not np.isfinite(a_0_deg):
+        return 0.0
+    rotation = config.z_angle_limit_deg - (a_0_deg if side is Side.LEFT else -a_0_deg)
+    return float(np.clip(rotation, config.rotation_min_deg, config.rotation_max_deg))
+
+
+def plan_side(
+    side: Side,
+    curves: ColumnCurves,
+    occluding_edge_m: float,
+    from_view: int,
+    angles_deg: Sequence[float],
+    unavailable: frozenset[int],
+    turned_deg: float,
+    config: PlanningConfig,
+) -> SidePlan:
+    """Plan one side: is there an occluding edge, and which rotation shows most beyond it.
+
+    Parameters
+    ----------
+    side : Side
+        The side.
+    curves : ColumnCurves
+        Curves at the rotation of ``from_view``.
+    occluding_edge_m : float
+        From :func:`flatcloth.methods.paper.occlusion.occluding_edge_length_m`, for ``from_view``.
+    from_view : int
+        Outermost accepted view on this side.
+    angles_deg : sequence of float
+        Angles of all views.
+    unavailable : frozenset of int
+        Views used or rejected already.
+    turned_deg : float
+        Angle covered from the outermost view of the other side to this one; at a full turn nothing
+        is left to see.
+    config : PlanningConfig
+        Limits.
+    """
+    u_b, a_0 = overlap_column(curves, side, config.overlap_area_m2)
+    sign = 1.0 if side is Side.LEFT else -1.0
+    held = rotation_to_limit_deg(side, a_0, config)
+    view: int | None = None
+    if occluding_edge_m < config.occluding_edge_min_m:
+        reason = f"no occluding edge is left on the {side}"
+    else:
+        view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)
+        reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view is left on the {side}"
+    return SidePlan(
+        side=side,
+        from_view=from_view,
+        curves=curves,
+        occluding_edge_m=occluding_edge_m,
+        u_b_m=u_b,
+        a_0_deg=a_0,
+        rotation_deg=held,
+        view_index=view,
+        reason=reason,
+    )
+
+
+def rotation_step_deg(angles_deg: Sequence[float]) -> float:
+    """Return the recording's usual step between neighbouring angles on the circle."""
+    ordered = np.sort(np.asarray(angles_deg, dtype=np.float64) % 360.0)
+    if ordered.size < 2:
+        return 360.0
+    return float(np.median(np.diff(np.append(ordered, ordered[0] + 360.0))))
+
+
+def _view_at(
+    from_view: int,
+    sign: float,
+    rotation_deg: float,
+    angles_deg: Sequence[float],
+    unavailable: frozenset[int],
+    turned_deg: float,
+    config: PlanningConfig,
+) -> int | None:
+    """Return the view with the largest turn up to A; failing that, the smallest turn allowed."""
+    slack = 0.4 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
+    turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
+    allowed = [
+        (float(turn), n)
+        for n, turn in enumerate(turns)
+        if n not in unavailable
+        and config.rotation_min_deg - slack <= turn <= config.rotation_max_deg + slack
+        and turn + turned_deg < 360.0 - slack
+    ]
+    smaller = [t for t in allowed if t[0] <= rotation_deg + slack]
+    if smaller:
+        return max(smaller)[1]
+    return min(allowed)[1] if allowed else None
+
+
+def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
+    """Choose between the sides: go on where the last view was added, else the longer edge."""
+    open_sides = [s for s in sides if s.view_index is not None]
+    if not open_sides:
+        reason = "Nothing more to give: " + "; ".join(s.reason for s in sides) + "."
+        return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=tuple(sides))
+    same = [s for s in open_sides if s.side is last_side]
+    best = same[0] if same else max(open_sides, key=lambda s: s.occluding_edge_m)
+    return Plan(
+        view_index=best.view_index,
+        side=best.side,
+        rotation_deg=best.rotation_deg,
+        reason=best.reason,
+        sides=tuple(sides),
+    )

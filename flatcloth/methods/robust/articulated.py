@@ -1,0 +1,299 @@
+"""Strips and necks of cloth: where pairs leave a sheet limp, their directions hold it.
+
+Two wide parts joined by a strip a few nodes wide turn freely about it as far as lengths go, and
+descent along lengths moves them there ever more slowly. Here every wide part is one rigid body, the
+nodes of strips are free, and lengths and directions (how a view sees a node's neighbours lie in its
+tangent plane) are weighed together: a small problem that Gauss-Newton solves in a few steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.linalg import SuperLU, splu
+
+from flatcloth.core.config import JointConfig
+from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.methods.robust.relaxation import turns
+
+Complex128 = NDArray[np.complex128]
+Int64 = NDArray[np.int64]
+
+_RIM_RAD = 2.2
+"""A node that has no neighbour within so wide an angle lies at a rim of the sheet."""
+_OVER = 1.5
+"""Nodes lie so many pairs farther apart than the depth that is asked for: the grid is coarse."""
+_STEPS = 8
+_SETTLED_M = 2e-4
+_DAMPING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hinged:
+    """A sheet's pairs: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
+
+    ``length_m`` (M,), ``weight`` (M,) and ``offset`` (M, 2) complex as in
+    :class:`flatcloth.methods.robust.joint.Links`.
+    """
+
+    edges: Int32
+    member: Int32
+    n_members: int
+    length_m: Float64
+    weight: Float64
+    offset: Complex128
+
+
+def bodies(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
+    """Return which wide part each node (N,) belongs to, from 0; -1 in strips and necks.
+
+    Parameters
+    ----------
+    uv_m : (N, 2) float64
+        Where the nodes lie.
+    edges : (M, 2) int32
+        Pairs.
+    config : JointConfig
+        How wide is wide, and how many nodes make a part.
+
+    Notes
+    -----
+    Widths are measured along the pairs, so parts that overlap on the plane stay apart: what lies
+    deep inside, and what is near to that, is wide (a morphological opening).
+    """
+    n = len(uv_m)
+    along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
+    graph = _graph(uv_m, edges)
+    pair = float(np.median(graph.data))
+    half = 0.5 * config.strip_width * pair
+    rim = np.flatnonzero(_at_rim(along, edges, n))
+    deep = np.flatnonzero(_distance(graph, rim, half) >= half)
+    wide = np.isfinite(_distance(graph, deep, half + _OVER * pair))
+    label = connected_components(graph[wide][:, wide], directed=False)[1]
+    size = np.bincount(label)
+    body = np.full(n, -1, dtype=np.int32)
+    large = size[label] >= config.large_part
+    body[np.flatnonzero(wide)[large]] = np.unique(label[large], return_inverse=True)[1]
+    return body
+
+
+def nearest_body(uv_m: Float64, edges: Int32, body: Int32) -> Int32:
+    """Return the wide part (N,) that each node is nearest to along the pairs; -1 where none is."""
+    inside = np.flatnonzero(body >= 0)
+    nearest = np.full(len(uv_m), -1, dtype=np.int32)
+    if inside.size:
+        _, _, source = dijkstra(
+            _graph(uv_m, edges), directed=False, indices=inside, min_only=True, return_predecessors=True
+        )
+        nearest[source >= 0] = body[source[source >= 0]]
+    return nearest
+
+
+def _graph(uv_m: Float64, edges: Int32) -> csr_matrix:
+    length = np.linalg.norm(uv_m[edges[:, 1]] - uv_m[edges[:, 0]], axis=1)
+    low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
+    _, once = np.unique(low * len(uv_m) + high, return_index=True)
+    shape = (len(uv_m), len(uv_m))
+    return coo_matrix((np.maximum(length[once], 1e-6), tuple(edges[once].T)), shape=shape).tocsr()
+
+
+def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:
+    """Return how far (N,) nodes are from the nearest source along the pairs; infinite beyond the limit."""
+    if not sources.size:
+        return np.full(graph.shape[0], np.inf)
+    distance: Float64 = dijkstra(
+        graph, directed=False, indices=sources, min_only=True, limit=limit_m * (1.0 + 1e-9)
+    )
+    return distance
+
+
+@njit(cache=True, nogil=True)
+def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
+    """Tell which nodes (N,) have no neighbour within a wide angle."""
+    first = np.zeros(n + 1, dtype=np.int64)
+    for e in range(edges.shape[0]):
+        first[edges[e, 0] + 1] += 1
+        first[edges[e, 1] + 1] += 1
+    first = np.cumsum(first)
+    angle, filled = np.empty(2 * edges.shape[0]), first[:-1].copy()
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        angle[filled[i]] = math.atan2(along[e, 1], along[e, 0])
+        angle[filled[j]] = math.atan2(-along[e, 1], -along[e, 0])
+        filled[i] += 1
+        filled[j] += 1
+    rim = np.ones(n, dtype=np.bool_)
+    for node in range(n):
+        own = np.sort(angle[first[node] : first[node + 1]])
+        if own.size:
+            widest = own[0] + 2.0 * math.pi - own[-1]
+            for k in range(own.size - 1):
+                widest = max(widest, own[k + 1] - own[k])
+            rim[node] = widest > _RIM_RAD
+    return rim
+
+
+def limp(body: Int32, edges: Int32) -> Bool:
+    """Tell which pairs (M,) are not within one wide part."""
+    result: Bool = (body[edges[:, 0]] < 0) | (body[edges[:, 0]] != body[edges[:, 1]])
+    return result
+
+
+def swung(uv_m: Float64, sheet: Hinged, config: JointConfig) -> Float64:
+    """Return the nodes (N, 2) with strips and necks settled; the largest wide part stays where it is.
+
+    Parameters
+    ----------
+    uv_m : (N, 2) float64
+        The nodes, laid out and minimised.
+    sheet : Hinged
+        The pairs between them.
+    config : JointConfig
+        How wide is wide, and what directions count beside lengths.
+    """
+    body = bodies(uv_m, sheet.edges, config)
+    loose = limp(body, sheet.edges)
+    if not loose.any() or body.max(initial=-1) < 0:
+        return uv_m
+    stars = np.zeros(sheet.n_members, dtype=np.bool_)
+    stars[sheet.member[loose]] = True
+    near = np.flatnonzero(loose | stars[sheet.member].any(axis=1))
+    system = _System(body, sheet, near, loose[near], stars, config.direction_weight)
+    place = uv_m
+    for _ in range(_STEPS):
+        place, farthest_m = system.step(place)
+        if farthest_m < _SETTLED_M:
+            break
+    return place
+
+
+class _System:
+    """The residuals of lengths and directions, in the unknowns of bodies, free nodes and turns."""
+
+    def __init__(
+        self,
+        body: Int32,
+        sheet: Hinged,
+        near: Int64,
+        loose: Bool,
+        stars: Bool,
+        direction_weight: float,
+    ) -> None:
+        self._body, self._edges, self._member = body, sheet.edges[near], sheet.member[near]
+        self._length, self._offset = sheet.length_m[near], sheet.offset[near]
+        self._n_members = sheet.n_members
+        weight = sheet.weight[near]
+        self._root = np.sqrt(weight * loose)
+        self._turn_weight = weight
+        self._turn_root = np.sqrt(direction_weight * weight[:, None] * stars[self._member])
+        self._bodies = int(body.max()) + 1
+        self._free = np.unique(self._edges[body[self._edges] < 0])
+        self._at = np.full(len(body), -1, dtype=np.int64)
+        self._at[self._free] = 3 * self._bodies + 2 * np.arange(self._free.size)
+        turning = np.unique(self._member)
+        self._turn_at = np.full(self._n_members, -1, dtype=np.int64)
+        self._turn_at[turning] = 3 * self._bodies + 2 * self._free.size + np.arange(turning.size)
+        self._unknowns = 3 * self._bodies + 2 * self._free.size + turning.size
+        largest = int(np.bincount(body[body >= 0]).argmax())
+        self._solved = np.ones(self._unknowns, dtype=np.bool_)
+        self._solved[3 * largest : 3 * largest + 3] = False
+
+    def step(self, place: Float64) -> tuple[Float64, float]:
+        """Return the places after one Gauss-Newton step, and how far a free node moved at most."""
+        centers = np.stack([place[self._body == b].mean(axis=0) for b in range(self._bodies)])
+        matrix, residual = self._linearised(place, centers)
+        matrix = matrix[:, self._solved]
+        normal = csc_matrix(matrix.T @ matrix)
+        diagonal = normal.diagonal()
+        damped = normal + diags_array(_DAMPING * (diagonal + diagonal.mean()), format="csc")
+        change = np.zeros(self._unknowns)
+        change[self._solved] = factor(damped).solve(-(matrix.T @ residual))
+        moved = place.copy()
+        for b in range(self._bodies):
+            own = self._body == b
+            shift, turn = change[3 * b : 3 * b + 2], np.arctan(change[3 * b + 2])
+            cos, sin = np.cos(turn), np.sin(turn)
+            moved[own] = centers[b] + shift + (place[own] - centers[b]) @ np.array([[cos, sin], [-sin, cos]])
+        first = 3 * self._bodies
+        moved[self._free] += change[first : first + 2 * self._free.size].reshape(-1, 2)
+        return moved, float(np.abs(moved - place).max())
+
+    def _linearised(self, place: Float64, centers: Float64) -> tuple[csr_matrix, Float64]:
+        along = place[self._edges[:, 1]] - place[self._edges[:, 0]]
+        z = along @ np.array([1.0, 1j])
+        distance = np.abs(z)
+        unit = along / np.maximum(distance, 1e-9)[:, None]
+        ends = [self._derivative(place, centers, self._edges[:, end]) for end in (0, 1)]
+        rows = _Rows(ends, self._unknowns)
+        rows.add(unit, self._root, distance - self._length)
+        turn = turns(
+            place @ np.array([1.0, 1j]),
+            self._edges,
+            self._member,
+            self._offset,
+            self._turn_weight,
+            self._n_members,
+        )
+        across, down = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
+        for end in (0, 1):
+            seen = turn[self._member[:, end]] * self._offset[:, end]
+            off, root, turn_at = z - seen, self._turn_root[:, end], self._turn_at[self._member[:, end]]
+            rows.add(np.broadcast_to(across, along.shape), root, off.real, turn_at, seen.imag)
+            rows.add(np.broadcast_to(down, along.shape), root, off.imag, turn_at, -seen.real)
+        return rows.system()
+
+    def _derivative(self, place: Float64, centers: Float64, nodes: Int32) -> tuple[Int64, Float64, Float64]:
+        """Return the unknowns (M, 3) that move nodes, and how (M, 3), along u and along v."""
+        free = self._body[nodes] < 0
+        body = np.maximum(self._body[nodes], 0)
+        arm = place[nodes] - centers[body]
+        zero, one = np.zeros(len(nodes)), np.ones(len(nodes))
+        at = 3 * body[:, None] + np.arange(3)
+        at[free] = self._at[nodes[free], None] + np.array([0, 1, 0])
+        along_u = np.stack([one, zero, np.where(free, 0.0, -arm[:, 1])], axis=1)
+        along_v = np.stack([zero, one, np.where(free, 0.0, arm[:, 0])], axis=1)
+        return at, along_u, along_v
+
+
+class _Rows:
+    """Collects the rows of a sparse linear system about the difference of two ends."""
+
+    def __init__(self, ends: list[tuple[Int64, Float64, Float64]], unknowns: int) -> None:
+        self._ends, self._unknowns, self._count = ends, unknowns, 0
+        self._at: list[tuple[Int64, Int64, Float64]] = []
+        self._residual: list[Float64] = []
+
+    def add(
+        self,
+        way: Float64,
+        root: Float64,
+        residual: Float64,
+        turn_at: Int64 | None = None,
+        turning: Float64 | None = None,
+    ) -> None:
+        """Add one row a pair: the component of its difference along ``way`` (M, 2), times ``root``."""
+        row = self._count + np.arange(len(residual))
+        for sign, (at, along_u, along_v) in zip((-1.0, 1.0), self._ends, strict=True):
+            value = sign * root[:, None] * (way[:, :1] * along_u + way[:, 1:] * along_v)
+            self._at.append((np.repeat(row, 3), at.ravel(), value.ravel()))
+        if turn_at is not None and turning is not None:
+            self._at.append((row, turn_at, root * turning))
+        self._residual.append(root * residual)
+        self._count += len(residual)
+
+    def system(self) -> tuple[csr_matrix, Float64]:
+        """Return the matrix and the residuals."""
+        rows, columns, values = (np.concatenate(part) for part in zip(*self._at, strict=True))
+        shape = (self._count, self._unknowns)
+        return coo_matrix((values, (rows, columns)), shape=shape).tocsr(), np.concatenate(self._residual)
+
+
+def factor(matrix: csc_matrix) -> SuperLU:
+    """Factor a sparse symmetric positive definite matrix."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -1,0 +1,240 @@
+"""The canonical view, rastered from a joint shape: each pixel from the view that saw it best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from flatcloth.core.config import JointConfig
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis
+from flatcloth.flattening.raster import read_attributes
+from flatcloth.flattening.sampling import Samples
+from flatcloth.flattening.surface import Surface
+from flatcloth.flattening.upsampling import Carrier
+from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.observations import Sighting
+
+
+def draw_shape(
+    shape: JointShape,
+    surfaces: Mapping[int, Surface],
+    axis: RotationAxis,
+    interval_px: int,
+    pixel_size_m: float,
+    costs: Mapping[int, Float32],
+    uv_m: Float64 | None = None,
+) -> FlattenedView:
+    """Raster a joint shape.
+
+    Parameters
+    ----------
+    shape : JointShape
+        The shape.
+    surfaces : mapping of int to Surface
+        The surfaces of its views, by view index.
+    axis : RotationAxis
+        Axis of the recording.
+    interval_px : int
+        Sampling interval d of the nodes.
+    pixel_size_m : float
+        Size of a pixel of the plane; the grid is aligned to its multiples.
+    costs : mapping of int to (H, W) float32
+        :func:`pixel_cost` of each view, by view index: what makes one view of a place better than another.
+    uv_m : (N, 2) float64, optional
+        Where the nodes lie, if not as in the shape: a floating piece. NaN: not drawn.
+
+    Returns
+    -------
+    FlattenedView
+    """
+    uv = shape.uv_m if uv_m is None else uv_m
+    low, size = _grid(uv, pixel_size_m, margin=2 * interval_px)
+    source = np.full((*size, 2), np.nan, dtype=np.float32)
+    cost = np.full(size, np.inf, dtype=np.float32)
+    label = np.full(size, -1, dtype=np.int16)
+    stretches: dict[int, Float32] = {}
+    for n, sighting in enumerate(shape.sightings):
+        surface = surfaces[sighting.view_index]
+        seen = _samples(sighting, uv, interval_px)
+        if seen is None:
+            continue
+        samples, own_uv = seen
+        carrier = Carrier(own_uv, samples, surface)
+        points, stretches[n] = carrier.place_all()
+        _composite(
+            points / pixel_size_m - low,
+            carrier.nearest >= 0,
+            surface.steps,
+            costs[sighting.view_index],
+            n,
+            source,
+            cost,
+            label,
+        )
+    return _read_views(shape, surfaces, axis, label, source, stretches, low, pixel_size_m)
+
+
+def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple[int, int]]:
+    """Lowest corner (in pixels) and shape of the grid around the placed nodes."""
+    placed = uv[np.isfinite(uv[:, 0])]
+    low = np.floor(placed.min(axis=0) / pixel_size_m) - margin
+    size = np.ceil(placed.max(axis=0) / pixel_size_m) + margin + 1 - low
+    return low, (int(size[1]), int(size[0]))
+
+
+def _samples(sighting: Sighting, uv: Float64, interval_px: int) -> tuple[Samples, Float64] | None:
+    """Return a view's placed nodes as samples of its image, and their places; None if they are too few."""
+    own = uv[sighting.node]
+    kept = np.isfinite(own[:, 0])
+    linked = np.zeros(len(kept), dtype=bool)
+    linked[sighting.edges[kept[sighting.edges].all(axis=1)]] = True
+    kept &= linked
+    if kept.sum() < 3:
+        return None
+    number = np.cumsum(kept) - 1
+    inside = kept[sighting.edges].all(axis=1)
+    samples = Samples(
+        sampling_interval_px=interval_px,
+        points_rc=np.rint(sighting.rc[kept]).astype(np.int32),
+        points_m=sighting.points_m[kept],
+        normal=sighting.normal[kept],
+        edges=number[sighting.edges[inside]].astype(np.int32),
+        edge_length_m=sighting.edge_length_m[inside],
+    )
+    return samples, own[kept]
+
+
+def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
+    """Return how badly each pixel (H, W) of a view is placed: worse on steep cloth and beside a rim."""
+    rows, cols = np.nonzero(surface.usable)
+    k = surface.frame.intrinsics
+    normal = surface.normal[rows, cols]
+    ray = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy, np.ones(rows.size)], axis=1)
+    cos = -(ray * normal).sum(axis=1) / np.linalg.norm(ray, axis=1)
+    steep = 1.0 / np.square(np.clip(cos, 0.2, 1.0)) - 1.0
+    rim = ndimage.distance_transform_edt(surface.usable)[rows, cols]
+    cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
+    cost[rows, cols] = (
+        config.frontal_noise + config.steep_noise * steep + config.rim_noise * np.exp(-rim / 3.0)
+    )
+    return cost
+
+
+_POINT_COST = 100.0
+"""A triangle is better than a point."""
+
+
+@njit(cache=True, nogil=True)
+def _composite(
+    points: Float64,
+    part: Bool,
+    steps: NDArray[np.uint8],
+    pixel_cost: Float32,
+    number: int,
+    source: Float32,
+    cost: Float32,
+    label: NDArray[np.int16],
+) -> None:
+    """Fill two triangles for every block of 2 x 2 neighbours, where they cost less than what is there."""
+    for r in range(part.shape[0] - 1):
+        for c in range(part.shape[1] - 1):
+            a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
+            if int(a) + int(b) + int(e) + int(d) < 3:
+                continue
+            above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
+            below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
+            whole = a and b and e and d
+            if a and b and e and above and left:
+                _fill(points, pixel_cost, r, c, r, c + 1, r + 1, c, number, source, cost, label)
+            if d and e and b and below and right:
+                _fill(points, pixel_cost, r + 1, c + 1, r + 1, c, r, c + 1, number, source, cost, label)
+            if not whole and b and d and a and above and right:
+                _fill(points, pixel_cost, r, c + 1, r + 1, c + 1, r, c, number, source, cost, label)
+            if not whole and e and a and d and left and below:
+                _fill(points, pixel_cost, r + 1, c, r, c, r + 1, c + 1, number, source, cost, label)
+    # What no triangle holds (strips a pixel wide, folded rims) is drawn as points.
+    for r in range(part.shape[0]):
+        for c in range(part.shape[1]):
+            if part[r, c] and math.isfinite(points[r, c, 0]):
+                row, col = math.floor(points[r, c, 1] + 0.5), math.floor(points[r, c, 0] + 0.5)
+                if 0 <= row < cost.shape[0] and 0 <= col < cost.shape[1] and math.isinf(cost[row, col]):
+                    source[row, col, 0], source[row, col, 1] = r, c
+                    cost[row, col] = pixel_cost[r, c] + _POINT_COST
+                    label[row, col] = number
+
+
+@njit(cache=True, nogil=True)
+def _fill(
+    points: Float64, pixel_cost: Float32,
+    r0: int, c0: int, r1: int, c1: int, r2: int, c2: int,
+    number: int, source: Float32, cost: Float32, label: NDArray[np.int16],
+) -> None:  # fmt: skip
+    """Fill one triangle of image pixels, given clockwise; none that came out mirrored."""
+    u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
+    u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
+    u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
+    area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
+    if not area > 0.0 or not math.isfinite(area):
+        return
+    own = (pixel_cost[r0, c0] + pixel_cost[r1, c1] + pixel_cost[r2, c2]) / 3.0
+    row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))
+    col_low, col_high = math.ceil(min(u0, u1, u2)), math.floor(max(u0, u1, u2))
+    for row in range(max(row_low, 0), min(row_high, source.shape[0] - 1) + 1):
+        for col in range(max(col_low, 0), min(col_high, source.shape[1] - 1) + 1):
+            if own >= cost[row, col]:
+                continue
+            w1 = ((col - u0) * (v2 - v0) - (row - v0) * (u2 - u0)) / area
+            w2 = ((u1 - u0) * (row - v0) - (v1 - v0) * (col - u0)) / area
+            w0 = 1.0 - w1 - w2
+            if w0 < -1e-9 or w1 < -1e-9 or w2 < -1e-9:
+                continue
+            source[row, col, 0] = w0 * r0 + w1 * r1 + w2 * r2
+            source[row, col, 1] = w0 * c0 + w1 * c1 + w2 * c2
+            cost[row, col] = own
+            label[row, col] = number
+
+
+def _read_views(
+    shape: JointShape,
+    surfaces: Mapping[int, Surface],
+    axis: RotationAxis,
+    label: NDArray[np.int16],
+    source: Float32,
+    stretches: Mapping[int, Float32],
+    low: Float64,
+    pixel_size_m: float,
+) -> FlattenedView:
+    """Read the attributes of each pixel from the view it is labelled with."""
+    rows, cols = label.shape
+    result = FlattenedView(
+        rgb=np.zeros((rows, cols, 3), dtype=np.uint8),
+        xyz_m=np.full((rows, cols, 3), np.nan, dtype=np.float32),
+        normal=np.full((rows, cols, 3), np.nan, dtype=np.float32),
+        z_angle_deg=np.full((rows, cols), np.nan, dtype=np.float32),
+        valid=np.zeros((rows, cols), dtype=np.bool_),
+        view_index=np.full((rows, cols), -1, dtype=np.int16),
+        source_rc=np.full((rows, cols, 2), np.nan, dtype=np.float32),
+        quality=np.full((rows, cols, 3), np.nan, dtype=np.float32),
+        pixel_size_m=pixel_size_m,
+        origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
+    )
+    assert result.quality is not None
+    for n, box in enumerate(ndimage.find_objects(label + 1, max_label=len(shape.sightings))):
+        if box is None:
+            continue
+        own = label[box] == n
+        own_source = np.where(own[..., None], source[box], np.float32(np.nan))
+        surface = surfaces[shape.sightings[n].view_index]
+        held: Rigid3 = shape.held_from_camera[n]
+        part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
+        assert part.quality is not None
+        for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "view_index", "source_rc", "quality"):
+            getattr(result, name)[box][part.valid] = getattr(part, name)[part.valid]
+        result.valid[box] |= part.valid
+    return result

@@ -1,0 +1,124 @@
+"""What hangs together in a joint shape, and what only seems to.
+
+Where two layers touch, a ramp of the sensor or a shallow step can join them by a pair or two; all
+that hangs on the second layer would then be laid beside the first. A sheet is held together by many
+pairs that form triangles, so parts that are joined by fewer than it takes are kept apart until
+another view joins them better.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from flatcloth.core.types import Float64, Int32
+
+_TRIANGLES = 3
+"""A pair holds firmly if at least so many nodes are neighbours of both its ends."""
+
+
+def hanging_together(n: int, edges: Int32, trust: Float64, large: int, least_trust: float) -> Int32:
+    """Return which piece of cloth each node belongs to (n,).
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes.
+    edges : (M, 2) int32
+        Pairs; several views may have the same.
+    trust : (M,) float64
+        How far a pair alone is to be trusted, 0 to 1: little where the depth is noisy.
+    large : int
+        Parts that triangles hold together, of at least this many nodes, are the cores; all other
+        nodes go with the core to which the most trust joins them.
+    least_trust : float
+        Two cores are joined by pairs of so much trust together.
+    """
+    i, j = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
+    key, where = np.unique(i * n + j, return_inverse=True)
+    i, j = key // n, key % n
+    trusted: Float64 = np.bincount(where, trust, key.size).astype(np.float64)
+    ones = np.ones(2 * key.size, dtype=np.int32)
+    adjacency = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)).tocsr()
+    adjacency.sort_indices()
+    firm = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
+    part = _components(n, i[firm], j[firm])
+    cores = np.bincount(part) >= large
+    label = _grown(np.where(cores[part], part, -1), i, j, trusted)
+    rest = label < 0
+    label[rest] = n + _components(n, i[rest[i] & rest[j]], j[rest[i] & rest[j]])[rest]
+    label = np.unique(label, return_inverse=True)[1].astype(np.int32)
+    return _joined(label, i, j, trusted, least_trust)
+
+
+@njit(cache=True, nogil=True)
+def _neighbours_in_common(
+    first: Int32, neighbour: Int32, i: NDArray[np.int64], j: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Count for each pair (M,) the neighbours that both ends have; each node's neighbours come sorted."""
+    counts = np.zeros(i.size, dtype=np.int64)
+    for e in range(i.size):
+        a, b = first[i[e]], first[j[e]]
+        while a < first[i[e] + 1] and b < first[j[e] + 1]:
+            counts[e] += neighbour[a] == neighbour[b]
+            step_a, step_b = neighbour[a] <= neighbour[b], neighbour[b] <= neighbour[a]
+            a += step_a
+            b += step_b
+    return counts
+
+
+def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Float64) -> Int32:
+    """Give each node without a label (-1) that of the neighbours with the most trust, layer by layer.
+
+    Afterwards these nodes change sides where that makes the cut between two parts smaller.
+    """
+    names, compact = np.unique(label, return_inverse=True)
+    own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
+    count = int(own.max()) + 1
+    if count == 0:
+        return label
+    ends, others = np.concatenate([i, j]), np.concatenate([j, i])
+    weight = np.concatenate([trust, trust])
+    open_ = own[ends] < 0
+    ends, others, weight = ends[open_], others[open_], weight[open_]
+    voters, voter = np.unique(ends, return_inverse=True)
+    settled = 0
+    while settled <= _SWEEPS:
+        says = own[others] >= 0
+        votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
+        votes = votes.reshape(voters.size, count)
+        best = np.where(votes.any(axis=1), votes.argmax(axis=1), own[voters])
+        if (best == own[voters]).all():
+            break
+        settled += not (own[voters] < 0)[best >= 0].any()
+        own[voters] = best
+    grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
+    return grown
+
+
+_SWEEPS = 4
+
+
+def _joined(
+    part: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Float64, least_trust: float
+) -> Int32:
+    """Join parts between which the pairs are to be trusted enough."""
+    while True:
+        count = int(part.max()) + 1
+        a, b = part[i], part[j]
+        across = a != b
+        low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across].astype(np.int64)
+        key, where = np.unique(low * count + high, return_inverse=True)
+        strong = np.bincount(where, trust[across], key.size) >= least_trust if key.size else np.zeros(0, bool)
+        if not strong.any():
+            return part
+        part = _components(count, key[strong] // count, key[strong] % count)[part]
+
+
+def _components(n: int, i: NDArray[np.int64], j: NDArray[np.int64]) -> Int32:
+    graph = coo_matrix((np.ones(i.size, dtype=np.int8), (i, j)), shape=(n, n))
+    label: Int32 = connected_components(graph, directed=False)[1].astype(np.int32)
+    return label

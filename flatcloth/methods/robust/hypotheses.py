@@ -1,0 +1,196 @@
+"""Where a part of a view may lie on the joint shape: several ways to find out, all judged alike.
+
+*place*: nodes of the shape that the view shows at the same place in space, fitted rigidly on the
+plane. *lines*: the paper's lines of equal Z-angle (4.2). *correlation*: normals, height and texture
+compared at all places of the plane for a range of turns, off-shape pixels masked.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import fft
+
+from flatcloth.core.config import AgreementConfig, AlignmentConfig
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import fit_rigid2, height_m, z_angle_deg
+from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationAxis
+from flatcloth.methods.base import Hypothesis
+from flatcloth.methods.paper.alignment import correspond, from_lines
+from flatcloth.methods.robust.scoring import Ground, Part, lay, refine
+
+_COARSE_M = 0.012
+_TURNS_DEG = tuple(range(-40, 41, 10))
+
+
+def by_place(ground: Ground, part: Part) -> list[Rigid2]:
+    """Fit the nodes that the part shows: robustly, since layers that lie on each other mislead."""
+    at = np.flatnonzero(part.node >= 0)
+    target = ground.node_uv(part.node[at])
+    placed = np.isfinite(target[:, 0])
+    points, target = part.uv_m[at][placed], target[placed]
+    if len(points) < 3:
+        return []
+    best, most = fit_rigid2(points, target), -1.0
+    random = np.random.default_rng(0)
+    for n in range(24):
+        if n:
+            i, j = random.integers(0, len(points), 2)
+            if math.dist(points[i], points[j]) < 0.02:
+                continue
+            trial = fit_rigid2(points[[i, j]], target[[i, j]])
+        else:
+            trial = best
+        off = np.linalg.norm(trial.apply(points) - target, axis=1)
+        agreed = float((1.0 / (1.0 + np.square(off / 0.01))).sum())
+        if agreed > most:
+            best, most = trial, agreed
+    for _ in range(5):
+        off = np.linalg.norm(best.apply(points) - target, axis=1)
+        near = off < max(0.012, float(np.median(off)))
+        if near.sum() < 3:
+            break
+        best = fit_rigid2(points[near], target[near])
+    return [best]
+
+
+def by_lines(
+    coarse: FlattenedView,
+    new: FlattenedView,
+    axis: RotationAxis,
+    angles_deg: tuple[float, float],
+    z_angle_limit_deg: float,
+    config: AlignmentConfig,
+) -> list[Rigid2]:
+    """Return the paper's initial estimate, if the views have a Z-angle in common."""
+    try:
+        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, config)
+    except AlignmentError:
+        return []
+    return [from_lines(found)]
+
+
+def by_correlation(
+    coarse: FlattenedView, new: FlattenedView, axis: RotationAxis, around: float, most: int = 2
+) -> list[Rigid2]:
+    """Compare normals and height at all places, for turns about ``around`` (rad); the best few."""
+    fixed, fixed_mask = _attributes(coarse, axis)
+    shape = fixed_mask.shape
+    extent = int(math.hypot(*new.shape) * new.pixel_size_m / _COARSE_M) + 3
+    size = tuple(fft.next_fast_len(s + extent, real=True) for s in shape)
+    f_mask = fft.rfft2(fixed_mask, size)
+    f_square = fft.rfft2(np.square(fixed).sum(axis=-1), size)
+    f_values = [fft.rfft2(fixed[..., k], size) for k in range(fixed.shape[-1])]
+    found: list[tuple[float, Rigid2]] = []
+    least = 0.15 * float(new.valid.sum()) * (new.pixel_size_m / _COARSE_M) ** 2
+    for turn_deg in _TURNS_DEG:
+        turn = Rigid2(around + math.radians(turn_deg))
+        moving, moving_mask, origin = _turned(new, turn, axis, extent)
+        g_mask = np.conj(fft.rfft2(moving_mask, size))
+        overlap = fft.irfft2(f_mask * g_mask, size)
+        square = f_square * g_mask + f_mask * np.conj(fft.rfft2(np.square(moving).sum(axis=-1), size))
+        for k, value in enumerate(f_values):
+            square -= 2.0 * value * np.conj(fft.rfft2(moving[..., k], size))
+        cost = fft.irfft2(square, size) / np.maximum(overlap, 1.0)
+        cost += 0.2 * (1.0 - np.minimum(overlap / max(float(moving_mask.sum()), 1.0), 1.0))
+        cost[overlap < max(least, 4.0)] = np.inf
+        row, col = np.unravel_index(int(np.argmin(cost)), cost.shape)
+        if not np.isfinite(cost[row, col]):
+            continue
+        shift_row = row - size[0] if row > size[0] // 2 + extent // 2 else row
+        shift_col = col - size[1] if col > size[1] // 2 + extent // 2 else col
+        shift = np.asarray(coarse.origin_uv_m) + _COARSE_M * np.array([shift_col, shift_row]) - origin
+        found.append((float(cost[row, col]), Rigid2(0.0, float(shift[0]), float(shift[1])) @ turn))
+    found.sort(key=lambda item: item[0])
+    return [motion for _, motion in found[:most]]
+
+
+def _attributes(view: FlattenedView, axis: RotationAxis) -> tuple[Float64, Bool]:
+    """Return normals (3) and height (1, in units of 2 cm) of a coarse view, 0 off it."""
+    up = height_m(np.nan_to_num(view.xyz_m), axis) / 0.02
+    values = np.concatenate([np.nan_to_num(view.normal).astype(np.float64), up[..., None]], axis=-1)
+    values[~view.valid] = 0.0
+    return values, view.valid
+
+
+def _turned(
+    view: FlattenedView, turn: Rigid2, axis: RotationAxis, extent: int
+) -> tuple[Float64, Bool, Float64]:
+    """Raster a view's pixels, turned, on a coarse grid of ``extent`` squared; also its origin (2,)."""
+    rc = np.argwhere(view.valid)
+    uv = turn.apply(view.uv_from_rc(rc))
+    origin = np.floor(uv.min(axis=0) / _COARSE_M) * _COARSE_M
+    cell = np.rint((uv - origin) / _COARSE_M).astype(np.int64)
+    flat = np.minimum(cell[:, 1], extent - 1) * extent + np.minimum(cell[:, 0], extent - 1)
+    count = np.bincount(flat, minlength=extent * extent)
+    values, _ = _attributes(view, axis)
+    values = values[rc[:, 0], rc[:, 1]]
+    sums = [np.bincount(flat, values[:, k], extent * extent).astype(np.float64) for k in range(4)]
+    grid: Float64 = np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None]
+    mask: Bool = (count > 0).reshape(extent, extent)
+    return grid.reshape(extent, extent, 4), mask, origin
+
+
+def coarse_view(ground: Ground, axis: RotationAxis, angle_deg: float) -> FlattenedView:
+    """Return the main piece on a coarse grid: places, normals and Z-angles (no colors), from its nodes."""
+    main = ground.uv_m[ground.is_main]
+    low = np.floor(main.min(axis=0) / _COARSE_M) - 1
+    high = np.ceil(main.max(axis=0) / _COARSE_M) + 2
+    cols, rows = (high - low).astype(int)
+    grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+    covered, node, there = ground.under((grid + low) * _COARSE_M)
+    valid = covered.reshape(rows, cols)
+    xyz = np.where(covered[:, None], there, np.nan).reshape(rows, cols, 3).astype(np.float32)
+    normal = np.where(covered[:, None], ground.normal[node], np.nan).reshape(rows, cols, 3).astype(np.float32)
+    angle = np.full(valid.shape, np.nan, dtype=np.float32)
+    angle[valid] = z_angle_deg(normal[valid], axis, angle_deg)
+    return FlattenedView(
+        rgb=np.zeros((rows, cols, 3), dtype=np.uint8),
+        xyz_m=xyz,
+        normal=normal,
+        z_angle_deg=angle,
+        valid=valid,
+        view_index=np.full((rows, cols), -1, dtype=np.int16),
+        source_rc=np.full((rows, cols, 2), np.nan, dtype=np.float32),
+        pixel_size_m=_COARSE_M,
+        origin_uv_m=(float(low[0] * _COARSE_M), float(low[1] * _COARSE_M)),
+    )
+
+
+def judged(
+    ground: Ground,
+    part: Part,
+    component: int,
+    ideas: list[tuple[str, Rigid2]],
+    config: AgreementConfig,
+) -> list[Hypothesis]:
+    """Refine and score ideas; of those that come to lie together the best stays. The best is first."""
+    found = []
+    for source, initial in ideas:
+        refined = refine(ground, part, initial)
+        found.append(
+            Hypothesis(
+                source=source,
+                component=component,
+                initial=initial,
+                current_from_new=refined.shape_from_part,
+                score=lay(ground, part, refined.shape_from_part),
+                std=refined.std,
+            )
+        )
+    return distinct(found, part, config)
+
+
+def distinct(found: list[Hypothesis], part: Part, config: AgreementConfig) -> list[Hypothesis]:
+    """Return the hypotheses by falling confidence, without those that lie where a better one does."""
+    kept: list[Hypothesis] = []
+    corners = np.stack([part.uv_m.min(axis=0), part.uv_m.max(axis=0), part.uv_m.mean(axis=0)])
+    for hypothesis in sorted(found, key=lambda h: -h.score.total):
+        there = hypothesis.current_from_new.apply(corners)
+        if all(
+            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > config.distinct_m
+            for other in kept
+        ):
+            kept.append(hypothesis)
+    return kept

@@ -1,0 +1,410 @@
+"""One joint flattening of all accepted views (a departure from the paper, which lays views rigidly).
+
+Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs.
+Eq. (2) is minimised over all pairs at once, each with the weight that its accuracy deserves; pairs
+that contradict the others lose their weight. Minimising from a poor start folds the sheet, so each
+new node is first laid out from its placed neighbours, and the whole is relaxed as rigidly as
+possible: every view says how its neighbours lie around a node, mirror images excluded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from flatcloth.core.config import FlatteningConfig, JointConfig
+from flatcloth.core.geometry import Rigid3, fit_rigid2
+from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.flattening.minimisation import banding, minimise
+from flatcloth.flattening.surface import Surface
+from flatcloth.methods.robust.articulated import Hinged, swung
+from flatcloth.methods.robust.connectivity import hanging_together
+from flatcloth.methods.robust.observations import (
+    Complex128,
+    Nodes,
+    Recognised,
+    Sighting,
+    averaged,
+    no_nodes,
+    recognise,
+    sight,
+)
+from flatcloth.methods.robust.relaxation import relaxed, turns
+
+Int64 = NDArray[np.int64]
+
+_LEAST_WEIGHT = 1e-4
+_MAJORISATIONS = 6
+_TOLERANCE = 2e-3
+_LEAST_PIECE = 12
+"""Nodes of a floating piece that is worth keeping."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """The pairs of all sightings in one list.
+
+    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
+    memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
+    in :class:`Sighting`; ``sighting`` (M,) int32, the position of the view in the shape.
+    """
+
+    edges: Int32
+    member: Int32
+    n_members: int
+    length_m: Float64
+    std_m: Float64
+    offset: Complex128
+    sighting: Int32
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointShape:
+    """All accepted views, flattened together.
+
+    ``sightings`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
+    piece of cloth that each node belongs to: 0 the main piece, others float (nothing seen connects
+    them to it), -1 too small to matter. ``all_uv_m`` (N, 2) is where each node lies; floating pieces
+    lie beside the main one, far off. ``anchor`` (A,) int32 are nodes of the main piece that one of
+    the first views saw and ``anchor_uv_m`` (A, 2) where they lay then: the plane stays theirs.
+    ``weight`` (M,) of the pairs of ``links``, 0 to 1 relative to what their accuracy deserves: small
+    where a pair contradicts the others.
+    """
+
+    nodes: Nodes
+    sightings: tuple[Sighting, ...]
+    held_from_camera: tuple[Rigid3, ...]
+    piece: Int32
+    all_uv_m: Float64
+    anchor: Int32
+    anchor_uv_m: Float64
+    weight: Float64
+
+    @cached_property
+    def uv_m(self) -> Float64:
+        """(N, 2) where the nodes of the main piece lie; NaN for all others."""
+        return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
+
+    @property
+    def has_place(self) -> Bool:
+        """(N,) whether a node lies anywhere, be it on a floating piece."""
+        found: Bool = np.isfinite(self.all_uv_m[:, 0])
+        return found
+
+    @cached_property
+    def links(self) -> Links:
+        """The pairs of all views."""
+        return _links(self.sightings)
+
+    @property
+    def placed(self) -> Bool:
+        """(N,) whether a node lies on the main piece."""
+        found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
+        return found
+
+    @property
+    def views(self) -> tuple[int, ...]:
+        """The accepted views."""
+        return tuple(s.view_index for s in self.sightings)
+
+
+def begin_joint(
+    surface: Surface,
+    held_from_camera: Rigid3,
+    start_uv_m: Float64,
+    flattening: FlatteningConfig,
+    config: JointConfig,
+) -> JointShape:
+    """Return the joint shape of the start view alone.
+
+    Parameters
+    ----------
+    surface : Surface
+        The start view's surface.
+    held_from_camera : Rigid3
+        Where its camera stands.
+    start_uv_m : (H, W, 2) float64
+        Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
+    flattening, config
+        Sampling and limits.
+    """
+    nodes, first = sight(no_nodes(), _NONE, surface, held_from_camera, flattening, config)
+    at = np.rint(first.rc).astype(np.int32)
+    uv = start_uv_m[at[:, 0], at[:, 1]]
+    shape = JointShape(
+        nodes=nodes,
+        sightings=(first,),
+        held_from_camera=(held_from_camera,),
+        piece=np.where(np.isfinite(uv[:, 0]), 0, -1).astype(np.int32),
+        all_uv_m=uv,
+        anchor=np.zeros(0, dtype=np.int32),
+        anchor_uv_m=np.zeros((0, 2)),
+        weight=np.ones(len(first.edges)),
+    )
+    return _solved(shape, config)
+
+
+_NONE = Recognised(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
+
+
+def extend_joint(
+    shape: JointShape,
+    surface: Surface,
+    held_from_camera: Rigid3,
+    flattening: FlatteningConfig,
+    config: JointConfig,
+    recognised: Recognised | None = None,
+) -> JointShape:
+    """Return the shape with one view more, all flattened anew.
+
+    Parameters
+    ----------
+    shape : JointShape
+        The shape so far.
+    surface, held_from_camera
+        The view to add, and where its camera stands.
+    flattening, config
+        Sampling and limits.
+    recognised : Recognised, optional
+        The nodes that the view shows, if they are not to be found by place and normal.
+    """
+    if recognised is None:
+        recognised = recognise(shape.nodes, surface, held_from_camera, config)
+    nodes, added = sight(shape.nodes, recognised, surface, held_from_camera, flattening, config)
+    more = len(nodes) - len(shape.nodes)
+    grown = JointShape(
+        nodes=nodes,
+        sightings=(*shape.sightings, added),
+        held_from_camera=(*shape.held_from_camera, held_from_camera),
+        piece=np.concatenate([shape.piece, np.full(more, -1, dtype=np.int32)]),
+        all_uv_m=np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)]),
+        anchor=shape.anchor,
+        anchor_uv_m=shape.anchor_uv_m,
+        weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
+    )
+    return _solved(grown, config)
+
+
+def reposed(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
+    """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
+    if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
+        return shape
+    nodes = no_nodes()
+    for sighting, held in zip(shape.sightings, held_from_camera, strict=True):
+        nodes = averaged(nodes, sighting, held)
+    return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
+
+
+def floating_pieces(shape: JointShape, loose: Bool | None = None) -> list[Float64]:
+    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
+
+    What of the main piece is ``loose`` (N,) floats too, each connected part of it as a piece.
+    """
+    pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
+    if loose is not None and loose.any():
+        inside = shape.links.edges[loose[shape.links.edges].all(axis=1)]
+        graph = coo_matrix((np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(loose),) * 2)
+        label = np.where(loose, connected_components(graph, directed=False)[1], -1)
+        sizes = np.bincount(label[loose])
+        pieces += [label == n for n in np.flatnonzero(sizes >= _LEAST_PIECE)]
+    pieces.sort(key=lambda own: -int(own.sum()))
+    return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
+
+
+def _solved(shape: JointShape, config: JointConfig) -> JointShape:
+    """Lay out and minimise each piece that hangs together; the largest is the main one.
+
+    The main piece stays the main one unless another outgrows it clearly.
+    """
+    links, before = shape.links, shape.piece
+    label = _hanging(shape, config)
+    touched = np.zeros(int(label.max()) + 1, dtype=bool)
+    touched[label[shape.sightings[-1].node]] = True
+    sizes = np.bincount(label)
+    order = np.flatnonzero(sizes >= _LEAST_PIECE)
+    main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
+    if sizes.max() > config.outgrown * sizes[main]:
+        main = int(sizes.argmax())
+    order = np.concatenate([[main], sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])]).astype(
+        int
+    )
+    piece = np.full(len(label), -1, dtype=np.int32)
+    uv, weight = np.full((len(label), 2), np.nan), shape.weight.copy()
+    for n, own in enumerate(order):
+        members = label == own
+        known = _known(members & shape.has_place, before)
+        if not touched[own] and n and known.any() and (known == members).all():
+            uv[members] = shape.all_uv_m[members]
+        else:
+            within = np.flatnonzero(members[links.edges].all(axis=1))
+            z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
+            if not known.any():
+                _seed(z, links, within)
+            z = _lay_out(z, links, within)
+            inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
+            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside], config)
+            uv[members] = own_uv[members]
+        piece[members & np.isfinite(uv[:, 0])] = n
+        if n:
+            uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
+    return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight))
+
+
+_APART_M = 10.0
+"""Floating pieces lie this far apart on the plane."""
+
+
+def _known(members: Bool, before: Int32) -> Bool:
+    """Of a piece's members that lie somewhere, those that were one piece before: the most."""
+    if not members.any():
+        return members
+    was = before[members]
+    most = int(np.bincount(was + 1).argmax()) - 1
+    largest: Bool = members & (before == most)
+    return largest
+
+
+def _seed(z: Complex128, links: Links, within: Int64) -> None:
+    """Lay down one pair, from which the rest of a piece can be laid out."""
+    seed = within[np.argmin(links.std_m[within])]
+    z[links.edges[seed, 0]] = 0.0
+    z[links.edges[seed, 1]] = links.offset[seed, 0]
+
+
+def _anchored(shape: JointShape) -> JointShape:
+    """Move the main piece to where its anchor lay; a main piece without one gets one."""
+    kept = shape.placed[shape.anchor]
+    if kept.sum() >= 3:
+        motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
+        uv = shape.all_uv_m.copy()
+        uv[shape.placed] = motion.apply(uv[shape.placed])
+        return replace(shape, all_uv_m=uv)
+    if shape.anchor.size and shape.placed.any():
+        # A piece that floated has outgrown the main one: it comes from where it lay to the plane's middle.
+        uv = shape.all_uv_m.copy()
+        uv[shape.placed] -= uv[shape.placed].mean(axis=0)
+        shape = replace(shape, all_uv_m=uv)
+    for sighting in shape.sightings:
+        anchor = sighting.node[shape.placed[sighting.node]]
+        if anchor.size >= 3:
+            break
+    return replace(shape, anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
+
+
+def _hanging(shape: JointShape, config: JointConfig) -> Int32:
+    """Return which piece of cloth each node (N,) belongs to."""
+    evidence = np.concatenate([s.edge_evidence for s in shape.sightings])
+    return hanging_together(
+        len(shape.nodes), shape.links.edges, shape.weight * evidence, config.large_part, config.least_evidence
+    )
+
+
+def _links(sightings: tuple[Sighting, ...]) -> Links:
+    first = np.cumsum([0] + [len(s.node) for s in sightings])
+    return Links(
+        edges=np.concatenate([s.node[s.edges] for s in sightings]).astype(np.int32),
+        member=np.concatenate([s.edges + f for s, f in zip(sightings, first, strict=False)]).astype(np.int32),
+        n_members=int(first[-1]),
+        length_m=np.concatenate([s.edge_length_m for s in sightings]),
+        std_m=np.concatenate([s.edge_std_m for s in sightings]),
+        offset=np.concatenate([s.offset for s in sightings]),
+        sighting=np.repeat(np.arange(len(sightings), dtype=np.int32), [len(s.edges) for s in sightings]),
+    )
+
+
+# ------------------------------------------------------------------ laying out
+
+
+def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
+    """Place (as u + iv) what pairs ``inside`` connect to placed nodes, layer by layer.
+
+    A placed node whose turn is known, from its placed neighbours in the same view, says where its
+    other neighbours in that view lie; several such opinions are averaged.
+    """
+    z = z.copy()
+    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
+    if not open_.size:
+        return z
+    touched = np.zeros(links.n_members, dtype=bool)
+    touched[links.member[open_]] = True
+    near = inside[touched[links.member[inside]].any(axis=1)]
+    edges, member, offset = links.edges[near], links.member[near], links.offset[near]
+    while True:
+        known = np.isfinite(z.real[edges])
+        both: Bool = np.asarray(known.all(axis=1))
+        turn = turns(z, edges, member, offset, both.astype(np.float64), links.n_members)
+        sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
+            e = np.flatnonzero(says)
+            place = z[edges[e, end]] + sign * turn[member[e, end]] * offset[e, end]
+            np.add.at(sums, edges[e, 1 - end], place)
+            np.add.at(counts, edges[e, 1 - end], 1.0)
+        found = counts > 0
+        if not found.any():
+            return z
+        z[found] = sums[found] / counts[found]
+
+
+# ------------------------------------------------------------------ minimising
+
+
+def _minimised(
+    z: Complex128, links: Links, inside: Int64, weight: Float64, config: JointConfig
+) -> tuple[Float64, Float64]:
+    """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
+    own = np.flatnonzero(np.isfinite(z.real))
+    place = np.full(len(z), -1, dtype=np.int32)
+    place[own] = np.arange(own.size)
+    edges = place[links.edges[inside]]
+    if not edges.size:
+        return np.stack([z.real, z.imag], axis=1), weight
+    std = links.std_m[inside]
+    accuracy = np.square(np.median(std) / std)
+    narrow = banding(own.size, edges)
+    x = relaxed(
+        z[own],
+        edges,
+        links.member[inside],
+        links.offset[inside],
+        accuracy * weight,
+        links.n_members,
+        config.arap_steps,
+        narrow,
+    )
+    length = links.length_m[inside]
+    for _ in range(config.robust_rounds):
+        x = minimise(
+            x,
+            edges,
+            length,
+            weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+            majorisations=_MAJORISATIONS,
+            energy_tolerance=_TOLERANCE,
+            narrow=narrow,
+        ).uv_m
+        residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
+        weight = _robust_weight(residual / std, config.robust_std)
+    sheet = Hinged(
+        edges=edges,
+        member=links.member[inside],
+        n_members=links.n_members,
+        length_m=length,
+        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+        offset=links.offset[inside],
+    )
+    uv = np.full((len(z), 2), np.nan)
+    uv[own] = swung(x, sheet, config)
+    return uv, weight
+
+
+def _robust_weight(normed: Float64, robust_std: float) -> Float64:
+    """Geman-McClure weights of residuals that are given in standard deviations."""
+    scale = robust_std * max(1.0, 1.48 * float(np.median(np.abs(normed))))
+    weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
+    return weight

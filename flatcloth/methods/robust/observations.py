@@ -1,0 +1,280 @@
+"""What one view tells about the nodes of the joint shape: where it sees each, and how far apart.
+
+A node is a point of the cloth, kept at its place in the held frame. A view sees it if the node,
+turned to the view, lies on the view's visible surface with the same normal: then it is the same
+cloth, whatever the texture. Where a view shows cloth on which no node lies, it adds nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flatcloth.core.config import FlatteningConfig, JointConfig
+from flatcloth.core.geometry import Rigid3, project, tangent_basis
+from flatcloth.core.types import Bool, Float64, Int32, Intrinsics
+from flatcloth.flattening.sampling import fit_samples, lengths_along_surface, pairs_on_surface
+from flatcloth.flattening.surface import Surface
+
+Complex128 = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nodes:
+    """Points of the cloth: ``xyz_m`` and unit ``normal`` (N, 3), held frame; ``weight`` (N,) of both."""
+
+    xyz_m: Float64
+    normal: Float64
+    weight: Float64
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return len(self.xyz_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sighting:
+    """The nodes that one view sees, and the pairs between them.
+
+    ``node`` (K,) int32 their numbers; ``rc`` (K, 2) where the view's (cropped) image shows them;
+    ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) those that
+    this view added. ``edges`` (M, 2) int32 index into these K; ``edge_length_m`` (M,) along the
+    surface, ``edge_std_m`` (M,) how far that may be off; ``edge_evidence`` (M,) from 0 to 1, how far
+    a pair alone shows that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
+    as each end sees it: in its tangent plane, right and down the image.
+    """
+
+    view_index: int
+    node: Int32
+    rc: Float64
+    points_m: Float64
+    normal: Float64
+    incidence_deg: Float64
+    is_new: Bool
+    edges: Int32
+    edge_length_m: Float64
+    edge_std_m: Float64
+    edge_evidence: Float64
+    offset: Complex128
+
+
+_NEAREST = 5
+
+
+def no_nodes() -> Nodes:
+    """Return an empty set of nodes."""
+    return Nodes(xyz_m=np.zeros((0, 3)), normal=np.zeros((0, 3)), weight=np.zeros(0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognised:
+    """Nodes that a view shows: numbers (K,), places (K, 2) in its image, incidence (K,) in degrees."""
+
+    node: Int32
+    rc: Float64
+    incidence_deg: Float64
+
+
+def recognise(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: JointConfig) -> Recognised:
+    """Find the nodes that lie on the visible surface of a view.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        The nodes, held frame.
+    surface : Surface
+        The view's surface.
+    held_from_camera : Rigid3
+        Where the view's camera stands.
+    config : JointConfig
+        By how much place and normal may differ.
+
+    Returns
+    -------
+    Recognised
+        The place is the foot of the node on the surface along its normal.
+    """
+    k = surface.frame.intrinsics
+    points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
+    tolerance = config.same_place_m + config.same_place_noise * surface.noise_m
+    rc = project(points, k)
+    for round_ in range(2):
+        pixel, inside = _pixels_inside(rc, surface.usable.shape)
+        seen = surface.xyz_m[pixel[:, 0], pixel[:, 1]].astype(np.float64)
+        seen_normal = surface.normal[pixel[:, 0], pixel[:, 1]].astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            above = ((seen - points) * seen_normal).sum(axis=1)
+            same = inside & (np.abs(above) <= tolerance)
+            same &= (seen_normal * normal).sum(axis=1) >= config.same_normal_cos
+        if round_ == 0:
+            foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
+            rc = project(foot, k)
+    found = np.flatnonzero(same).astype(np.int32)
+    return Recognised(
+        node=found,
+        rc=rc[found],
+        incidence_deg=_incidence_deg(rc[found], seen_normal[found], k),
+    )
+
+
+def sight(
+    nodes: Nodes,
+    recognised: Recognised,
+    surface: Surface,
+    held_from_camera: Rigid3,
+    flattening: FlatteningConfig,
+    config: JointConfig,
+) -> tuple[Nodes, Sighting]:
+    """Let a view see the recognised nodes, and add nodes where it shows other cloth.
+
+    Returns the nodes, moved to the mean of what all views say, and the sighting.
+    """
+    d = flattening.sampling_intervals_px[-1]
+    limit = config.noisy_incidence_limit_deg if surface.noisy else config.incidence_limit_deg
+    grid = np.zeros_like(surface.usable)
+    grid[d // 2 :: d, d // 2 :: d] = True
+    fresh = np.argwhere(grid & surface.usable).astype(np.float64)
+    if len(recognised.rc):
+        distance, _ = cKDTree(recognised.rc).query(fresh)
+        fresh = fresh[distance > config.new_node_distance * d]
+    if not surface.noisy:
+        known = np.concatenate([recognised.rc, fresh])
+        fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known, config)])
+    # Cloth that is known already is not measured again where it is seen too steeply.
+    steep = recognised.incidence_deg > limit
+    node = np.concatenate([recognised.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
+    rc = np.concatenate([recognised.rc[~steep], fresh])
+    points, normal, known = fit_samples(surface, rc, flattening)
+    incidence = _incidence_deg(rc, normal, surface.frame.intrinsics)
+    known &= (node >= 0) | (incidence <= config.incidence_limit_deg)
+    rc, points, normal, incidence = (a[known] for a in (rc, points, normal, incidence))
+    node = node[known]
+    is_new = node < 0
+    node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
+    edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface, flattening, config)
+    smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= config.smooth_cos
+    evidence = np.square(config.pair_std_m / std) * np.where(smooth, 1.0, config.creased_evidence)
+    sighting = Sighting(
+        view_index=surface.frame.view_index,
+        node=node,
+        rc=rc,
+        points_m=points,
+        normal=normal,
+        incidence_deg=incidence,
+        is_new=is_new,
+        edges=edges,
+        edge_length_m=length,
+        edge_std_m=std,
+        edge_evidence=evidence,
+        offset=offset,
+    )
+    return averaged(nodes, sighting, held_from_camera), sighting
+
+
+def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: JointConfig) -> Float64:
+    """Return places (N, 2) at half the interval where the surface is narrower than the interval.
+
+    Strips and necks that the grid would miss join what lies on either side of them.
+    """
+    size = 2 * interval_px + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    narrow = usable & (cv2.morphologyEx(usable.astype(np.uint8), cv2.MORPH_OPEN, disc) == 0)
+    half = interval_px // 2
+    grid = np.zeros_like(usable)
+    grid[half // 2 :: half, half // 2 :: half] = True
+    places = np.argwhere(grid & narrow).astype(np.float64)
+    if len(known) and len(places):
+        distance, _ = cKDTree(known).query(places)
+        places = places[distance > config.new_node_distance * half]
+    return places
+
+
+def _pixels_inside(rc: Float64, shape: tuple[int, ...]) -> tuple[Int32, Bool]:
+    inside: Bool = np.asarray(((rc > -0.5) & (rc < np.array(shape) - 0.5)).all(axis=1))
+    pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int32)
+    return pixel, inside
+
+
+def _incidence_deg(rc: Float64, normal: Float64, k: Intrinsics) -> Float64:
+    ray = np.stack([(rc[:, 1] - k.cx) / k.fx, (rc[:, 0] - k.cy) / k.fy, np.ones(len(rc))], axis=1)
+    cos = -(ray * normal).sum(axis=1) / np.linalg.norm(ray, axis=1)
+    angle: Float64 = np.degrees(np.arccos(np.clip(cos, -1.0, 1.0)))
+    return angle
+
+
+def _pairs(
+    rc: Float64,
+    points: Float64,
+    normal: Float64,
+    incidence_deg: Float64,
+    interval_px: int,
+    surface: Surface,
+    flattening: FlatteningConfig,
+    config: JointConfig,
+) -> tuple[Int32, Float64, Float64, Complex128]:
+    pixel = np.rint(rc).astype(np.int32)
+    edges = pairs_on_surface(pixel, 1.5 * interval_px, surface)
+    if len(rc) > _NEAREST and not surface.noisy:
+        # Where nodes lie closer than the interval, pairs need not reach as far.
+        near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
+        reach = 1.5 * np.maximum(near[:, -1], interval_px // 2)
+        apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
+        edges = edges[apart_px <= reach[edges].max(axis=1)]
+    edges, length = lengths_along_surface(edges, points, normal, flattening.max_chord_slope)
+    apart = length > config.least_pair_m
+    edges, length = edges[apart], length[apart]
+    steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
+    noise = surface.noise_m * (config.frontal_noise + config.steep_noise * steepness[edges].mean(axis=1))
+    std = np.hypot(config.pair_std_m, noise)
+    return edges, length, std, _offsets(edges, points, normal, length, config.bent_deg[int(surface.noisy)])
+
+
+def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, bent_deg: float) -> Complex128:
+    """Return where the other end of each pair lies (M, 2) as each end sees it, in its tangent plane.
+
+    Cloth between two normals that differ by more than ``bent_deg`` is unrolled as a cylinder: what
+    lies along its rulings stays, what lies across them is as long as the arc. Cloth that is bent
+    less has no ruling to speak of; there the chord is turned into the tangent plane.
+    """
+    chord = points[edges[:, 1]] - points[edges[:, 0]]
+    ruling = np.cross(normal[edges[:, 0]], normal[edges[:, 1]])
+    sine = np.linalg.norm(ruling, axis=1)
+    ruling /= np.maximum(sine, 1e-12)[:, None]
+    along = (chord * ruling).sum(axis=1)[:, None] * ruling
+    half = 0.5 * np.arcsin(np.clip(sine, 0.0, 1.0))
+    arc = np.linalg.norm(chord - along, axis=1) * half / np.maximum(np.sin(half), 1e-12)
+    bent = np.square(2.0 * half / np.radians(bent_deg))
+    bent = (bent / (1.0 + bent))[:, None]
+    right, down = tangent_basis(normal)
+    offset = np.empty((len(edges), 2), dtype=np.complex128)
+    for end in (0, 1):
+        at = edges[:, end]
+        across = np.cross(ruling, normal[at])
+        unrolled = along + (arc * np.sign((chord * across).sum(axis=1)))[:, None] * across
+        flat = chord - (chord * normal[at]).sum(axis=1)[:, None] * normal[at]
+        flat *= (length / np.maximum(np.linalg.norm(flat, axis=1), 1e-12))[:, None]
+        place = bent * unrolled + (1.0 - bent) * flat
+        offset[:, end] = (place * right[at]).sum(axis=1) + 1j * (place * down[at]).sum(axis=1)
+    offset *= length[:, None] / np.maximum(np.abs(offset), 1e-9)
+    return offset
+
+
+def averaged(nodes: Nodes, sighting: Sighting, held_from_camera: Rigid3) -> Nodes:
+    """Nodes at the mean of what the views say; frontal views, which measure best, count most."""
+    added = int(sighting.is_new.sum())
+    xyz = np.concatenate([nodes.xyz_m, np.zeros((added, 3))])
+    normal = np.concatenate([nodes.normal, np.zeros((added, 3))])
+    weight = np.concatenate([nodes.weight, np.zeros(added)])
+    held_points, held_normal = held_from_camera.apply_with_normal(sighting.points_m, sighting.normal)
+    own = np.cos(np.radians(sighting.incidence_deg))[:, None] ** 2
+    at = sighting.node
+    before = weight[at][:, None]
+    xyz[at] = (before * xyz[at] + own * held_points) / (before + own)
+    mean = before * normal[at] + own * held_normal
+    normal[at] = mean / np.linalg.norm(mean, axis=1)[:, None]
+    weight[at] += own[:, 0]
+    return Nodes(xyz_m=xyz, normal=normal, weight=weight)

@@ -1,0 +1,104 @@
+"""As-rigid-as-possible relaxation: every view says how a node's neighbours lie around it.
+
+A membership is a node as one view sees it. Each membership turns as a whole from its tangent plane
+to the plane, mirror images excluded; then all nodes move at once, by one solve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.minimisation import BandedLaplacian, Banding
+
+Complex128 = NDArray[np.complex128]
+
+_HELD = 1e-6
+"""Share of its place that holds every node: lengths do not fix the sheet as a whole."""
+
+
+@njit(cache=True, nogil=True)
+def turns(
+    z: Complex128, edges: Int32, member: Int32, offset: Complex128, weight: Float64, n_members: int
+) -> Complex128:
+    """Return each membership's unit turn from its tangent plane to the plane; 0 where nothing tells.
+
+    Parameters
+    ----------
+    z : (N,) complex128
+        Where the nodes lie, u + iv, metres.
+    edges, member : (M, 2) int32
+        Pairs of nodes, and the same ends as memberships.
+    offset : (M, 2) complex128
+        The other end as each end sees it, in its tangent plane, metres.
+    weight : (M,) float64
+        How much each pair counts; one of weight 0 may have ends that lie nowhere.
+    n_members : int
+        Number of memberships.
+    """
+    total = np.zeros(n_members, dtype=np.complex128)
+    for e in range(edges.shape[0]):
+        if weight[e] > 0.0:
+            along = z[edges[e, 1]] - z[edges[e, 0]]
+            for end in range(2):
+                total[member[e, end]] += weight[e] * along * np.conj(offset[e, end])
+    for m in range(n_members):
+        size = abs(total[m])
+        if size > 0.0:
+            total[m] /= size
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _wanted(
+    turn: Complex128, edges: Int32, member: Int32, offset: Complex128, weight: Float64, n: int
+) -> Float64:
+    """Return the right-hand side (n, 2) of the solve: where the turned neighbourhoods want the nodes."""
+    rhs = np.zeros((n, 2))
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        along = turn[member[e, 0]] * offset[e, 0] + turn[member[e, 1]] * offset[e, 1]
+        along *= 0.5 * weight[e]
+        rhs[j, 0] += along.real
+        rhs[j, 1] += along.imag
+        rhs[i, 0] -= along.real
+        rhs[i, 1] -= along.imag
+    return rhs
+
+
+def relaxed(
+    z: Complex128,
+    edges: Int32,
+    member: Int32,
+    offset: Complex128,
+    weight: Float64,
+    n_members: int,
+    steps: int,
+    narrow: Banding,
+) -> Float64:
+    """Return the nodes (N, 2), metres, after some steps of relaxation.
+
+    Parameters
+    ----------
+    z, edges, member, offset, n_members
+        As in :func:`turns`, where all pairs count alike.
+    weight : (M,) float64
+        Weights of the pairs.
+    steps : int
+        How often the neighbourhoods turn and the nodes move.
+    narrow : Banding
+        Of the pairs.
+    """
+    laplacian = BandedLaplacian(narrow, weight, _HELD)
+    alike = np.ones(len(edges))
+    center = z.mean()
+    z = z - center
+    for _ in range(steps):
+        turn = turns(z, edges, member, offset, alike, n_members)
+        rhs = _wanted(turn, edges, member, offset, weight, len(z))
+        moved = laplacian.solve(rhs + _HELD * z.view(np.float64).reshape(-1, 2))
+        z = moved[:, 0] + 1j * moved[:, 1]
+    z = z + center
+    return np.stack([z.real, z.imag], axis=1)

@@ -1,0 +1,368 @@
+"""How well a part of a view fits a joint shape where it is laid: place in space, color, contradiction.
+
+The rotation is known, so the cloth at one place of the plane must be at one place in space: where a
+part covers the shape, its points turned to the held frame must lie where the shape's do. The other
+way round, cloth that the view shows and the shape has (the same place and normal in space) must
+come to lie on itself. Color is compared where the accepted view that saw the place best sees it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.config import AgreementConfig
+from flatcloth.core.geometry import Rigid3, height_m, project
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
+from flatcloth.flattening.surface import Surface
+from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.robust.joint import JointShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What a view's surface looks like: ``hue`` (H, W, 3) float32 in grey levels.
+
+    Intensity without its local mean, which stays with the light, and two color differences relative
+    to the intensity, which shading does not change. NaN off the surface.
+    """
+
+    hue: Float32
+
+
+def look(surface: Surface, config: AgreementConfig) -> Look:
+    """Return what a surface looks like."""
+    inside = surface.usable.astype(np.float32)
+    sigma_px = config.texture_size_m / surface.pixel_pitch_m
+
+    def mean(image: Float32, sigma: float) -> Float32:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
+
+    known = np.maximum(mean(inside, 1.5), 0.05)
+    fine = mean(np.asarray(surface.frame.color * inside[..., None], dtype=np.float32), 1.5)
+    red, green, blue = (fine[..., k] / known for k in range(3))
+    gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
+    coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
+    brightness = np.maximum(gray, 8.0)
+    hue = np.empty_like(fine)
+    hue[..., 0] = gray - coarse
+    hue[..., 1] = 64.0 * red / brightness - 64.0
+    hue[..., 2] = 64.0 * blue / brightness - 64.0
+    hue[~surface.usable] = np.nan
+    return Look(hue=hue)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A part of a view in its own plane, thinned out.
+
+    ``uv_m`` (K, 2); ``rc`` (K, 2) pixels of the (cropped) image; ``xyz_m``, ``normal`` (K, 3) held
+    frame; ``hue`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there, -1
+    none; ``area_m2`` of the whole part.
+    """
+
+    uv_m: Float64
+    rc: Int32
+    xyz_m: Float64
+    normal: Float64
+    hue: Float64
+    node: Int32
+    area_m2: float
+
+
+class Ground:
+    """A joint shape as what parts are laid on.
+
+    Parameters
+    ----------
+    shape : JointShape
+        The shape.
+    surfaces, looks : mapping
+        Of its views, by view index.
+    axis : RotationAxis
+        Axis of the recording, for heights.
+    config : AgreementConfig
+        Scales.
+    """
+
+    def __init__(
+        self,
+        shape: JointShape,
+        surfaces: Mapping[int, Surface],
+        looks: Mapping[int, Look],
+        axis: RotationAxis,
+        config: AgreementConfig,
+    ) -> None:
+        self.config, self._axis = config, axis
+        self.number = np.flatnonzero(shape.has_place).astype(np.int32)
+        self.uv_m = shape.all_uv_m[self.number]
+        self.is_main = shape.piece[self.number] == 0
+        self.xyz_m = shape.nodes.xyz_m[self.number]
+        self.normal = shape.nodes.normal[self.number]
+        self.frames = _space_from_plane(shape)[self.number]
+        self.noise_m = max(surfaces[v].noise_m for v in shape.views)
+        self._best_view, self.hue = _best_looks(shape, looks, self.number)
+        self._poses = [held.inverse() for held in shape.held_from_camera]
+        self._surfaces = [surfaces[v] for v in shape.views]
+        self._looks = [looks[v].hue for v in shape.views]
+        self._tree = cKDTree(self.uv_m)
+        self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
+        self._place[self.number] = np.arange(self.number.size)
+
+    def node_uv(self, node: Int32) -> Float64:
+        """Return where nodes (K,) lie, NaN for those that have no place (or number -1)."""
+        at = np.where(node >= 0, self._place[node], -1)
+        return np.where((at >= 0)[:, None], self.uv_m[at], np.nan)
+
+    def under(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
+        """Return which places (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
+        distance, nearest = self._tree.query(uv_m, distance_upper_bound=self.config.cover_m)
+        covered = np.isfinite(distance)
+        at = np.where(covered, nearest, 0).astype(np.int32)
+        offset = uv_m - self.uv_m[at]
+        return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
+
+    def hue_at(self, node: Int32, xyz_m: Float64) -> Float64:
+        """Return how points (K, 3) look in the accepted view that saw the node nearby best."""
+        found = np.full((len(node), 3), np.nan)
+        view = self._best_view[node]
+        for n in np.unique(view):
+            own = np.flatnonzero(view == n)
+            rc = project(self._poses[n].apply(xyz_m[own]), self._surfaces[n].frame.intrinsics)
+            found[own] = _read_nearest(self._looks[n], rc)
+        return found
+
+
+def _read_nearest(image: Float32, rc: Float64) -> Float64:
+    shape = np.array(image.shape[:2])
+    inside: Bool = np.asarray(((rc > -0.5) & (rc < shape - 0.5)).all(axis=1))
+    at = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int64)
+    values = image[at[:, 0], at[:, 1]].astype(np.float64)
+    return np.where(inside[:, None], values, np.nan)
+
+
+def _space_from_plane(shape: JointShape) -> Float64:
+    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
+    links, n = shape.links, len(shape.nodes)
+    used = shape.has_place[links.edges].all(axis=1)
+    i, j = links.edges[used].T
+    flat = shape.all_uv_m[j] - shape.all_uv_m[i]
+    space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]
+    frames = np.zeros((n, 3, 2))
+    for row in range(3):
+        for col in range(2):
+            product = space[:, row] * flat[:, col]
+            frames[:, row, col] = np.bincount(i, product, n) + np.bincount(j, product, n)
+    normal = shape.nodes.normal
+    frames -= normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
+    return _nearest_isometries(frames)
+
+
+def _nearest_isometries(maps: Float64) -> Float64:
+    """Return the isometries nearest to linear maps M (N, 3, 2): M (M'M)^(-1/2), the root in closed form."""
+    a, b, d = (np.einsum("ni,ni->n", maps[:, :, i], maps[:, :, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    root_det = np.sqrt(np.maximum(a * d - b * b, 0.0))
+    trace = np.sqrt(a + d + 2.0 * root_det)
+    scale = 1.0 / np.maximum(root_det * trace, 1e-30)
+    # The root of a 2 x 2 matrix S is (S + sqrt(det) 1) / trace; its inverse is the adjugate over sqrt(det).
+    inverse = np.empty((len(maps), 2, 2))
+    inverse[:, 0, 0], inverse[:, 1, 1] = scale * (d + root_det), scale * (a + root_det)
+    inverse[:, 0, 1] = inverse[:, 1, 0] = -scale * b
+    isometry: Float64 = maps @ inverse
+    flat = root_det <= 1e-6 * (a + d)
+    if flat.any():
+        u, _, v = np.linalg.svd(maps[flat], full_matrices=False)
+        isometry[flat] = u @ v
+    return isometry
+
+
+def _best_looks(shape: JointShape, looks: Mapping[int, Look], number: Int32) -> tuple[Int32, Float64]:
+    """Return for each placed node the sighting that saw it best, and how it looked there (N, 3)."""
+    incidence = np.full(len(shape.nodes), np.inf)
+    view = np.zeros(len(shape.nodes), dtype=np.int32)
+    hue = np.full((len(shape.nodes), 3), np.nan)
+    for n, sighting in enumerate(shape.sightings):
+        better = sighting.incidence_deg < incidence[sighting.node]
+        node = sighting.node[better]
+        incidence[node], view[node] = sighting.incidence_deg[better], n
+        hue[node] = _read_nearest(looks[sighting.view_index].hue, sighting.rc[better])
+    return view[number], hue[number]
+
+
+def lay(ground: Ground, part: Part, shape_from_part: Rigid2) -> AlignmentScore:
+    """Score a placement.
+
+    Returns
+    -------
+    AlignmentScore
+        ``total`` is the confidence: the chance that the placement is right, as learned from right
+        and wrong placements (``python -m benchmarks confidence``). ``parts``: agreement in place,
+        color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
+        distance in space.
+    """
+    c = ground.config
+    uv = shape_from_part.apply(part.uv_m)
+    covered, node, there = ground.under(uv)
+    each_m2 = part.area_m2 / max(len(uv), 1)
+    overlap_m2 = float(covered.sum()) * each_m2
+    at = np.flatnonzero(covered).astype(np.int32)
+    scale = c.place_std_m + 2.0 * ground.noise_m
+    parts = {
+        "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
+        "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
+        "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
+    }  # fmt: skip
+    if at.size:
+        apart = np.linalg.norm(part.xyz_m[at] - there[at], axis=1)
+        facing = (part.normal[at] * ground.normal[node[at]]).sum(axis=1)
+        agrees = facing > 0.5
+        parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
+        parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
+        parts["place_median_mm"] = 1e3 * float(np.median(apart))
+        up = height_m(part.xyz_m[at], ground._axis) - height_m(there[at], ground._axis)
+        parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
+        parts["color_agreement"] = _color_agreement(ground, part, at, node, there)
+    known = np.flatnonzero(part.node >= 0)
+    own = ground.node_uv(part.node[known])
+    placed = np.isfinite(own[:, 0])
+    if placed.any():
+        off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
+        parts["twice_share"] = float((off > c.twice_m).mean())
+        parts["outline_agreement"] = float(covered[known][placed].mean())
+    elif at.size:
+        parts["twice_share"] = 0.0
+    return AlignmentScore(confidence_of(parts, c), parts)
+
+
+def _color_agreement(ground: Ground, part: Part, at: Int32, node: Int32, there: Float64) -> float:
+    """Agreement of color, 0.5 if there is nothing to tell; against what random pairs would give."""
+    c = ground.config
+    seen = ground.hue_at(node[at], there[at])
+    own = part.hue[at]
+    known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
+    if known.sum() < 10:
+        return 0.5
+    seen, own = seen[known], own[known]
+
+    def disagreement(a: Float64, b: Float64) -> float:
+        square = np.square((a - b) / c.color_std).sum(axis=1)
+        return float((square / (1.0 + square)).mean())
+
+    random = np.random.default_rng(0)
+    chance = disagreement(seen, own[random.permutation(len(own))])
+    telling = min(1.0, chance / c.telling_color)
+    return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
+
+
+def confidence_of(parts: Mapping[str, float], config: AgreementConfig) -> float:
+    """Return the chance that a placement with these parts is right (logistic regression)."""
+    logit = sum(w * v for w, v in zip(config.confidence_weights, features_of(parts), strict=True))
+    return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+
+
+FEATURES = (
+    "constant",
+    "place_agreement",
+    "color_agreement",
+    "outline_agreement",
+    "other_cloth_share",
+    "twice_share",
+    "log10_overlap_cm2",
+    "apart_cm",
+)
+"""What the confidence is made of, in the order of its weights."""
+
+
+def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
+    """Return the values of ``FEATURES`` for the parts of a score."""
+    overlap = math.log10(max(parts["overlap_cm2"], 0.1))
+    apart = parts["place_median_mm"]
+    apart_cm = 0.1 * min(apart, _FAR_MM) if math.isfinite(apart) else 0.1 * _FAR_MM
+    return (1.0, *(parts[name] for name in FEATURES[1:-2]), overlap, apart_cm)
+
+
+_FAR_MM = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refined:
+    """A placement after refinement: the motion, and standard deviations of turn (rad), u and v (m)."""
+
+    shape_from_part: Rigid2
+    std: Float64
+
+
+def refine(ground: Ground, part: Part, initial: Rigid2, rounds: int = 8) -> Refined:
+    """Move a part on the plane so that its points lie nearest in space to what they cover.
+
+    The standard deviations say which directions the cloth in common leaves open: a flat strip under
+    a strip, say; where nothing is covered all three are infinite.
+    """
+    c = ground.config
+    motion = initial
+    reach = c.refine_reach_m
+    scale = c.place_std_m + 2.0 * ground.noise_m
+    hessian = np.zeros((3, 3))
+    for _ in range(rounds):
+        uv = motion.apply(part.uv_m)
+        covered, node, there = ground.under(uv)
+        at = np.flatnonzero(covered)
+        if at.size < 6:
+            return Refined(shape_from_part=motion, std=np.full(3, np.inf))
+        residual = part.xyz_m[at] - there[at]
+        size = np.linalg.norm(residual, axis=1)
+        weight = 1.0 / np.square(1.0 + np.square(size / reach))
+        weight *= (part.normal[at] * ground.normal[node[at]]).sum(axis=1) > 0.5
+        if weight.sum() < 3.0:
+            return Refined(shape_from_part=motion, std=np.full(3, np.inf))
+        center = uv[at].mean(axis=0)
+        frames = ground.frames[node[at]]
+        offset = uv[at] - center
+        turned = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        rows = np.concatenate([np.einsum("nij,nj->ni", frames, turned)[:, :, None], frames], axis=2)
+        hessian = np.einsum("n,nki,nkj->ij", weight, rows, rows)
+        right = np.einsum("n,nki,nk->i", weight, rows, residual)
+        step = np.linalg.solve(hessian + 1e-9 * np.eye(3), right)
+        motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(center) @ motion
+        reach = max(0.6 * reach, scale)
+        if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
+            break
+    independent = c.correlated_samples
+    std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
+    return Refined(shape_from_part=motion, std=std)
+
+
+def part_of(
+    uv_m: Float64,
+    rc: Int32,
+    surface: Surface,
+    own_look: Look,
+    held_from_camera: Rigid3,
+    recognised_rc: Float64,
+    recognised_node: Int32,
+    area_m2: float,
+) -> Part:
+    """Return a part of a view from where its pixels (K, 2) lie on their own plane (K, 2)."""
+    at = rc[:, 0], rc[:, 1]
+    xyz, normal = held_from_camera.apply_with_normal(
+        surface.xyz_m[at].astype(np.float64), surface.normal[at].astype(np.float64)
+    )
+    node = np.full(len(rc), -1, dtype=np.int32)
+    if len(recognised_rc):
+        distance, nearest = cKDTree(recognised_rc).query(rc, distance_upper_bound=2.0)
+        near = np.isfinite(distance)
+        node[near] = recognised_node[nearest[near]]
+    return Part(
+        uv_m=uv_m,
+        rc=rc,
+        xyz_m=xyz,
+        normal=normal,
+        hue=own_look.hue[at].astype(np.float64),
+        node=node,
+        area_m2=area_m2,
+    )

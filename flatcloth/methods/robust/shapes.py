@@ -1,0 +1,254 @@
+"""The joint shapes behind a session's documents: registered, extended by what was accepted, drawn.
+
+Everything is derived from a document and remembered by its prefix, so undo is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Protocol
+
+import numpy as np
+
+from flatcloth.core.cache import Memory
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3, fit_rigid2
+from flatcloth.core.types import Bool, Float64, Int32, Rigid2, RotationAxis
+from flatcloth.flattening.flatten import Flattening
+from flatcloth.flattening.surface import Surface
+from flatcloth.methods.base import Canonical
+from flatcloth.methods.robust.compositing import draw_shape, pixel_cost
+from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, reposed
+from flatcloth.methods.robust.observations import Recognised, recognise
+from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
+from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
+from flatcloth.registration.view_features import Scan, scan
+from flatcloth.session.machine import Accepted, Document
+
+
+class Views(Protocol):
+    """Where the method gets single views from."""
+
+    config: Config
+    axis: RotationAxis
+    held_point_m: Float64
+
+    def flattening(self, view_index: int) -> Flattening:
+        """Return a view's flattened view with its surface."""
+        ...
+
+
+class JointShapes:
+    """The joint shape of each document, and the canonical view drawn from it.
+
+    Parameters
+    ----------
+    views : Views
+        Single views.
+    """
+
+    def __init__(self, views: Views) -> None:
+        self._views, self._config = views, views.config
+        self._shapes: Memory[JointShape] = Memory(64)
+        self._drawn: Memory[Canonical] = Memory(16)
+        self._scans: Memory[Scan] = Memory(48)
+        self._registrations: Memory[Registered] = Memory(64)
+        self._labels: Memory[Int32] = Memory(48)
+        self._sighted: Memory[tuple[JointShape, Rigid3, Recognised]] = Memory(4)
+
+    def shape(self, document: Document) -> JointShape:
+        """Return the joint shape of a document's accepted views."""
+        if document.start_view is None:
+            raise FlatclothError("There is no start view yet; start the session first.")
+        start = document.start_view
+        made = self._shapes.get((start,), lambda: self._begin(start))
+        for n, added in enumerate(document.accepted):
+            key = (start, *document.accepted[:n])
+
+            def grow(key: Hashable = key, before: JointShape = made, added: Accepted = added) -> JointShape:
+                return self._extend(key, before, added)
+
+            made = self._shapes.get((*key, added), grow)
+        return made
+
+    def canonical(self, document: Document) -> Canonical:
+        """Return the canonical view, drawn from the joint shape, with the pieces that float."""
+        shape = self.shape(document)
+        return self._drawn.get(prefix(document), lambda: self._draw(document, shape))
+
+    def surfaces(self, shape: JointShape) -> dict[int, Surface]:
+        """Return the surfaces of a shape's views."""
+        return {view: self._views.flattening(view).surface for view in shape.views}
+
+    def registered(self, views: tuple[int, ...]) -> Registered:
+        """Return where the cameras of views, accepted in this order, stand (remembered)."""
+        if not views:
+            c = self._config.registration
+            return begin_registration(self._views.axis, self._views.held_point_m, c)
+
+        def make() -> Registered:
+            return extend_registration(self.registered(views[:-1]), self._scan(views[-1]))
+
+        return self._registrations.get(views, make)
+
+    def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
+        """Return ``held_from_camera`` of each view: as known, unless the views say that this is not so."""
+        registered = self.registered(views)
+        return registered.held_from_camera if registered.is_loose else registered.known
+
+    def _scan(self, view_index: int) -> Scan:
+        return self._scans.get(
+            view_index, lambda: scan(self._views.flattening(view_index).surface, self._config.registration)
+        )
+
+    def _begin(self, start: int) -> JointShape:
+        flattening = self._views.flattening(start)
+        uv, _ = flattening.carrier.place_all()
+        uv[self.label(start) != 0] = np.nan
+        return begin_joint(
+            flattening.surface, self.poses((start,))[0], uv, self._config.flattening, self._config.joint
+        )
+
+    def recognised(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Recognised]:
+        """Return the shape, a view's pose, and the nodes that the view shows, its camera's place known."""
+        return self._recognised(prefix(document), self.shape(document), view_index)
+
+    def _recognised(
+        self, key: Hashable, shape: JointShape, view_index: int
+    ) -> tuple[JointShape, Rigid3, Recognised]:
+        def make() -> tuple[JointShape, Rigid3, Recognised]:
+            *before, held = self.poses((*shape.views, view_index))
+            moved = reposed(shape, tuple(before))
+            surface = self._views.flattening(view_index).surface
+            return moved, held, recognise(moved.nodes, surface, held, self._config.joint)
+
+        return self._sighted.get((key, view_index), make)
+
+    def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
+        surface = self._views.flattening(added.view_index).surface
+        shape, held, recognised = self._recognised(key, shape, added.view_index)
+        recognised = self._trusted(shape, recognised, added)
+        return extend_joint(shape, surface, held, self._config.flattening, self._config.joint, recognised)
+
+    def _trusted(self, shape: JointShape, recognised: Recognised, added: Accepted) -> Recognised:
+        """Keep the nodes whose place on the plane fits the accepted placement, part by part.
+
+        Layers that lie on each other are at one place in space. A part whose nodes do not fit a
+        rigid motion on the plane is left for later; where a part was laid by hand against what
+        space says, or where space says nothing, the nodes under it are taken instead.
+        """
+        label = self.label(added.view_index)
+        carrier = self._views.flattening(added.view_index).carrier
+        pixel = np.rint(recognised.rc).astype(np.int32)
+        part = label[pixel[:, 0], pixel[:, 1]]
+        own, target = carrier.place(pixel), shape.all_uv_m[recognised.node]
+        known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0])
+        kept = np.ones(len(pixel), dtype=bool)
+        at = np.flatnonzero(known & (part == added.component))
+        off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
+        kept[at] = off <= self._config.agreement.gate_m
+        by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
+        for component in np.setdiff1d(part, [added.component]):
+            at = np.flatnonzero(known & (part == component))
+            for piece in np.unique(shape.piece[recognised.node[at]]):
+                there = at[shape.piece[recognised.node[at]] == piece]
+                kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
+        if not by_hand:
+            return _chosen(recognised, kept)
+        under = self._under(shape, added)
+        kept &= (part != added.component) & ~np.isin(recognised.node, under.node)
+        others = _chosen(recognised, kept)
+        return Recognised(
+            node=np.concatenate([others.node, under.node]),
+            rc=np.concatenate([others.rc, under.rc]),
+            incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
+        )
+
+    def _under(self, shape: JointShape, added: Accepted) -> Recognised:
+        """Return the nodes that lie on the plane where the part was put by hand."""
+        view = self._views.flattening(added.view_index).components[added.component].view
+        surface = self._views.flattening(added.view_index).surface
+        placed = np.flatnonzero(shape.has_place).astype(np.int32)
+        there = added.current_from_new.inverse().apply(shape.all_uv_m[placed])
+        rc = np.rint(view.rc_from_uv(there)).astype(int)
+        inside: Bool = np.asarray(((rc >= 0) & (rc < view.shape)).all(axis=1))
+        inside[inside] = view.valid[rc[inside, 0], rc[inside, 1]]
+        source = view.source_rc[rc[inside, 0], rc[inside, 1]].astype(np.float64)
+        source -= np.asarray(surface.frame.offset_rc)
+        quality = view.quality
+        assert quality is not None
+        incidence = quality[rc[inside, 0], rc[inside, 1], 1].astype(np.float64)
+        return Recognised(node=placed[inside], rc=source, incidence_deg=incidence)
+
+    def _draw(self, document: Document, shape: JointShape) -> Canonical:
+        surfaces, c = self.surfaces(shape), self._config
+        interval = c.flattening.sampling_intervals_px[-1]
+        size = c.flattening.pixel_size_m
+        std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
+        loose = undetermined(shape, std, c.uncertainty, c.joint)
+        costs = {view: pixel_cost(surface, c.joint) for view, surface in surfaces.items()}
+        sure, *pieces = [
+            draw_shape(shape, surfaces, self._views.axis, interval, size, costs, uv)
+            for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
+        ]
+        view = with_placement_std(sure, shape, np.where(loose, np.nan, std), surfaces, c.uncertainty)
+        least = c.surface.min_component_area_m2
+        return Canonical(
+            view=view,
+            current_from_view=self._rigid(document, shape),
+            floating=tuple(p for p in pieces if p.area_m2 >= least),
+        )
+
+    def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
+        """Return for each view the motion that comes nearest to what the joint shape did to its part."""
+        motions = {}
+        for sighting in shape.sightings:
+            view = sighting.view_index
+            pixel = np.rint(sighting.rc).astype(np.int32)
+            own, there = self._views.flattening(view).carrier.place(pixel), shape.all_uv_m[sighting.node]
+            part = self.label(view)[pixel[:, 0], pixel[:, 1]]
+            good = (part == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
+            motions[view] = fit_rigid2(own[good], there[good]) if good.sum() > 2 else Rigid2()
+        return motions
+
+    def label(self, view_index: int) -> Int32:
+        """Return which part of a view's flattened view each pixel (H, W) belongs to, -1 none."""
+
+        def make() -> Int32:
+            flattening = self._views.flattening(view_index)
+            level, nearest = flattening.levels[-1], flattening.carrier.nearest
+            number = np.full(int(level.component.max(initial=0)) + 2, -1, dtype=np.int32)
+            for n, component in enumerate(flattening.components):
+                number[level.component[component.members[0]]] = n
+            return number[np.where(nearest >= 0, level.component[nearest], -1)]
+
+        return self._labels.get(view_index, make)
+
+
+def prefix(document: Document) -> Hashable:
+    """Return what a document's shape depends on."""
+    return (document.start_view, *document.accepted)
+
+
+def _chosen(recognised: Recognised, at: Bool) -> Recognised:
+    return Recognised(
+        node=recognised.node[at], rc=recognised.rc[at], incidence_deg=recognised.incidence_deg[at]
+    )
+
+
+def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
+    """Tell which points of a part fit one motion to their target; none if fewer than half do."""
+    none = np.zeros(len(points), dtype=np.bool_)
+    if len(points) < 4:
+        return none
+    kept = np.ones(len(points), dtype=np.bool_)
+    for _ in range(6):
+        off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
+        closest = off <= max(0.5 * gate_m, float(np.median(off)))
+        if (closest == kept).all():
+            break
+        kept = closest
+    off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
+    fits: Bool = off <= gate_m
+    return fits if fits.mean() >= 0.5 and fits.sum() >= 4 else none

@@ -1,0 +1,257 @@
+"""How sure each place of a joint shape is: the spread that strain and noise give it.
+
+Cloth stretches by a percent or so, alike over some centimetres, and differently from what the
+flattening can know; each pair carries noise besides. Both are drawn at random, and the linearised
+minimisation tells how the nodes would move: far where much hangs on a narrow neck of seen cloth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
+from scipy.spatial import cKDTree
+
+from flatcloth.core.config import JointConfig, UncertaintyConfig
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
+from flatcloth.flattening.surface import Surface
+from flatcloth.methods.robust.articulated import bodies, factor, limp, nearest_body
+from flatcloth.methods.robust.joint import JointShape
+
+
+def placement_std_m(
+    shape: JointShape, held_point_m: Float64, config: UncertaintyConfig, joint: JointConfig
+) -> Float64:
+    """Return the standard deviation (N,) of each node's place, relative to the start view's main piece.
+
+    Parameters
+    ----------
+    shape : JointShape
+        The shape.
+    held_point_m : (3,) float64
+        Where the item is held, held frame: cloth is gathered there, and surest to be misjudged.
+    config : UncertaintyConfig
+        Strain, its extent, and the number of draws.
+    joint : JointConfig
+        What a strip is, and what directions count there.
+
+    Returns
+    -------
+    (N,) float64
+        Root mean square of the displacement on the plane, m; NaN for nodes without a place.
+    """
+    links = shape.links
+    placed = np.flatnonzero(shape.placed)
+    number = np.full(len(shape.nodes), -1, dtype=np.int32)
+    number[placed] = np.arange(placed.size)
+    inside = np.flatnonzero(shape.placed[links.edges].all(axis=1))
+    edges = number[links.edges[inside]]
+    uv = shape.uv_m[placed]
+    along = uv[edges[:, 1]] - uv[edges[:, 0]]
+    unit = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    weight = shape.weight[inside] / np.square(links.std_m[inside])
+    random = np.random.default_rng(0)
+    below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
+    more = 1.0 + np.power(config.held_reach_m / np.maximum(below_m, config.gathered_m), 3)
+    change = _strained(uv, edges, unit, config, random)
+    change *= (more * links.length_m[inside])[:, None]
+    normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
+    noise = config.noise_share * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
+    body = bodies(uv, edges, joint)
+    loose = limp(body, edges)
+    own = np.hypot(noise * links.std_m[inside], config.strip_noise_m * loose)[:, None]
+    change += own * random.standard_normal(change.shape)
+    stars = np.zeros(len(uv), dtype=np.bool_)
+    stars[edges[loose]] = True
+    sheet = _Sheet(len(uv), edges, along, weight, joint.direction_weight, stars)
+    moved = _displaced(sheet, change, own, random)
+    anchor = number[shape.sightings[0].node]
+    anchor = anchor[anchor >= 0]
+    if (body[anchor] >= 0).any():
+        anchor = anchor[body[anchor] == np.bincount(body[anchor][body[anchor] >= 0]).argmax()]
+    spread = np.empty((len(uv), config.draws))
+    for k in range(config.draws):
+        spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
+    std = np.full(len(shape.nodes), np.nan)
+    std[placed] = np.sqrt(spread.mean(axis=1))
+    result: Float64 = np.hypot(std, config.least_m)
+    return result
+
+
+def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, joint: JointConfig) -> Bool:
+    """Tell which nodes (N,) of the main piece hang on it so loosely that their place is anybody's guess.
+
+    They are told by their wide parts, each as a whole: half of its nodes have a standard deviation
+    ``std_m`` (N,) of more than the limit.
+    """
+    placed = np.flatnonzero(shape.placed)
+    number = np.full(len(shape.nodes), -1, dtype=np.int32)
+    number[placed] = np.arange(placed.size)
+    edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
+    uv = shape.uv_m[placed]
+    nearest = nearest_body(uv, edges, bodies(uv, edges, joint))
+    loose = np.zeros(len(shape.nodes), dtype=np.bool_)
+    for body in range(int(nearest.max(initial=-1)) + 1):
+        own = placed[nearest == body]
+        loose[own] = float(np.median(std_m[own])) > config.most_std_m
+    return loose
+
+
+def with_placement_std(
+    view: FlattenedView,
+    shape: JointShape,
+    std_m: Float64,
+    surfaces: Mapping[int, Surface],
+    config: UncertaintyConfig,
+) -> FlattenedView:
+    """Return a view of a joint shape that says how sure the place of each pixel is.
+
+    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. Where the view
+    that it is taken from is noisy and shows another layer beside it, its depth may be that one's.
+    """
+    nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
+    rows, cols = view.shape
+    along = (np.arange(0, size + _BLOCK_PX, _BLOCK_PX) for size in (rows, cols))
+    coarse = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+    _, nearest = cKDTree(shape.all_uv_m[nodes]).query(view.uv_from_rc(coarse))
+    values = std_m[nodes][nearest].astype(np.float32)
+    smooth = cv2.resize(values, None, fx=_BLOCK_PX, fy=_BLOCK_PX, interpolation=cv2.INTER_LINEAR)
+    # cv2 aligns the corners of the pixels: the value of a coarse pixel lies in the middle of its block.
+    shift = _BLOCK_PX // 2
+    std = smooth[shift : shift + rows, shift : shift + cols]
+    std = np.hypot(std, np.float32(config.beside_std_m) * _beside_a_layer(view, surfaces, config))
+    return replace(view, placement_std_m=np.where(view.valid, std, np.float32(np.nan)))
+
+
+def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface], config: UncertaintyConfig) -> Bool:
+    """Tell which pixels (R, C) a noisy view shows at the rim of its surface beside another layer."""
+    result = np.zeros(view.shape, dtype=np.bool_)
+    for number, surface in surfaces.items():
+        own = view.valid & (view.view_index == number)
+        if surface.noisy and own.any():
+            rc = np.rint(view.source_rc[own] - np.asarray(surface.frame.offset_rc)).astype(int)
+            rc = np.clip(rc, 0, np.array(surface.usable.shape) - 1)
+            result[own] = _layer_rims(surface, config)[rc[:, 0], rc[:, 1]]
+    return result
+
+
+def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
+    measured = surface.frame.depth_m
+    kernel = np.ones((2 * config.beside_reach_px + 1,) * 2, dtype=np.uint8)
+    depth = surface.xyz_m[..., 2]
+    farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
+    nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
+    inside = cv2.distanceTransform(
+        np.pad(surface.usable.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )[1:-1, 1:-1]
+    step = config.beside_step_m
+    rims: Bool = (
+        surface.usable
+        & (inside <= config.beside_rim_px)
+        & ((farthest - depth > step) | (depth - nearest > step))
+    )
+    return rims
+
+
+_BLOCK_PX = 3
+
+
+def _strained(
+    at: Float64, edges: Int32, unit: Float64, config: UncertaintyConfig, random: np.random.Generator
+) -> Float64:
+    """Draw relative changes of length (M, draws): smooth random strain fields, seen along each pair."""
+    share = (np.square(unit[:, 0]), math.sqrt(2.0) * unit[:, 0] * unit[:, 1], np.square(unit[:, 1]))
+    change = np.zeros((len(edges), config.draws))
+    for own, field in zip(share, _smooth(at, 3, config, random), strict=True):
+        change += (0.5 * config.strain * own)[:, None] * (field[edges[:, 0]] + field[edges[:, 1]])
+    return change
+
+
+def _smooth(at: Float64, count: int, config: UncertaintyConfig, random: np.random.Generator) -> list[Float64]:
+    """Draw ``count`` smooth random fields of unit variance at places (M, 2) of the plane: (M, draws) each."""
+    phase = at @ (random.standard_normal((config.waves, 2)) / config.extent_m).T
+    features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+    scale = 1.0 / math.sqrt(config.waves)
+    return [
+        features @ (scale * random.standard_normal((2 * config.waves, config.draws))) for _ in range(count)
+    ]
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """Pairs ``edges`` (M, 2) between n nodes, ``along`` (M, 2) the plane, with a ``weight`` (M,).
+
+    The directions in which ``stars`` (n,) see their neighbours count too, ``direction_weight`` as much.
+    """
+
+    n: int
+    edges: Int32
+    along: Float64
+    weight: Float64
+    direction_weight: float
+    stars: Bool
+
+
+def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Float64:
+    """Solve for the displacements (n, 2, draws) that changes of length (M, draws) bring about.
+
+    Where lengths leave a sheet limp (a string of nodes, a hinge), every node sees its neighbours in
+    directions relative to each other that are off too: by ``off_m`` (M, 1) at the other end.
+    """
+    n, (i, j) = sheet.n, sheet.edges.T
+    unit = sheet.along / np.maximum(np.linalg.norm(sheet.along, axis=1), 1e-9)[:, None]
+    across = np.stack([-sheet.along[:, 1], sheet.along[:, 0]], axis=1)
+    turn_at = np.full(n, -1, dtype=np.int64)
+    turn_at[sheet.stars] = 2 * n + np.arange(int(sheet.stars.sum()))
+    size = 2 * n + int(sheet.stars.sum())
+    # Rows: how much longer each pair becomes, then, for both ends, how it leaves the direction seen.
+    pair = np.arange(len(i))
+    rows, columns, values = [], [], []
+    for p in range(2):
+        rows += [pair, pair]
+        columns += [2 * i + p, 2 * j + p]
+        values += [-unit[:, p], unit[:, p]]
+    root, wanted = [np.sqrt(sheet.weight)], [change]
+    count = len(i)
+    for end in (i, j):
+        seen = np.flatnonzero(sheet.stars[end])
+        normal = across[seen] / np.maximum(np.linalg.norm(across[seen], axis=1), 1e-9)[:, None]
+        row = count + np.arange(seen.size)
+        for p in range(2):
+            rows += [row, row]
+            columns += [2 * i[seen] + p, 2 * j[seen] + p]
+            values += [-normal[:, p], normal[:, p]]
+        rows.append(row)
+        columns.append(turn_at[end[seen]])
+        values.append(-np.linalg.norm(across[seen], axis=1))
+        root.append(np.sqrt(sheet.direction_weight * sheet.weight[seen]))
+        wanted.append(off_m[seen] * random.standard_normal((seen.size, change.shape[1])))
+        count += seen.size
+    matrix = coo_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(count, size)
+    ).tocsr()
+    weighted = diags_array(np.square(np.concatenate(root))) @ matrix
+    normal_matrix = csc_matrix(matrix.T @ weighted)
+    held = _HELD * normal_matrix.diagonal().mean()
+    solve = factor(normal_matrix + held * eye_array(size, format="csc"))
+    displaced: Float64 = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n].reshape(n, 2, -1)
+    return displaced
+
+
+_HELD = 1e-9
+
+
+def _without_rigid(moved: Float64, uv: Float64, anchor: Int32) -> Float64:
+    """Take off (N, 2) the small rigid motion that leaves the anchors where they are, on average."""
+    center = uv[anchor].mean(axis=0)
+    offset = uv - center
+    shift = moved[anchor].mean(axis=0)
+    own = offset[anchor]
+    turning = (own[:, 0] * moved[anchor, 1] - own[:, 1] * moved[anchor, 0]).sum()
+    turned = float(turning / np.square(own).sum()) * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+    rest: Float64 = moved - shift - turned
+    return rest

@@ -1,0 +1,196 @@
+"""Depth images of other programs: PNG, TIFF, OpenEXR and NumPy, headers first, pixels when asked for.
+
+As for color, an image is decoded only after its announced size was compared with the camera's.
+"""
+
+from __future__ import annotations
+
+import struct
+import tokenize
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import open_plain
+from flatcloth.core.types import Float32
+from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
+
+_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
+_EXR = b"v/1\x01"
+_NPY = b"\x93NUMPY"
+_FARTHEST_M = 100.0
+"""Programs write a huge number, or infinity, where a ray meets nothing."""
+
+KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel"
+
+
+def read_depth_header(path: Path) -> ImageHeader:
+    """Read the header of a depth image, without decoding it.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, not readable, damaged or of no kind that holds depth.
+    """
+    try:
+        with open_plain(path) as file:
+            start = file.read(8)
+            if start[:4] in _TIFF:
+                header = _tiff_header(file, _TIFF[start[:4]])
+            elif start.startswith(_NPY):
+                header = _npy_header(file)
+            elif start.startswith(_EXR):
+                header = _exr_header(path)
+            else:
+                header = read_header(path)
+    except (FileNotFoundError, IsADirectoryError):
+        header = read_header(path)  # says it
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    except (ValueError, struct.error, IndexError, SyntaxError, tokenize.TokenError, TypeError):
+        header = None
+    if header is None:
+        raise RecordingError(f"{path}: truncated, damaged or of an unusual kind. Export it as 16-bit PNG.")
+    if header.channels != 1 or header.bits < 16 or header.kind == "jpeg":
+        what = f"a {header.bits}-bit {header.kind.upper()} with {header.channels} channels"
+        raise RecordingError(f"{path}: is {what}. Depth images must be {KINDS}.")
+    return header
+
+
+def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> Float32:
+    """Return the depth (H, W) in metres, 0 where nothing was measured.
+
+    Whole numbers are units; floating-point numbers are metres already.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, or floating-point depth is not in metres.
+    """
+    values = _decode(path, header)
+    if values.shape != (header.height, header.width):
+        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
+    if values.dtype.kind != "f":
+        units = values if values.dtype.kind == "u" else np.maximum(values, 0)
+        metres: Float32 = np.multiply(units, np.float32(metres_per_unit), dtype=np.float32)
+        return metres
+    known = np.isfinite(values) & (values > 0)
+    depth = np.where(known, values, 0.0).astype(np.float32)
+    if known.any() and np.median(depth[known]) > _FARTHEST_M and depth[known].min() > 10.0:
+        raise RecordingError(
+            f"{path}: floating-point depth is in metres, and half of it is over {_FARTHEST_M:g}. "
+            "Divide millimetres by 1000, or export 16-bit whole numbers."
+        )
+    depth[depth > _FARTHEST_M] = 0.0
+    return depth
+
+
+def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
+    if header.kind == "npy":
+        data = read_bytes(path)
+        return np.frombuffer(data[header.data_start :], header.dtype).reshape(header.height, header.width)
+    if header.kind == "exr":
+        return _exr_pixels(path)
+    return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
+
+
+def _npy_header(file: BinaryIO) -> ImageHeader | None:
+    file.seek(0)
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read:
+        return None
+    shape, by_columns, dtype = read[version](file)
+    start = file.tell()
+    shape = shape[:2] if len(shape) == 3 and shape[2] == 1 else shape
+    if len(shape) != 2 or by_columns or dtype.kind not in "uif" or dtype.itemsize > 8:
+        return None
+    if file.seek(0, 2) != start + shape[0] * shape[1] * dtype.itemsize:
+        return None
+    return ImageHeader(
+        kind="npy", width=shape[1], height=shape[0], channels=1, bits=8 * dtype.itemsize,
+        dtype=dtype.str, data_start=start,
+    )  # fmt: skip
+
+
+def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:
+    """Read the first image's tags, and see whether its pixels are all there."""
+    file.seek(4)
+    file.seek(struct.unpack(order + "I", file.read(4))[0])
+    count = struct.unpack(order + "H", file.read(2))[0]
+    table = file.read(12 * count)
+    size = file.seek(0, 2)
+    tags = {}
+    for n in range(count):
+        tag, kind, many = struct.unpack(order + "HHI", table[12 * n : 12 * n + 8])
+        letter = {1: "B", 3: "H", 4: "I"}.get(kind)
+        if letter is None or many > 2**20:
+            continue
+        width = struct.calcsize(letter)
+        raw = table[12 * n + 8 : 12 * n + 12]
+        if width * many > 4:
+            file.seek(struct.unpack(order + "I", raw)[0])
+            raw = file.read(width * many)
+        tags[tag] = struct.unpack(f"{order}{many}{letter}", raw[: width * many])
+    starts, lengths = (tags.get(a) or tags.get(b, ()) for a, b in ((273, 324), (279, 325)))
+    if not starts or any(a + b > size for a, b in zip(starts, lengths, strict=True)):
+        return None
+    bits, channels = tags.get(258, (1,))[0], tags.get(277, (1,))[0]
+    form = {1: "u", 2: "i", 3: "f"}.get(tags.get(339, (1,))[0])
+    if form is None:
+        return None
+    return ImageHeader(
+        kind="tiff", width=tags.get(256, (0,))[0], height=tags.get(257, (0,))[0], channels=channels,
+        bits=bits, dtype=f"{form}{bits // 8}",
+    )  # fmt: skip
+
+
+def _exr(path: Path, *, header_only: bool) -> Any:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise RecordingError(
+            f"{path}: the library that reads OpenEXR files is missing ({error}). Run: pip install OpenEXR"
+        ) from error
+    try:
+        return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
+
+
+def _exr_header(path: Path) -> ImageHeader:
+    with _exr(path, header_only=True) as file:
+        header = file.header()
+        if "dataWindow" not in header:  # the library has complained, but gone on
+            raise ValueError("it has no pixels")
+        (left, top), (right, bottom) = (np.asarray(corner).tolist() for corner in header["dataWindow"])
+        names = [channel.name for channel in header["channels"]]
+    channels = 1 if _exr_channel(names) is not None else len(names)
+    return ImageHeader(
+        kind="exr", width=right - left + 1, height=bottom - top + 1, channels=channels, bits=32
+    )  # fmt: skip
+
+
+def _exr_pixels(path: Path) -> NDArray[Any]:
+    with _exr(path, header_only=False) as file:
+        try:
+            channels = file.channels()
+        except ValueError as error:  # the library has complained, but gone on
+            raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
+        name = _exr_channel(list(channels))
+        assert name is not None  # the header was checked
+        return np.array(channels[name].pixels)
+
+
+def _exr_channel(names: list[str]) -> str | None:
+    """Return the channel that holds depth: the only one, one called Z or depth, else gray as color."""
+    if len(names) == 1:
+        return names[0]
+    for wanted in ("z", "depth", "y", "r"):
+        for name in names:
+            if name.lower().rsplit(".", 1)[-1] == wanted:
+                return name
+    return None

@@ -1,0 +1,217 @@
+"""Image files of a recording: their headers without decoding, and their pixels with every check.
+
+Headers are read by hand because opening a recording must be quick, and because an image is only
+decoded after its announced size was compared with the camera's: a small file can announce a
+picture that fills the memory.
+"""
+
+from __future__ import annotations
+
+import errno
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import open_plain, read_plain
+from flatcloth.core.types import Intrinsics, Uint8
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+"""Color type to channels after decoding; a palette (3) decodes to color."""
+_JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+MAX_FILE_BYTES = 200_000_000
+_MOST_SEGMENTS = 2000
+_MOST_SCANS = 200
+"""A progressive JPEG has about ten; thousands of empty ones take minutes to decode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageHeader:
+    """What an image file announces: size in pixels, channels, bits per channel, and its kind.
+
+    ``dtype`` of the pixels and where they begin (``data_start``) are told by some kinds only.
+    """
+
+    kind: str
+    width: int
+    height: int
+    channels: int
+    bits: int
+    dtype: str = ""
+    data_start: int = 0
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Read the header of a PNG or JPEG file, without decoding it.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, not a plain file, not readable or neither PNG nor JPEG.
+    """
+    if not path.exists():
+        raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
+    if not path.is_file():
+        raise RecordingError(f"{path}: not a file. Name an image file instead.")
+    try:
+        with open_plain(path) as file:
+            start = file.read(33)
+            if start.startswith(_PNG_SIGNATURE):
+                header = _png_header(start)
+            elif start.startswith(b"\xff\xd8"):
+                file.seek(2)
+                header = _jpeg_header(file)
+            else:
+                header = None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    if header is None:
+        raise RecordingError(f"{path}: not a readable PNG or JPEG image. Export it again.")
+    return header
+
+
+def _png_header(start: bytes) -> ImageHeader | None:
+    if len(start) < 33 or start[12:16] != b"IHDR":
+        return None
+    width, height, bits, color_type = struct.unpack(">IIBB", start[16:26])
+    channels = _PNG_CHANNELS.get(color_type)
+    if channels is None or zlib.crc32(start[12:29]) != int.from_bytes(start[29:33], "big"):
+        return None
+    return ImageHeader(kind="png", width=width, height=height, channels=channels, bits=bits)
+
+
+def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
+    for _ in range(_MOST_SEGMENTS):
+        marker = file.read(2)
+        if len(marker) < 2 or marker[0] != 0xFF:
+            return None
+        if marker[1] == 0xFF:  # fill byte before a marker
+            file.seek(-1, 1)
+            continue
+        length = int.from_bytes(file.read(2), "big")
+        if length < 2:
+            return None
+        if marker[1] in _JPEG_FRAME_MARKERS:
+            frame = file.read(6)
+            if len(frame) < 6:
+                return None
+            bits, height, width, channels = struct.unpack(">BHHB", frame)
+            return ImageHeader(kind="jpeg", width=width, height=height, channels=channels, bits=bits)
+        file.seek(length - 2, 1)
+    return None
+
+
+def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
+    """Refuse an image of another size than the camera's."""
+    if (header.width, header.height) != (camera.width, camera.height):
+        raise RecordingError(
+            f"{path}: {header.width}x{header.height} px, but the intrinsics say "
+            f"{camera.width}x{camera.height}. All images must be registered, of the camera's size."
+        )
+
+
+def check_color(path: Path, header: ImageHeader) -> None:
+    """Refuse a color image that is not 8-bit color."""
+    if header.bits > 8 or header.channels not in (3, 4) or (header.kind == "jpeg" and header.channels == 4):
+        raise RecordingError(f"{path}: {_kind(header)}. Color images must be 8-bit RGB, as PNG or JPEG.")
+
+
+def check_depth(path: Path, header: ImageHeader) -> None:
+    """Refuse a depth image that is not 16-bit with one channel."""
+    if (header.kind, header.bits, header.channels) != ("png", 16, 1):
+        raise RecordingError(
+            f"{path}: {_kind(header)}. "
+            "Depth images must be 16-bit PNG with one channel, in units of depth_scale_m."
+        )
+
+
+def check_mask(path: Path, header: ImageHeader) -> None:
+    """Refuse a mask that is not 8-bit with one channel."""
+    if (header.kind, header.bits, header.channels) != ("png", 8, 1):
+        raise RecordingError(
+            f"{path}: {_kind(header)}. Masks must be 8-bit PNG with one channel, 255 on the side of interest."
+        )
+
+
+def check_truth(path: Path, header: ImageHeader) -> None:
+    """Refuse a truth image that is not 16-bit with three channels."""
+    if (header.kind, header.bits, header.channels) != ("png", 16, 3):
+        raise RecordingError(f"{path}: {_kind(header)}. Truth images must be 16-bit PNG with three channels.")
+
+
+def _kind(header: ImageHeader) -> str:
+    plural = "" if header.channels == 1 else "s"
+    return f"is a {header.bits}-bit {header.kind.upper()} with {header.channels} channel{plural}"
+
+
+def decode_color(path: Path) -> Uint8:
+    """Return the pixels (H, W, 3) uint8 RGB of a color image whose header was checked."""
+    import cv2
+
+    # The pixels must stay where the camera put them: a photograph's orientation tag is ignored.
+    bgr = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, np.uint8)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
+    """Return the pixels (H, W) or (H, W, 3 as B, G, R) of an image whose header was checked, unchanged."""
+    import cv2
+
+    return _decode(path, cv2.IMREAD_UNCHANGED, dtype)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of an image file.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or is larger than any image.
+    """
+    try:
+        return read_plain(path, MAX_FILE_BYTES)
+    except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise RecordingError(f"{path}: {error.strerror}. Export it again.") from error
+        raise RecordingError(
+            f"{path}: cannot be read ({error.strerror}). Check that it still exists and its permissions."
+        ) from error
+
+
+def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
+    import cv2
+
+    data = read_bytes(path)
+    # OpenCV fills what a truncated file lacks with zeros or gray and returns it as if it were whole.
+    if not _is_whole(data):
+        raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:
+        pixels = None
+    if pixels is None or pixels.dtype != dtype:
+        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
+    return pixels
+
+
+def _is_whole(data: bytes) -> bool:
+    if data.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" in data[-1024:] and data.count(b"\xff\xda") <= _MOST_SCANS
+    if not data.startswith(_PNG_SIGNATURE):
+        return True  # a TIFF: the places of its pixels were compared with its length
+    position = len(_PNG_SIGNATURE)
+    while position + 12 <= len(data):
+        length = int.from_bytes(data[position : position + 4], "big")
+        end = position + 8 + length
+        if data[end : end + 4] != zlib.crc32(data[position + 4 : end]).to_bytes(4, "big"):
+            return False
+        if data[position + 4 : position + 8] == b"IEND":
+            return True
+        position = end + 4
+    return False

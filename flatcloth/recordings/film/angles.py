@@ -1,0 +1,262 @@
+"""Angles for sources that have none: a constant step, or a table with a line for each view."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings.files.paths import read_text
+from flatcloth.recordings.files.text import shortened
+
+ANGLES_FILE = "angles.csv"
+TOLERANCE_DEG = 0.01
+MAX_VIEWS = 10_000
+_KEYS = ("view", "file", "time_s")
+_HELP = (
+    "It has one line a view: the angle, or a first line like file,angle_deg (or view, or time_s) and both."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shots:
+    """What a source has: pairs of color and depth in order of capture.
+
+    ``source`` for messages; ``names`` of the color files, and ``times_s``, where the source has them.
+    """
+
+    source: str
+    count: int
+    names: Sequence[str] | None = None
+    times_s: Sequence[float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenAngles:
+    """What the user said about the angles: a table, a step in degrees, or neither."""
+
+    table: Path | None = None
+    step_deg: float | None = None
+
+    def refuse(self, source: str) -> None:
+        """Complain if angles were given to a source that has its own.
+
+        Raises
+        ------
+        RecordingError
+            If there is a table or a step.
+        """
+        if self.table is not None or self.step_deg is not None:
+            raise RecordingError(f"{source}: has its own angles. Leave out --angles and --step.")
+
+    def film_step_deg(self, shots: Shots) -> float | None:
+        """Return the step between the stops of a film; None if the shots are views already.
+
+        A film has times, and many more images than a turn has steps.
+        """
+        step_deg = self.step_deg
+        if self.table is not None or step_deg is None or shots.times_s is None:
+            return None
+        return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
+
+    def views(self, shots: Shots, beside: Path | None = None) -> list[tuple[int, float]]:
+        """Return the views: which shot, and its angle in degrees since the first view.
+
+        Parameters
+        ----------
+        shots : Shots
+            A table may leave some of them out.
+        beside : Path, optional
+            Folder in which ``angles.csv`` is looked for if nothing was given.
+
+        Raises
+        ------
+        RecordingError
+            If there are no angles, or they do not fit.
+        """
+        if self.table is not None and self.step_deg is not None:
+            raise RecordingError(f"{self.table}: was given together with --step. Give one of them.")
+        table = self.table
+        if (
+            table is None
+            and self.step_deg is None
+            and beside is not None
+            and (beside / ANGLES_FILE).is_file()
+        ):
+            table = beside / ANGLES_FILE
+        if table is not None:
+            return _from_table(table.expanduser(), shots)
+        if self.step_deg is None:
+            raise RecordingError(
+                f"{shots.source}: the angles of its {shots.count} views are not known. "
+                "Give --step DEG, or --angles FILE.csv."
+            )
+        return _from_step(self.step_deg, shots)
+
+
+def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...]:
+    """Say how many shots are no views, if any."""
+    spare = shots.count - len(views)
+    if not spare:
+        return ()
+    what = "1 image is" if spare == 1 else f"{spare} images are"
+    return (f"{what} left out: their angles are not given, or are those of others.",)
+
+
+def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
+    if not TOLERANCE_DEG <= abs(step_deg) <= 180:
+        raise RecordingError(
+            f"--step {step_deg:g}: a view is turned by 0.01 to 180 degrees from the last one."
+        )
+    if _is_film(shots, step_deg):
+        turns = shots.count * abs(step_deg) / 360.0
+        raise RecordingError(
+            f"{shots.source}: its {shots.count} images would be {turns:.1f} turns with --step {step_deg:g}. "
+            "If it is a film with stops, name a view for each of them: --angles FILE.csv."
+        )
+    angles: list[float] = []
+    for n in range(min(shots.count, MAX_VIEWS)):
+        # What comes after a whole turn shows the same again.
+        if n and _apart_deg(n * step_deg, 0.0) < TOLERANCE_DEG:
+            break
+        angles.append(n * step_deg)
+    _check(angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))])
+    return list(enumerate(angles))
+
+
+def _is_film(shots: Shots, step_deg: float) -> bool:
+    return (shots.count - 2) * abs(step_deg) > 360.0
+
+
+def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:
+    keyed, rows = _read(table)
+    if not keyed and len(rows) != shots.count:
+        raise RecordingError(
+            f"{table}: has {len(rows)} angles, but {shots.source} has {shots.count} views. "
+            "Name the views in a column view, file or time_s, or give as many."
+        )
+    views = [
+        (n if not keyed else _find(table, line, keyed, key, shots), angle)
+        for n, (line, key, angle) in enumerate(rows)
+    ]
+    if len(views) > MAX_VIEWS:
+        raise RecordingError(f"{table}: {len(views)} views. At most {MAX_VIEWS} are read: leave some out.")
+    lines = [f"line {line}" for line, _, _ in rows]
+    taken: dict[int, str] = {}
+    for (shot, _), line in zip(views, lines, strict=True):
+        if shot in taken:
+            raise RecordingError(f"{table}: {line} and {taken[shot]} name the same view. Remove one.")
+        taken[shot] = line
+    _check([angle for _, angle in views], f"{table}:", lines)
+    first = views[0][1]
+    return [(shot, angle - first) for shot, angle in views]
+
+
+def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
+    """Return what the key column is (or nothing), and for each row: line number, key, angle."""
+    lines = [(n, line.strip()) for n, line in enumerate(read_text(table).splitlines(), start=1)]
+    cells = [(n, _split(line)) for n, line in lines if line and not line.startswith("#")]
+    if not cells:
+        raise RecordingError(f"{table}: has no angles. {_HELP}")
+    names = [name.lower() for name in cells[0][1]]
+    if "angle_deg" in names or not _is_number(names[-1]):
+        if "angle_deg" not in names:
+            raise RecordingError(f"{table}: line {cells[0][0]} names no column angle_deg. {_HELP}")
+        angle_column, cells = names.index("angle_deg"), cells[1:]
+    elif len(names) == 2 and not _is_number(names[0]):
+        names, angle_column = ["file", "angle_deg"], 1
+    elif len(names) == 1:
+        names, angle_column = ["angle_deg"], 0
+    else:
+        raise RecordingError(f"{table}: line {cells[0][0]} does not tell which number is the angle. {_HELP}")
+    keyed = next((key for key in _KEYS if key in names), "")
+    key_column = names.index(keyed) if keyed else angle_column
+    rows = []
+    for n, row in cells:
+        if len(row) != len(names):
+            raise RecordingError(f"{table}: line {n} has {len(row)} columns, not {len(names)}. {_HELP}")
+        if not _is_number(row[angle_column]) or abs(float(row[angle_column])) > 3600:
+            raise RecordingError(
+                f"{table}: line {n} has the angle {shortened(row[angle_column])}. Give degrees."
+            )
+        rows.append((n, row[key_column], float(row[angle_column])))
+    if not rows:
+        raise RecordingError(f"{table}: has no angles. {_HELP}")
+    return keyed, rows
+
+
+def _split(line: str) -> list[str]:
+    cells = re.split(r"[,;\t]", line) if re.search(r"[,;\t]", line) else line.split()
+    return [cell.strip().strip('"') for cell in cells]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
+    def refused(cause: str) -> RecordingError:
+        return RecordingError(f"{table}: line {line}: {cause}. {_HELP}")
+
+    if keyed == "file":
+        if shots.names is None:
+            raise refused(f"{shots.source} has no image files")
+        wanted = PurePath(key)
+        found = [
+            n
+            for n, name in enumerate(shots.names)
+            if name == key or PurePath(name).name == key or PurePath(name).stem == wanted.name
+        ]
+        if len(found) != 1:
+            raise refused(f"{len(found) or 'no'} color images are called {shortened(key)}")
+        return found[0]
+    if not _is_number(key):
+        raise refused(f"{keyed} is {shortened(key)}, not a number")
+    if keyed == "view":
+        number = float(key)
+        if not number.is_integer() or not 0 <= number < shots.count:
+            raise refused(f"there is no view {shortened(key)}, they are 0 to {shots.count - 1}")
+        return int(number)
+    if shots.times_s is None:
+        raise refused(f"{shots.source} has no times")
+    times = np.asarray(shots.times_s, dtype=np.float64)
+    time = float(key)
+    if time < times[0] - 86_400.0:  # seconds since the first image instead of a time stamp
+        time += times[0]
+    nearest = int(np.abs(times - time).argmin())
+    gap = np.diff(times)
+    usual = float(np.median(gap)) if len(gap) else 1.0
+    if abs(times[nearest] - time) > max(usual, 0.02):
+        raise refused(f"no image was taken at {key} s, the nearest is {times[nearest] - time:+.3f} s away")
+    return nearest
+
+
+def repeated(angles_deg: Sequence[float]) -> tuple[int, int] | None:
+    """Return the first two views that have one angle, also modulo a turn; None if all differ."""
+    order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
+    for a, b in zip(order, order[1:] + order[:1], strict=True):
+        if a != b and _apart_deg(angles_deg[a], angles_deg[b]) < TOLERANCE_DEG:
+            return min(a, b), max(a, b)
+    return None
+
+
+def _apart_deg(a_deg: float, b_deg: float) -> float:
+    return abs((a_deg - b_deg + 180) % 360 - 180)
+
+
+def _check(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:
+    found = repeated(angles_deg)
+    if found is not None:
+        first, second = found
+        raise RecordingError(
+            f"{where} {names[second]} has the angle of {names[first]} ({angles_deg[first]:g} degrees). "
+            "Every view needs its own, also modulo 360: correct or leave out one."
+        )

@@ -1,0 +1,171 @@
+"""How fast what hangs before the camera moves, from the pictures alone, and where it stood still.
+
+Each color image is thinned to a grid of block means, whose noise is small. Between two grids the
+first-order model of optical flow, ``dI = -grad I . d``, gives the size of the displacement over all
+blocks near the camera; the part of ``dI`` that is only noise is taken off. Noise is told from motion
+by its second difference in time, which a steady motion does not have.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flatcloth.core.types import Bool, Float32, Float64, Floats, Uint8
+
+BLOCK_PX = 8
+LAG_S = 0.25
+"""Motion is judged between frames this far apart, so that a slow turn is not taken for rest."""
+STILL_PX_S = 2.5
+"""Slower than this is still: 8 frames at 30/s smear by half a pixel, less than depth is sharp."""
+SAME_PLACE_PX = 2.0
+"""Two still phases less apart than this show the item at the same angle."""
+LEAST_STOP_S = 0.45
+
+_NEAR_M = 0.5
+"""What lies this much behind the nearest thing is background, and may move."""
+_LEAST_BLOCKS = 12
+_NOISE_CAP = 3.0
+"""What looks noisier has no two pictures in common: it moves fast."""
+_NOISE_HISTORY = 300
+_NOISE_MARGIN = 2.0
+_TEXTURE_FLOOR = 25.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glance:
+    """A frame, thinned: ``grey`` (h, w) float32 block means, ``near`` (h, w) bool, what is near."""
+
+    time_s: float
+    grey: Float32
+    near: Bool
+
+
+def glance(time_s: float, color: Uint8, depth_m: Floats) -> Glance:
+    """Thin a frame: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), 0 where nothing was measured."""
+    import cv2
+
+    h, w = color.shape[0] // BLOCK_PX, color.shape[1] // BLOCK_PX
+    grey = cv2.cvtColor(color[: h * BLOCK_PX, : w * BLOCK_PX], cv2.COLOR_RGB2GRAY)
+    # Color that was laid on depth is black where depth is missing, which flickers: it does not count.
+    total = cv2.resize(grey.astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
+    share = cv2.resize((grey > 0).astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
+    mean: Float32 = (total / np.maximum(share, 1.0 / BLOCK_PX**2)).astype(np.float32)
+    half = BLOCK_PX // 2
+    depth = depth_m[half : h * BLOCK_PX : BLOCK_PX, half : w * BLOCK_PX : BLOCK_PX]
+    return Glance(time_s=time_s, grey=mean, near=_near(np.asarray(depth, dtype=np.float64)))
+
+
+def _near(depth_m: Float64) -> Bool:
+    """Blocks of what is nearest to the camera, and those around them, where its outline moves."""
+    import cv2
+
+    measured = depth_m[depth_m > 0]
+    if measured.size < _LEAST_BLOCKS:
+        return np.ones(depth_m.shape, dtype=np.bool_)
+    nearest = float(np.percentile(measured, 2))
+    near = (depth_m > 0) & (depth_m < nearest + _NEAR_M)
+    around = cv2.dilate(near.astype(np.uint8), np.ones((3, 3), dtype=np.uint8))
+    return np.asarray(around, dtype=np.bool_)
+
+
+def displacement_px(a: Glance, b: Glance, noise: float) -> float:
+    """Return by how many image pixels what is near moved between two glances (root mean square).
+
+    ``noise`` is the variance of the difference of two still grids, in squared grey levels. Motions
+    of more than a block are underestimated, but are never taken for small ones.
+    """
+    where = a.near | b.near
+    change = (b.grey - a.grey)[where]
+    change = change - np.median(change)  # lights and exposure change all blocks alike
+    slopes = np.array(np.gradient((a.grey + b.grey) / 2), dtype=np.float32)
+    texture = float(np.mean(np.square(slopes[:, where]).sum(axis=0))) / 2
+    moved = max(float(np.mean(change**2)) - _NOISE_MARGIN * noise, 0.0)
+    return BLOCK_PX * float(np.sqrt(moved / (texture + _TEXTURE_FLOOR * noise + 1e-9)))
+
+
+class MotionMeter:
+    """Tells the speed of what is near, frame by frame."""
+
+    def __init__(self) -> None:
+        self._recent: deque[Glance] = deque()
+        self._noise: deque[float] = deque(maxlen=_NOISE_HISTORY)
+
+    @property
+    def noise(self) -> float:
+        """Variance of the difference of two still grids, squared grey levels."""
+        quiet = float(np.percentile(self._noise, 20)) if self._noise else _NOISE_CAP
+        return min(max(quiet, 1e-4), _NOISE_CAP)
+
+    def add(self, seen: Glance) -> float | None:
+        """Take a frame and return the speed in image pixels a second, None before a lag has passed."""
+        if self._recent and (
+            seen.time_s <= self._recent[-1].time_s or seen.time_s > self._recent[-1].time_s + 4 * LAG_S
+        ):
+            self._recent.clear()  # the clock was set, or frames are missing
+        self._recent.append(seen)
+        if len(self._recent) >= 3:
+            x, y, z = list(self._recent)[-3:]
+            second = (x.grey - 2 * y.grey + z.grey)[z.near]
+            self._noise.append(float(np.mean((second - np.median(second)) ** 2)) / 3)
+        while len(self._recent) > 2 and self._recent[1].time_s <= seen.time_s - LAG_S:
+            self._recent.popleft()
+        first = self._recent[0]
+        if len(self._recent) < 3 or first.time_s > seen.time_s - 0.9 * LAG_S:
+            return None
+        return displacement_px(first, seen, self.noise) / (seen.time_s - first.time_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """A phase in which the item stood still, in the time of its frames; ``seen`` is its mean glance."""
+
+    start_s: float
+    end_s: float
+    seen: Glance
+
+
+class StopFinder:
+    """Finds the still phases of a sequence of frames, given one after the other."""
+
+    def __init__(self) -> None:
+        self._meter = MotionMeter()
+        self._phase: list[Glance] = []
+        self._start_s = 0.0
+        self._stops: list[Stop] = []
+
+    def add(self, seen: Glance) -> None:
+        """Take the next frame."""
+        speed = self._meter.add(seen)
+        if speed is not None and speed < STILL_PX_S:
+            if not self._phase:
+                self._start_s = seen.time_s - LAG_S
+            self._phase.append(seen)
+        elif speed is not None:
+            self._end_phase()
+
+    def finish(self) -> tuple[Stop, ...]:
+        """Return the stops; phases that show the same place, such as before and after a bump, are one."""
+        self._end_phase()
+        merged: list[Stop] = []
+        for stop in self._stops:
+            if merged and displacement_px(merged[-1].seen, stop.seen, self._meter.noise) < SAME_PLACE_PX:
+                # The longer phase is the better rested one.
+                last = merged.pop()
+                gap_s = stop.start_s - last.end_s
+                if gap_s < LAG_S:
+                    stop = replace(last, end_s=stop.end_s)
+                elif last.end_s - last.start_s > stop.end_s - stop.start_s:
+                    stop = last
+            merged.append(stop)
+        return tuple(merged)
+
+    def _end_phase(self) -> None:
+        phase, self._phase = self._phase, []
+        if not phase or phase[-1].time_s - self._start_s < LEAST_STOP_S:
+            return
+        mean: Float32 = np.mean([g.grey for g in phase], axis=0, dtype=np.float32)
+        seen = replace(phase[-1], grey=mean)
+        self._stops.append(Stop(start_s=self._start_s, end_s=phase[-1].time_s, seen=seen))

@@ -1,0 +1,107 @@
+"""At which angle the item stood when: a table of times and angles, or a constant speed."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Float64
+from flatcloth.recordings.files.paths import read_text
+
+_HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turning:
+    """The angle (degrees) at times (s), both (N,) float64, times increasing; linear in between."""
+
+    times_s: Float64
+    angles_deg: Float64
+
+    def at(self, time_s: float) -> float:
+        """Return the angle at a time; before the first and after the last it stays."""
+        return float(np.interp(time_s, self.times_s, self.angles_deg))
+
+    def during(self, start_s: float, end_s: float) -> tuple[float, float]:
+        """Return the angle in a phase, and by how much it changes within.
+
+        Where the table has lines within the phase they alone count: a table may have a line for
+        each stop only, and between two of those nothing is known.
+        """
+        inside = (self.times_s >= start_s) & (self.times_s <= end_s)
+        angles = self.angles_deg[inside]
+        if angles.size == 0:
+            return self.at((start_s + end_s) / 2), 0.0
+        return float(np.median(angles)), float(np.ptp(angles))
+
+
+def constant_turning(speed_deg_s: float, seconds: float) -> Turning:
+    """Return the turning at a constant speed from the first frame on.
+
+    Raises
+    ------
+    RecordingError
+        If the speed is none.
+    """
+    if not math.isfinite(speed_deg_s) or not 0.01 <= abs(speed_deg_s) <= 360:
+        raise RecordingError(f"--turning-speed {speed_deg_s:g}: give degrees a second, 0.01 to 360.")
+    ends = np.array([0.0, max(seconds, 1e-3)])
+    return Turning(times_s=ends, angles_deg=ends * speed_deg_s)
+
+
+def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
+    """Read a table of times and angles.
+
+    Parameters
+    ----------
+    table : Path
+        Text with two columns, time in seconds and angle in degrees; a line of names may be first.
+    first_clock_s : float
+        The camera's clock at the first frame. Times may be of that clock, or count from that frame.
+    seconds : float
+        Length of the file.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, is no such table, or is of another time.
+    """
+    rows: list[tuple[float, float]] = []
+    lines = [line.strip() for line in read_text(table).splitlines()]
+    for number, line in enumerate(lines, start=1):
+        if not line or line.startswith("#"):
+            continue
+        cells = [cell.strip().strip('"') for cell in re.split(r"[,;\t]|\s+", line) if cell.strip()]
+        try:
+            time_s, angle_deg = (float(cell) for cell in cells)
+        except ValueError as error:
+            if not rows and number == 1 + next(i for i, text in enumerate(lines) if text):
+                continue  # the names of the columns
+            raise RecordingError(f"{table}: line {number} is {line[:60]!r}. {_HELP}") from error
+        if not math.isfinite(time_s) or not abs(angle_deg) <= 100_000:
+            raise RecordingError(f"{table}: line {number} has a number out of range. {_HELP}")
+        if rows and time_s <= rows[-1][0]:
+            raise RecordingError(
+                f"{table}: line {number} is not later than the line before. Sort it by time."
+            )
+        rows.append((time_s, angle_deg))
+    if not rows:
+        raise RecordingError(f"{table}: has no angles. {_HELP}")
+    data = np.array(rows)
+    times_s = data[:, 0]
+    common_s = {
+        origin_s: min(times_s[-1] - origin_s, seconds) - max(times_s[0] - origin_s, 0.0)
+        for origin_s in (0.0, first_clock_s)
+    }
+    origin_s = max(common_s, key=lambda origin: common_s[origin])
+    if common_s[origin_s] >= 0:
+        return Turning(times_s=times_s - origin_s, angles_deg=data[:, 1])
+    raise RecordingError(
+        f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) are not those of the recording "
+        f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."
+    )

@@ -1,0 +1,189 @@
+"""From librealsense's framesets to registered images in numpy: filters, alignment, lens."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Float64, Intrinsics, Uint8
+from flatcloth.recordings.files.lens import Lens
+
+Uint16 = NDArray[np.uint16]
+
+ALIGNMENTS = ("depth", "color")
+"""Which camera's pixels are kept; the other camera's image is laid on them. The first is the default:
+it leaves the depth as it was measured."""
+
+_SPATIAL_ALPHA, _SPATIAL_DELTA, _SPATIAL_MAGNITUDE = 0.7, 3.0, 2.0
+"""Neighbours that differ by more than a tenth of a pixel of disparity are not mixed."""
+
+
+class FrameFilter:
+    """Turns a frameset into color and depth of one camera.
+
+    Parameters
+    ----------
+    library : module
+        ``pyrealsense2``.
+    profile : pipeline_profile
+        Of the pipeline that the framesets come from.
+    align : str
+        One of ``ALIGNMENTS``.
+    source : str
+        For messages.
+
+    Raises
+    ------
+    RecordingError
+        If there is no depth or color stream, or one of a kind that cannot be used.
+
+    Attributes
+    ----------
+    active : bool
+        Whether the depth is filtered; off to begin with, for whoever only looks.
+
+    Notes
+    -----
+    Spatial filter, then temporal filter, both on disparities, then alignment: librealsense filters
+    whole millimetres by rounding down at each of its steps, which draws the surface 4 mm towards
+    the camera, and a filter after the alignment would work on pixels that were doubled or dropped.
+    So a device that is no stereo camera is not filtered. The spatial filter's own settings would
+    smooth layers into each other (95 % of the pixels beside an edge right to 8.6 mm; 1.8 mm with
+    those here). The temporal filter must not be carried across a turn of the item: see :meth:`fresh`.
+    640x480 px: 10 ms a frame, 1-2 ms while not active.
+    """
+
+    def __init__(self, library: Any, profile: Any, align: str, source: str) -> None:
+        self._library, self._source, self._align_to = library, source, align
+        streams = {s.stream_type(): s for s in profile.get_streams()}
+        for kind in ("depth", "color"):
+            if getattr(library.stream, kind) not in streams:
+                raise RecordingError(
+                    f"{source}: has no {kind} stream. Record depth and color together, both switched on."
+                )
+        kept = streams[getattr(library.stream, align)].as_video_stream_profile()
+        self.fps = float(streams[library.stream.depth].fps())
+        self.depth_scale_m = float(profile.get_device().first_depth_sensor().get_depth_scale())
+        camera = kept.get_intrinsics()
+        self.intrinsics = Intrinsics(
+            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.ppx, cy=camera.ppy
+        )
+        self._lens = _lens_of(camera, self.intrinsics, source)
+        self._read_color = _color_reader(library, streams[library.stream.color].format(), align, source)
+        self._align = library.align(getattr(library.stream, align))
+        sensor, baseline = profile.get_device().first_depth_sensor(), library.option.stereo_baseline
+        self._is_stereo = sensor.supports(baseline) and sensor.get_option(baseline) > 0
+        self._to_disparity = library.disparity_transform(True)
+        self._to_depth = library.disparity_transform(False)
+        self._spatial = library.spatial_filter(_SPATIAL_ALPHA, _SPATIAL_DELTA, _SPATIAL_MAGNITUDE, 0)
+        self.active = False
+        self.fresh()
+
+    def fresh(self) -> None:
+        """Forget the frames before: the item has been turned."""
+        self._temporal = self._library.temporal_filter()
+
+    def images(self, frameset: Any) -> tuple[Uint8, Uint16] | None:
+        """Return color (H, W, 3) RGB and depth (H, W) in ``depth_scale_m``; None if either is missing.
+
+        The arrays are copies: whoever keeps librealsense's own frames starves it.
+        """
+        if not frameset.get_depth_frame() or not frameset.get_color_frame():
+            return None
+        if self.active and self._is_stereo:
+            for block in (self._to_disparity, self._spatial, self._temporal, self._to_depth):
+                frameset = block.process(frameset).as_frameset()
+        aligned = self._align.process(frameset).as_frameset()
+        depth, color = aligned.get_depth_frame(), aligned.get_color_frame()
+        if not depth or not color:
+            return None
+        rgb = self._read_color(np.asanyarray(color.get_data()))
+        units = np.array(np.asanyarray(depth.get_data()), dtype=np.uint16)
+        if self._lens is None:
+            return np.array(rgb, dtype=np.uint8), units
+        return self._lens.undistort(rgb, blend=True), self._lens.undistort(units, blend=False)
+
+
+def apart_s(depth: Any, color: Any) -> float:
+    """Return how many seconds apart two frames of librealsense were taken."""
+    if depth.get_frame_timestamp_domain() != color.get_frame_timestamp_domain():
+        return 0.0  # two clocks: the order of arrival, by which they were paired, is all there is
+    return abs(float(depth.get_timestamp() - color.get_timestamp())) / 1000.0
+
+
+def _color_reader(library: Any, form: Any, align: str, source: str) -> Any:
+    """Return the function that makes RGB (H, W, 3) of a color frame's data."""
+    import cv2
+
+    if form in (library.format.rgb8, library.format.rgba8):
+        return lambda data: data[..., :3]
+    if form in (library.format.bgr8, library.format.bgra8):
+        return lambda data: data[..., 2::-1]
+    if form == library.format.yuyv and align == "color":
+        # Two bytes a pixel that share a color with the neighbour: they cannot be moved one by one.
+        return lambda data: cv2.cvtColor(
+            data.view(np.uint8).reshape(*data.shape[:2], 2), cv2.COLOR_YUV2RGB_YUYV
+        )
+    name = str(form).rpartition(".")[2].upper()
+    remedy = "Use --align color, or record RGB8." if form == library.format.yuyv else "Record color as RGB8."
+    raise RecordingError(f"{source}: its color is in format {name}, which cannot be used. {remedy}")
+
+
+def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | InverseLens | None:
+    coefficients = tuple(float(c) for c in camera.coeffs)
+    model = str(camera.model).rpartition(".")[2].lower().replace("_", " ")
+    if not any(coefficients) or model == "none":
+        return None
+    if model in ("brown conrady", "modified brown conrady"):
+        return Lens(intrinsics, coefficients)
+    if model == "inverse brown conrady":
+        return InverseLens(intrinsics, coefficients)
+    raise RecordingError(
+        f"{source}: its lens model is {model}, which is unknown here. Export undistorted images to a folder."
+    )
+
+
+class InverseLens:
+    """librealsense's inverse Brown-Conrady model: its polynomial leads from the image to the true ray.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of the images before and after.
+    coefficients : tuple of 5 floats
+        ``k1 k2 p1 p2 k3``.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, coefficients: tuple[float, ...]) -> None:
+        k = intrinsics
+        rows, cols = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
+        ideal = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy])
+        seen = ideal.copy()
+        for _ in range(20):  # the distortion is small: the fixed point comes quickly
+            seen += ideal - true_ray(seen, coefficients)
+        self._map_x = (seen[0] * k.fx + k.cx).astype(np.float32)
+        self._map_y = (seen[1] * k.fy + k.cy).astype(np.float32)
+
+    def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
+        """Return the image (H, W, ...) as a pinhole camera would see it; see ``Lens.undistort``."""
+        import cv2
+
+        how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
+        return cv2.remap(image, self._map_x, self._map_y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+
+
+def true_ray(seen: Float64, coefficients: tuple[float, ...]) -> Float64:
+    """Return the rays (2, ...) (x/z, y/z) of places (2, ...) in a distorted image, likewise normalised."""
+    x, y = seen
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
+        ]
+    )

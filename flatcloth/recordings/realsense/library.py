@@ -1,0 +1,38 @@
+"""Loads pyrealsense2 when it is first needed, with the libusb that a bare system lacks."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+from flatcloth.core.errors import RecordingError
+
+
+def load_realsense() -> Any:
+    """Return the module ``pyrealsense2``.
+
+    Raises
+    ------
+    RecordingError
+        If it is not installed, or its libraries are missing.
+
+    Notes
+    -----
+    pyrealsense2 links to ``libusb-1.0.so.0``, which a bare Debian lacks; then the one of the
+    package libusb-package is loaded before it.
+    """
+    try:
+        try:
+            import pyrealsense2
+        except ImportError:
+            import libusb_package
+
+            # The symbols must be visible to the extension module that is loaded after it.
+            ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+            import pyrealsense2
+    except (ImportError, OSError) as error:
+        raise RecordingError(
+            f"RealSense files and cameras need pyrealsense2, which cannot be loaded ({error}). "
+            "Run: pip install pyrealsense2 libusb-package"
+        ) from error
+    return pyrealsense2

@@ -1,0 +1,328 @@
+"""A RealSense file of an item that was turned: its views are found, and each is averaged.
+
+The file is played twice. First only to look: when the item stood still, and how long the file is.
+Then the frames of each view are filtered and averaged.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import (
+    Float32,
+    Float64,
+    Intrinsics,
+    Progress,
+    RgbdFrame,
+    RotationAxis,
+    Uint8,
+    no_progress,
+)
+from flatcloth.recordings.base import check_index
+from flatcloth.recordings.film.averaging import average_color, average_depth
+from flatcloth.recordings.film.stillness import Stop, StopFinder, glance
+from flatcloth.recordings.film.turning import Turning, constant_turning, read_turning
+from flatcloth.recordings.realsense.frames import ALIGNMENTS
+from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
+
+MOST_FRAMES = 30
+"""Of a stop that lasts longer, the last frames are taken: the cloth has come to rest by then."""
+FEW_FRAMES = 8
+_NEAR_ANGLE_DEG = 0.3
+"""While the item turns, frames within this of an angle are averaged; 0.8 mm at a radius of 0.15 m."""
+_TURNS_WHILE_STILL_DEG = 1.0
+_LOOSE_PAIRING_FRAMES = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnOptions:
+    """How a file is read.
+
+    ``align`` is one of ``ALIGNMENTS``. ``step_deg``: how far the item was turned between two stops,
+    or, where the angle is known at all times, how far apart views are taken; its sign is the sense
+    of turning. ``angles``: table of times and angles. ``turning_speed_deg_s``: a constant speed.
+    """
+
+    align: str = ALIGNMENTS[0]
+    step_deg: float = 10.0
+    angles: Path | None = None
+    turning_speed_deg_s: float | None = None
+
+
+class TurnedRecording:
+    """The views of a RealSense file, in memory; see :func:`open_realsense`.
+
+    ``notes`` says in sentences what was found, and what is wrong with the file.
+    """
+
+    rotation_axis: RotationAxis | None = None
+    held_point_m: Float64 | None = None
+    has_masks = False
+
+    def __init__(
+        self, path: Path, intrinsics: Intrinsics, views: list[_View], notes: tuple[str, ...]
+    ) -> None:
+        self.name = path.stem
+        self.location = str(path.resolve())
+        self.description = " ".join(notes)
+        self.intrinsics = intrinsics
+        self.notes = notes
+        self._views = views
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Angle of each view since view 0."""
+        return tuple(view.angle_deg for view in self._views)
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self._views)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Return one view.
+
+        Raises
+        ------
+        IndexError
+            If there is no such view.
+        """
+        check_index(self, view_index)
+        view = self._views[view_index]
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=view.angle_deg,
+            color=view.color,
+            depth_m=view.depth_m,
+            mask=None,
+            intrinsics=self.intrinsics,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    angle_deg: float
+    color: Uint8
+    depth_m: Float32
+
+
+@dataclass(frozen=True)
+class _Phase:
+    """The frames of one view, from the first to the last by the camera's clock.
+
+    Numbers would not do: under load librealsense drops a frame now and then.
+    """
+
+    angle_deg: float
+    start_clock_s: float
+    end_clock_s: float
+
+
+@dataclass(kw_only=True)
+class _Look:
+    """What the first play saw."""
+
+    times_s: list[float] = field(default_factory=list)
+    first_clock_s: float = 0.0
+    stops: tuple[Stop, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        return self.times_s[-1]
+
+    def phase(self, angle_deg: float, times_s: list[float]) -> _Phase:
+        """Return the phase of these frames."""
+        ends = (self.first_clock_s + t for t in (times_s[0], times_s[-1]))
+        return _Phase(angle_deg, *ends)
+
+    def between(self, start_s: float, end_s: float) -> list[float]:
+        """Return the times of the frames in a span of time."""
+        first, last = np.searchsorted(self.times_s, [start_s - 1e-6, end_s + 1e-6])
+        return self.times_s[int(first) : int(last)]
+
+
+def open_realsense(
+    path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
+) -> TurnedRecording:
+    """Play a RealSense file and return the views of the item in it.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.db3`` or ``.bag`` file.
+    options : TurnOptions, optional
+        How it is read; by default the stops are found, 10 degrees apart.
+    progress : callable
+        Told the share of the work.
+
+    Returns
+    -------
+    TurnedRecording
+        All views in memory: 2.8 MB each at 640x480 px.
+
+    Raises
+    ------
+    RecordingError
+        If the file or the table cannot be read, or no view is found.
+
+    Notes
+    -----
+    A frame of 480x848 px costs 12 ms of computing, and 30 ms more if it belongs to a view.
+    """
+    chosen = options or TurnOptions()
+    if not 0.1 <= abs(chosen.step_deg) <= 180:
+        raise RecordingError(f"--step {chosen.step_deg:g}: give degrees, 0.1 to 180 (or negative).")
+    if chosen.angles is not None and chosen.turning_speed_deg_s is not None:
+        raise RecordingError("--angles and --turning-speed both tell the angle; give one of them.")
+    player = RealsensePlayer(path, chosen.align)
+    apart_frames = 0.5
+    look = _look(player, progress, apart_frames)
+    notes = []
+    if not look.times_s:
+        apart_frames = _LOOSE_PAIRING_FRAMES
+        look = _look(player, progress, apart_frames)
+        if not look.times_s:
+            raise RecordingError(
+                f"{path}: no depth frame has a color frame of the same time. Record both streams together."
+            )
+        notes.append("Color and depth were not taken at the same time; the item must have hung still.")
+    if player.is_short:
+        notes.append(
+            f"Only {player.read_s:.1f} of {player.duration_s:.1f} s could be read: the file is damaged there."
+        )
+    phases, found = _phases(path, look, chosen)
+    notes.append(found)
+    views = _averaged(player, look, phases, progress, apart_frames)
+    if not views:
+        raise RecordingError(
+            f"{path}: nothing was measured at any stop. Check that the camera sees the item."
+        )
+    return TurnedRecording(path, player.intrinsics, views, tuple(notes))
+
+
+def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _Look:
+    seen, finder, expected = _Look(), StopFinder(), player.expected_frames
+    for pair in player.play(apart_frames):
+        if not seen.times_s:
+            seen.first_clock_s = pair.clock_s
+        seen.times_s.append(pair.time_s)
+        finder.add(glance(pair.time_s, pair.color, pair.depth_units * player.depth_scale_m))
+        progress(min(0.4, 0.4 * len(seen.times_s) / expected), f"looking, {pair.time_s:.0f} s")
+    seen.stops = finder.finish()
+    return seen
+
+
+def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase], str]:
+    turning: Turning | None = None
+    if options.angles is not None:
+        turning = read_turning(options.angles.expanduser(), look.first_clock_s, look.seconds)
+    elif options.turning_speed_deg_s is not None:
+        turning = constant_turning(options.turning_speed_deg_s, look.seconds)
+        return _while_turning(path, look, turning, options.step_deg)
+    if turning is not None and (not look.stops or _turns_at_a_stop(look.stops, turning)):
+        return _while_turning(path, look, turning, options.step_deg)
+    if len(look.times_s) < FEW_FRAMES:
+        text = f"Frames: only {len(look.times_s)}, taken as one view."
+        return [look.phase(0.0, look.times_s)], text
+    if not look.stops:
+        raise RecordingError(
+            f"{path}: the item never stands still for half a second. Say how it turned: "
+            "--turning-speed DEG_PER_S or --angles FILE.csv."
+        )
+    angles = [
+        n * options.step_deg if turning is None else turning.during(stop.start_s, stop.end_s)[0]
+        for n, stop in enumerate(look.stops)
+    ]
+    phases = [
+        look.phase(angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
+        for angle, stop in zip(angles, look.stops, strict=True)
+    ]
+    kept = _distinct(phases, 0.5)
+    count = len(phases)
+    text = f"{count} {'stop was' if count == 1 else 'stops were'} found in {look.seconds:.1f} s"
+    text += (
+        "; the angles are those of the table" if turning else f", taken as {options.step_deg:g} degrees apart"
+    )
+    if len(kept) < count:
+        text += f"; {count - len(kept)} that repeat an angle are left out"
+    return kept, text + "."
+
+
+def _turns_at_a_stop(stops: tuple[Stop, ...], turning: Turning) -> bool:
+    return any(turning.during(s.start_s, s.end_s)[1] > _TURNS_WHILE_STILL_DEG for s in stops)
+
+
+def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -> tuple[list[_Phase], str]:
+    """Take a view at each multiple of the step, from the frames nearest to that angle."""
+    start_deg = turning.at(0.0)
+    turned = np.array([turning.at(t) for t in look.times_s]) - start_deg
+    nearest = np.round(turned / abs(step_deg)).astype(int)
+    phases: list[_Phase] = []
+    visited: set[int] = set()
+    edges = np.flatnonzero(np.diff(nearest)) + 1
+    for numbers in np.split(np.arange(len(turned)), edges):
+        n = int(nearest[numbers[0]])
+        off = np.abs(turned[numbers] - n * abs(step_deg))
+        if n in visited or off.min() > abs(step_deg) / 4:
+            continue  # it has been there, or it turned back before it came there
+        visited.add(n)
+        good = numbers[off <= max(_NEAR_ANGLE_DEG, float(off.min()))]
+        middle = good[len(good) // 2]
+        around = good[np.abs(good - middle) <= MOST_FRAMES // 2]
+        phases.append(look.phase(float(turned[around].mean()), [look.times_s[n] for n in around]))
+    kept = _distinct(phases, abs(step_deg) / 2)
+    if not kept:
+        raise RecordingError(
+            f"{path}: no frame is near a multiple of {abs(step_deg):g} degrees. Use another --step."
+        )
+    first = kept[0].angle_deg
+    kept = [replace(p, angle_deg=p.angle_deg - first) for p in kept]
+    reach = float(turned.max() - turned.min())
+    return kept, f"{len(kept)} views were taken while the item turned by {reach:.0f} degrees."
+
+
+def _distinct(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
+    """Leave out what shows an angle again, also after a whole turn."""
+    kept: list[_Phase] = []
+    for phase in phases:
+        if all(abs(math.remainder(phase.angle_deg - k.angle_deg, 360.0)) >= apart_deg for k in kept):
+            kept.append(phase)
+    return kept
+
+
+def _averaged(
+    player: RealsensePlayer, look: _Look, phases: list[_Phase], progress: Progress, apart_frames: float
+) -> list[_View]:
+    """Play again, and average the frames of each phase; phases do not overlap."""
+    views: list[_View] = []
+    waiting = sorted(phases, key=lambda p: p.start_clock_s)
+    pairs: list[Pair] = []
+    early_s = 1.5 / player.fps
+    for pair in player.play(apart_frames):
+        if waiting and pair.clock_s > waiting[0].end_clock_s + 1e-6:
+            views += _view(waiting.pop(0), pairs, player.depth_scale_m)
+            pairs, player.filter.active = [], False
+        if not waiting:
+            break
+        if pair.clock_s >= waiting[0].start_clock_s - 1e-6:
+            pairs.append(pair)
+        if not player.filter.active and pair.clock_s + early_s >= waiting[0].start_clock_s:
+            player.filter.fresh()  # what was seen before was another pose
+            player.filter.active = True
+        progress(0.4 + min(0.6, 0.6 * pair.time_s / max(look.seconds, 1e-3)), f"reading, {pair.time_s:.0f} s")
+    if waiting:
+        views += _view(waiting[0], pairs, player.depth_scale_m)
+    return views
+
+
+def _view(phase: _Phase, pairs: list[Pair], depth_scale_m: float) -> list[_View]:
+    """Return the view of a phase; none where nothing was measured."""
+    if not pairs:
+        return []
+    depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(depth_scale_m)
+    color = average_color([p.color for p in pairs])
+    return [_View(angle_deg=phase.angle_deg, color=color, depth_m=depth_m)] if depth_m.any() else []

@@ -1,0 +1,209 @@
+"""The turning axis and the held point of a recording that does not give them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import RecordingError, SurfaceError
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
+from flatcloth.flattening.surface import foreground_mask
+from flatcloth.recordings.base import Recording
+from flatcloth.registration.axis_estimation import (
+    UP,
+    Glimpse,
+    agreement,
+    choose_views,
+    estimate_axis,
+    glimpse,
+    thinned,
+)
+
+T = TypeVar("T")
+
+TOP_M = 0.010
+"""The held point is the mean of the item's uppermost part of this height."""
+
+_VIEWS_FOR_HELD_POINT = 6
+_BLOCKS_FOR_HELD_POINT = 250_000
+_THREADS = 2
+_AROUND_M = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.08), (-0.08, 0.0, 0.04), (0.08, 0.0, 0.04)])
+"""The surface that is seen lies before the axis."""
+_TOP_QUANTILE = 0.75
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hanging:
+    """How the item hangs, camera frame of view 0: the axis, where it is held, and what is to be told."""
+
+    axis: RotationAxis
+    held_point_m: Float64
+    notes: tuple[str, ...] = ()
+
+
+def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config: SurfaceConfig) -> Hanging:
+    """Return how the item hangs, as recorded or else as the views tell it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Where axis and held point are looked up first.
+    frame : callable
+        Reads a view; used only if something is missing, and then by several threads.
+    config : SurfaceConfig
+        Limits of the foreground search.
+
+    Returns
+    -------
+    Hanging
+        An axis that is not recorded is estimated from up to 18 views. Where they do not tell it, it is
+        the vertical of a level camera through the held point. A held point that is not recorded is
+        the top of the item.
+
+    Raises
+    ------
+    RecordingError
+        If no view can be read.
+
+    Notes
+    -----
+    Takes about 0.6 s for 18 views of 480x848 px on two cores.
+    """
+    axis, held = recording.rotation_axis, recording.held_point_m
+    if axis is not None and held is not None:
+        return Hanging(axis=axis, held_point_m=held)
+    if axis is not None:
+        return Hanging(axis=axis, held_point_m=_found_held_point(recording, frame, axis, config))
+    views = choose_views(recording.angles_deg)
+    seen = _of_readable(views, lambda view: glimpse(frame(view), config))
+    found = estimate_axis(seen, _starts(seen, held))
+    if found is not None:
+        note = (
+            f"The turning axis is not given. It was estimated from {len(seen)} views, whose surfaces agree "
+            f"about it to {1000 * found.rms_m:.1f} mm."
+        )
+        top = _found_held_point(recording, frame, found.axis, config) if held is None else held
+        return Hanging(axis=_through_height_of(top, found.axis), held_point_m=top, notes=(note,))
+    upright = RotationAxis(point_m=np.zeros(3), direction=UP, estimated=True)
+    top = (
+        _top(_of_readable(views[:1], lambda view: _points(frame(view), config)), upright)
+        if held is None
+        else held
+    )
+    return Hanging(
+        axis=replace(upright, point_m=top), held_point_m=top, notes=(_cannot_tell(recording, seen, top),)
+    )
+
+
+def axis_agreement(
+    recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
+) -> str:
+    """Say in a sentence how well the views agree about an axis."""
+    seen = _of_readable(choose_views(recording.angles_deg), lambda view: glimpse(frame(view), config))
+    found = agreement(seen, axis)
+    if found is None:
+        return "No two views show common surface, which could tell how well it fits."
+    return (
+        f"Turned back about it, {found.agreeing_share:.0%} of the surface agrees between views, "
+        f"to {1000 * found.rms_m:.1f} mm."
+    )
+
+
+def _of_readable(views: Sequence[int], look: Callable[[int], T | None]) -> list[T]:
+    """Return what is seen in the views that can be read; a damaged one is told when it is asked for."""
+    errors: list[RecordingError] = []
+
+    def looked(view: int) -> T | None:
+        try:
+            return look(view)
+        except RecordingError as error:
+            errors.append(error)
+            return None
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        seen = [found for found in pool.map(looked, views) if found is not None]
+    if errors and not seen:
+        raise errors[0]
+    return seen
+
+
+def _starts(seen: Sequence[Glimpse], held_point_m: Float64 | None) -> list[Float64]:
+    """Places the axis may be near: where the item is held, or its top; its middle, and around that."""
+    if not seen:
+        return []
+    upright = RotationAxis(point_m=np.zeros(3), direction=UP)
+    top = (
+        np.median([_top([g.points_m], upright) for g in seen], axis=0)
+        if held_point_m is None
+        else held_point_m
+    )
+    middle: Float64 = np.median(np.concatenate([g.points_m for g in seen]), axis=0)
+    return [top, *(middle + shift for shift in _AROUND_M)]
+
+
+def _found_held_point(
+    recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
+) -> Float64:
+    """Return the top of the item in views all around it, held frame."""
+
+    def look(view: int) -> Float64 | None:
+        points = _points(frame(view), config, axis)
+        return None if points is None else held_from_camera(axis, recording.angles_deg[view]).apply(points)
+
+    return _top(_of_readable(choose_views(recording.angles_deg, _VIEWS_FOR_HELD_POINT), look), axis)
+
+
+def _points(frame: RgbdFrame, config: SurfaceConfig, axis: RotationAxis | None = None) -> Float64 | None:
+    """Return the points (N, 3) of the whole item, camera frame; None if there is none.
+
+    The mask does not count: where the item is held need not be on the side of interest.
+    """
+    # Fine enough for the tip of a sleeve; large images would take long.
+    small = thinned(replace(frame, mask=None), _BLOCKS_FOR_HELD_POINT)
+    try:
+        item = foreground_mask(small, axis, config)
+    except SurfaceError:
+        return None
+    return back_project(small.depth_m, small.intrinsics)[item].astype(np.float64)
+
+
+def _top(views: Sequence[Float64], axis: RotationAxis) -> Float64:
+    """Return the middle of the uppermost 10 mm of the points (N, 3) of some views; zeros without views.
+
+    The height counts that a quarter of the views exceed: some may not show the top, or an outlier.
+    """
+    if not views:
+        return np.zeros(3)
+    heights = [points @ axis.direction for points in views]
+    top = float(np.quantile([height.max() for height in heights], _TOP_QUANTILE, method="higher"))
+    upper = [
+        p[h >= top - TOP_M].mean(axis=0)
+        for p, h in zip(views, heights, strict=True)
+        if h.max() >= top - TOP_M
+    ]
+    return np.asarray(np.mean(upper, axis=0))
+
+
+def _through_height_of(point_m: Float64, axis: RotationAxis) -> RotationAxis:
+    """Return the same axis, given by its point at the height of another."""
+    along = (point_m - axis.point_m) @ axis.direction
+    return replace(axis, point_m=axis.point_m + along * axis.direction)
+
+
+def _cannot_tell(recording: Recording, seen: Sequence[Glimpse], held_point_m: Float64) -> str:
+    note = "The turning axis is not given; it is taken as the vertical through the top of the item."
+    if len(recording) < 2:
+        return note
+    backwards = [replace(g, angle_deg=-g.angle_deg) for g in seen]
+    if estimate_axis(backwards, _starts(seen, held_point_m)) is not None:
+        return (
+            f"{note} The views agree only if the item was turned the other way: open the recording with "
+            "the signs of its angles changed."
+        )
+    return f"{note} The views do not agree about any axis: check the angles, and set the axis by hand."

@@ -1,0 +1,181 @@
+"""How one view lies against another: the small motion on which their surfaces and textures agree.
+
+What a pair tells is kept as a quadratic form about that motion, with an honest weight: neighbouring
+points share their errors, so the weight comes from how much the parts of the image contradict each
+other, not from the number of points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.config import RegistrationConfig
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Float64
+from flatcloth.registration.pose_prior import motion
+from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, Scan, compare
+
+_REACH_SHRINKS = 0.75
+_STILL = 2e-5
+"""A smaller step (rad, m) is none."""
+_LEAST_TEXTURE_SPREAD = 1e-3
+_SAME_SCALE = 1e-3
+"""Directions that tell less than this share of the best one do not count for the weight."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairFit:
+    """What two views tell about the motion of the first against the second.
+
+    ``twist`` (6,) (turn about ``center_m`` as a rotation vector, then shift; held frame) is the
+    motion to be applied to the first at its known place, at ``fattening_px``. About both,
+    ``matrix`` (7, 7) and ``gradient`` (7,) are those of minus the logarithm of the likelihood.
+    ``spread`` (4,) the usual differences; ``count`` points; ``distance_m`` typical distance, before
+    and after; ``likeness`` (3,) of the texture.
+    """
+
+    first: int
+    second: int
+    center_m: Float64
+    twist: Float64
+    fattening_px: float
+    matrix: Float64
+    gradient: Float64
+    spread: Float64
+    count: int
+    distance_m: tuple[float, float]
+    likeness: Float64
+
+
+def fit_pair(
+    scans: tuple[Scan, Scan],
+    held: tuple[Rigid3, Rigid3],
+    numbers: tuple[int, int],
+    covariance: Float64,
+    config: RegistrationConfig,
+    *,
+    center_m: Float64,
+    fattening_px: float,
+    twist: Float64,
+    before: PairFit | None = None,
+) -> PairFit | None:
+    """Register two views.
+
+    Parameters
+    ----------
+    scans : (Scan, Scan)
+        The view that is moved, and the other.
+    held : (Rigid3, Rigid3)
+        Where they are known to stand.
+    numbers : (int, int)
+        What they are called.
+    covariance : (6, 6) float64
+        Of the motion, before anything is compared.
+    config : RegistrationConfig
+        Limits.
+    center_m : (3,) float64
+        About it the motion turns, held frame.
+    fattening_px : float
+        What is known of it.
+    twist : (6,) float64
+        Where to begin.
+    before : PairFit, optional
+        What was found at another fattening: it is near the end already.
+
+    Returns
+    -------
+    PairFit or None
+        None if they have too little in common, or agree only where they cannot stand.
+    """
+    precision = np.linalg.inv(covariance)
+    noise_m = max(seen.surface.noise_m for seen in scans)
+    plan, spread = _rounds(config, before)
+    at_first = math.nan if before is None else before.distance_m[0]
+    twist = twist.copy()
+    for n, (reach_m, every) in enumerate(plan):
+        found = compare(
+            scans[0], scans[1], motion(twist, center_m) @ held[0], held[1], center_m, fattening_px, reach_m,
+            spread, config, every,
+        )  # fmt: skip
+        if found.count * every < config.least_points:
+            return None
+        if n == 0 and before is None:
+            at_first = float(found.spread[0])
+        matrix, gradient = _weighed(found, spread, noise_m, config)
+        spread = _usual(found.spread, config)
+        step = -np.linalg.solve(matrix[:6, :6] + precision, gradient[:6] + precision @ twist)
+        if n == len(plan) - 1 or (every == 1 and np.abs(step).max() < _STILL):
+            break
+        twist = twist + step
+    if float(twist @ precision @ twist) > config.most_surprise:
+        return None  # other cloth that happens to fit
+    return PairFit(
+        first=numbers[0],
+        second=numbers[1],
+        center_m=center_m,
+        twist=twist,
+        fattening_px=fattening_px,
+        matrix=matrix,
+        gradient=gradient,
+        spread=spread,
+        count=found.count,
+        distance_m=(at_first, float(found.spread[0])),
+        likeness=found.likeness,
+    )
+
+
+def _rounds(config: RegistrationConfig, before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
+    """Return reach and thinning of each round, and which differences (4,) are usual at first."""
+    fine = [(config.least_reach_m, 1)] * config.fine_rounds
+    if before is not None:
+        return fine, before.spread
+    reaches = [max(config.least_reach_m, config.reach_m * _REACH_SHRINKS**n) for n in range(config.rounds)]
+    spread = np.zeros(TERMS)
+    spread[0] = config.reach_m / 3
+    return [*((reach_m, 2) for reach_m in reaches), *fine], spread
+
+
+def _usual(found: Float64, config: RegistrationConfig) -> Float64:
+    """Return which differences (4,) are usual, given those found; 0 where there were none."""
+    least = np.array([config.distance_std_m, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
+    usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
+    usual[1] = math.hypot(usual[1], config.shading_std) if usual[1] > 0 else 0.0
+    return usual
+
+
+def _weighed(
+    found: Agreement, spread: Float64, noise_m: float, config: RegistrationConfig
+) -> tuple[Float64, Float64]:
+    """Sum the terms, each with the weight that its errors deserve.
+
+    A texture of correlation r is signal by the share r only, and so is its slope: what looks like
+    a steep valley of the sum of squares is noise against noise, by 1 - r. And what a sensor gets
+    wrong systematically, differently from part to part, sets a limit to what all terms tell.
+    """
+    parts = float(found.parts.sum()) ** 2 / float(np.square(found.parts).sum())
+    used = np.flatnonzero(spread > 0)
+    share = np.append(1.0, np.maximum(found.likeness, 0.0))[used]
+    precision = 1.0 / np.square(spread[used])
+    inflation = _inflation(found.matrix[used, :6, :6], found.scores[used, :, :6], precision)
+    # The scores of 6 unknowns that were fitted to few parts scatter too little.
+    inflation *= config.noise_inflation * parts / max(parts - 6.0, 1.0)
+    matrix = np.tensordot(share**2 * precision / inflation, found.matrix[used], axes=1)
+    gradient = share * precision / inflation @ found.gradient[used]
+    off_m = config.part_std_m + config.part_noise * noise_m
+    limit = parts / found.count / off_m**2 * found.inertia
+    # The motion may be off by an error of precision L: the form is minimised over that.
+    gain = np.linalg.solve(matrix[:6, :6] + limit, np.column_stack([matrix[:6], gradient[:6]]))
+    return matrix - matrix[:, :6] @ gain[:, :-1], gradient - matrix[:, :6] @ gain[:, -1]
+
+
+def _inflation(matrix: Float64, scores: Float64, precision: Float64) -> Float64:
+    """By how much the gradients (T, B, 6) scatter more, part by part, than of independent errors."""
+    scale = np.sqrt(np.maximum(np.einsum("tii->ti", matrix), 1e-30))
+    normed = matrix / (scale[:, :, None] * scale[:, None, :]) + _SAME_SCALE * np.eye(6)
+    own = scores / scale[:, None, :]
+    scatter = np.linalg.solve(normed, own.transpose(0, 2, 1) @ own)
+    inflation: Float64 = np.maximum(1.0, precision * np.einsum("tii->t", scatter) / 6)
+    return inflation

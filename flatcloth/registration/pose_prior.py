@@ -1,0 +1,146 @@
+"""How a recording may be off its known rotation: what can move, and how far it is likely to.
+
+The axis is shifted and tilted, all views with it; each view is turned about it a little more or less
+than recorded, and swings about the held point. All are small, so their effects on a view's motion
+add; they are given as twists (turn as a rotation vector, then shift; held frame).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from flatcloth.core.config import RegistrationConfig
+from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about
+from flatcloth.core.types import Float64, RotationAxis
+
+COMMON, OWN = 5, 3
+"""Unknowns: shift (2) and tilt (2) of the axis and the fattening; turn and swing (2) of each view."""
+
+
+def motion(twist: Float64, center_m: Float64) -> Rigid3:
+    """Return the motion that turns about a center by a rotation vector, and then shifts."""
+    angle = float(np.linalg.norm(twist[:3]))
+    turn = rotation_about(twist[:3] / angle, angle) if angle > 0 else np.eye(3)
+    return Rigid3(turn, center_m - turn @ center_m + twist[3:])
+
+
+def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
+    """Return the inverse of :func:`motion`, for turns below a right angle."""
+    r = moved.rotation
+    axis = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    turn = axis * (math.asin(min(1.0, sine)) / sine) if sine > 1e-12 else axis
+    return np.concatenate([turn, moved.apply(center_m) - center_m])
+
+
+def moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
+    """Return the axis, shifted and tilted by the common unknowns (5,)."""
+    side, front = _across(axis)
+    direction = axis.direction + common[2] * side + common[3] * front
+    return replace(
+        axis,
+        point_m=axis.point_m + common[0] * side + common[1] * front,
+        direction=direction / np.linalg.norm(direction),
+    )
+
+
+def poses(
+    axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
+) -> tuple[Rigid3, ...]:
+    """Return ``held_from_camera`` of views, given the unknowns of all (5,) and of each (N, 3)."""
+    side, front = _across(axis)
+    turned = moved_axis(axis, common)
+    found = []
+    for angle, (turn, aside, ahead) in zip(angles_deg, own, strict=True):
+        swing = motion(np.concatenate([aside * side + ahead * front, np.zeros(3)]), held_point_m)
+        found.append(swing @ held_from_camera(turned, angle + math.degrees(turn)))
+    return tuple(found)
+
+
+def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
+    """Return the derivative (6, 7) of a view's twist about the origin of the held frame.
+
+    Columns: its turn and swing (both ways), shift and tilt of the axis (both ways).
+    """
+    back = held_from_camera(axis, angle_deg).rotation
+    columns = [_about(-axis.direction, axis.point_m)]
+    columns += [_about(way, held_point_m) for way in _across(axis)]
+    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in _across(axis)]
+    for way in _across(axis):
+        tilt = _cross(axis.direction) @ way
+        columns.append(_about(tilt - back @ tilt, axis.point_m))
+    return np.stack(columns, axis=1)
+
+
+def at_center(derivative: Float64, center_m: Float64) -> Float64:
+    """Return the derivative (6, N) of a twist about the origin as that of the twist about a center."""
+    there = derivative.copy()
+    there[3:] -= _cross(center_m) @ derivative[:3]
+    return there
+
+
+def grades(config: RegistrationConfig) -> Float64:
+    """Return how loose recordings may be (G, 3): deviations of turn (rad), axis (m) and swing (rad).
+
+    The first is exact, the last the loosest.
+    """
+    levels = [
+        np.radians(config.turn_stds_deg),
+        np.array(config.axis_stds_m),
+        np.radians(config.swing_stds_deg),
+    ]
+    return np.array(list(itertools.product(*levels)))
+
+
+def chances(config: RegistrationConfig) -> Float64:
+    """Return how likely (G,) each grade is, before anything is compared."""
+    chance = np.ones(len(grades(config)))
+    if len(chance) > 1:
+        chance *= (1.0 - config.exact_chance) / (len(chance) - 1)
+        chance[0] = config.exact_chance
+    return chance
+
+
+def variances(n: int, grade: Float64, config: RegistrationConfig) -> Float64:
+    """Return the variances (5 + 3 n,) of the unknowns beforehand, at a grade (3,) of looseness."""
+    turn, axis, swing = np.square(grade)
+    tilt = axis / config.axis_length_m**2
+    common = [axis, axis, tilt, tilt, config.fattening_std_px**2]
+    return np.concatenate([common, np.tile([turn, swing, swing], n)])
+
+
+def pair_covariance(one: Float64, other: Float64, center_m: Float64, config: RegistrationConfig) -> Float64:
+    """Return the covariance (6, 6) of a pair's twist beforehand, in the loosest recording.
+
+    ``one``, ``other`` (6, 7) are the two views' derivatives.
+    """
+    likely = variances(1, grades(config)[-1], config)
+    one, other = at_center(one, center_m), at_center(other, center_m)
+    own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
+    covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
+    covariance += (axis * likely[:4]) @ axis.T
+    rigid = np.repeat(np.square([math.radians(config.any_turn_std_deg), config.any_shift_std_m]), 3)
+    return covariance + np.diag(rigid)
+
+
+def _across(axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Two unit vectors across the axis: sideways, and (if the camera is level) towards the camera."""
+    forward = np.array([0.0, 0.0, 1.0]) if abs(axis.direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    side = _cross(axis.direction) @ forward
+    side /= np.linalg.norm(side)
+    return side, _cross(axis.direction) @ side
+
+
+def _cross(a: Float64) -> Float64:
+    """Return the matrix (3, 3) of the cross product with a."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _about(turn: Float64, point_m: Float64) -> Float64:
+    """Twist about the origin of a small turn about a point."""
+    return np.concatenate([turn, _cross(point_m) @ turn])

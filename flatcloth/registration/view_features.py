@@ -1,0 +1,276 @@
+"""A view, prepared for comparison with others, and how well two of them agree about common cloth.
+
+Points of either view are moved to the other, projected into its image, and compared with the
+surface there along its normal (point to plane), and with its texture. What is compared is weighed
+by how squarely both cameras look at it: near the horizon of a surface, points that the other
+camera cannot see fall on what hides them, always behind it, and would pull the views together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from flatcloth.core.config import RegistrationConfig
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Bool, Float32, Float64, Int32
+from flatcloth.flattening.surface import Surface
+from flatcloth.registration.normal_equations import accumulate
+
+CHANNELS = 3
+"""Texture: brightness and two differences of color, logarithmic, each without its local mean."""
+TERMS = 1 + CHANNELS
+UNKNOWNS = 7
+"""The motion of one view against the other (turn about x, y, z; shift), and the fattening."""
+_DARKEST = 8
+_LEAST_FACING = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scan:
+    """What registration needs of one view, camera frame.
+
+    ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
+    median size of a pixel on the surface. Images (H, W, ...)
+    float32: ``normals`` (smoothed where the depth is noisy), ``fattening`` the share by which the
+    depth changes over a pixel; ``texture`` (3, H, W), ``slope`` (2, 3, H, W) its derivative along
+    rows and columns, ``inner`` (H, W) where it does not touch the rim.
+    """
+
+    surface: Surface
+    pixel_pitch_m: float
+    points_m: Float64
+    normal: Float64
+    pixel: Int32
+    normals: Float32
+    fattening: Float32
+    texture: Float32
+    slope: Float32
+    inner: Bool
+
+    @property
+    def view_index(self) -> int:
+        """The view of the recording."""
+        return self.surface.frame.view_index
+
+    @property
+    def angle_deg(self) -> float:
+        """How far the item was turned, as recorded."""
+        return self.surface.frame.angle_deg
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How two views agree: the terms are the distance (m) and the channels of the texture.
+
+    Of each term: ``matrix`` (4, 7, 7) and ``gradient`` (4, 7) of half the weighted sum of squares,
+    unscaled; ``scores`` (4, B, 7) the gradient by parts of the image; ``spread`` (4,) of the
+    differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
+    points compared (both ways), ``parts`` (B,) by part; ``inertia`` (6, 6) the sum of what their
+    displacements in all directions would tell about the motion.
+    """
+
+    matrix: Float64
+    gradient: Float64
+    scores: Float64
+    spread: Float64
+    likeness: Float64
+    count: int
+    parts: Float64
+    inertia: Float64
+
+
+def scan(surface: Surface, config: RegistrationConfig) -> Scan:
+    """Prepare a view for registration.
+
+    Parameters
+    ----------
+    surface : Surface
+        The view's surface.
+    config : RegistrationConfig
+        How many points, and what is texture.
+
+    Notes
+    -----
+    Takes 5 ms for a garment of 40 000 pixels.
+    """
+    k = surface.frame.intrinsics
+    normals = _smoothed(surface, config.normal_smoothing_px) if surface.noisy else surface.normal
+    pitch_m = surface.pixel_pitch_m
+    texture = _texture(surface, config.texture_size_m / pitch_m)
+    slope = np.empty((2, *texture.shape), dtype=np.float32)
+    for channel in range(CHANNELS):
+        cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
+        cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
+    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / config.points_per_view)))
+    grid = np.zeros_like(surface.usable)
+    grid[::stride, ::stride] = True
+    pixel = np.argwhere(grid & surface.usable).astype(np.int32)
+    if not len(pixel):
+        pixel = np.argwhere(surface.usable).astype(np.int32)  # a scrap between the grid's points
+    at = pixel[:, 0], pixel[:, 1]
+    return Scan(
+        surface=surface,
+        pixel_pitch_m=pitch_m,
+        points_m=surface.xyz_m[at].astype(np.float64),
+        normal=normals[at].astype(np.float64),
+        pixel=pixel,
+        normals=normals,
+        fattening=_fattening(normals, surface.xyz_m, k.fx, k.fy),
+        texture=texture,
+        slope=slope,
+        inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
+    )
+
+
+def _smoothed(surface: Surface, sigma_px: float) -> Float32:
+    """Return the normals (H, W, 3) of the surface, averaged; NaN off it."""
+    off = ~surface.usable
+    planes = []
+    for n in range(3):
+        plane = np.ascontiguousarray(surface.normal[..., n])
+        plane[off] = 0.0
+        planes.append(cv2.GaussianBlur(plane, (0, 0), sigma_px))
+    length = np.sqrt(planes[0] ** 2 + planes[1] ** 2 + planes[2] ** 2)
+    length[off] = np.nan
+    smoothed: Float32 = cv2.merge([plane / length for plane in planes]).astype(np.float32, copy=False)
+    return smoothed
+
+
+def _fattening(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float32:
+    """Share (H, W) by which the depth changes over a pixel, up the slope; 0 off the surface.
+
+    The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
+    """
+    nx, ny, nz = normals[..., 0], normals[..., 1], normals[..., 2]
+    x, y, z = xyz_m[..., 0], xyz_m[..., 1], xyz_m[..., 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        distance = np.maximum(-(nx * x + ny * y + nz * z), np.float32(_LEAST_FACING))
+        share = z / distance * np.hypot(nx / np.float32(fx), ny / np.float32(fy))
+    share[np.isnan(share)] = 0.0
+    found: Float32 = share.astype(np.float32, copy=False)
+    return found
+
+
+def _texture(surface: Surface, size_px: float) -> Float32:
+    """Texture (3, H, W), smoothed a little, without its mean over that size; 0 off the surface.
+
+    Logarithms: what shades the cloth then adds to the first channel, over the size of the folds,
+    and leaves the differences of color alone.
+    """
+    log = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)
+    inside = surface.usable.astype(np.float32)
+    channels: list[Float32] = [log[surface.frame.color[..., n]] * inside for n in range(3)]
+    red, green, blue = channels
+    fine, coarse = (_blurred_share(inside, sigma) for sigma in (1.0, size_px))
+    texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
+    third, half = np.float32(1 / 3), np.float32(0.5)
+    mixed: list[Float32] = [third * (red + green + blue), red - green, half * (red + green) - blue]
+    for n, image in enumerate(mixed):
+        near, around = cv2.GaussianBlur(image, (0, 0), 1.0), cv2.GaussianBlur(image, (0, 0), size_px)
+        texture[n] = near * fine - around * coarse
+        texture[n] *= inside
+    return texture
+
+
+def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
+    """By what a blurred image must be multiplied, of which only a part is known."""
+    blurred = np.maximum(cv2.GaussianBlur(inside, (0, 0), sigma_px), np.float32(0.05))
+    share: Float32 = np.reciprocal(blurred).astype(np.float32)
+    return share
+
+
+def compare(
+    one: Scan,
+    other: Scan,
+    one_held: Rigid3,
+    other_held: Rigid3,
+    center_m: Float64,
+    fattening_px: float,
+    reach_m: float,
+    spread: Float64,
+    config: RegistrationConfig,
+    every: int = 1,
+) -> Agreement:
+    """Compare two views, either way.
+
+    Parameters
+    ----------
+    one, other : Scan
+        The views.
+    one_held, other_held : Rigid3
+        Where their cameras stand, ``held_from_camera``.
+    center_m : (3,) float64
+        Held frame; about it the motion of ``one`` against ``other`` turns.
+    fattening_px : float
+        By how many pixels the sensor makes what is near larger.
+    reach_m : float
+        Points farther from the other surface than this are not compared.
+    spread : (4,) float64
+        Differences of this size are usual; of a few times the size, they count little. 0: the
+        term is left out.
+    config : RegistrationConfig
+        Limits.
+    every : int
+        Only every so many points are compared.
+    """
+    block_px = max(4.0, config.block_size_m / one.pixel_pitch_m)
+    rows, cols = (int(size / block_px) + 1 for size in one.surface.usable.shape)
+    matrix, gradient = np.zeros((TERMS, UNKNOWNS, UNKNOWNS)), np.zeros((TERMS, UNKNOWNS))
+    scores, parts = np.zeros((TERMS, rows * cols, UNKNOWNS)), np.zeros(rows * cols)
+    moments = np.zeros((4, 4))
+    products = np.zeros((CHANNELS, 3))
+    limits = np.array(
+        [reach_m, config.same_normal_cos, config.least_facing_cos, config.full_facing_cos, 1 / block_px]
+    )
+    differences = []
+    for source, target, source_held, target_held, sign in (
+        (one, other, one_held, other_held, 1.0),
+        (other, one, other_held, one_held, -1.0),
+    ):
+        k = target.surface.frame.intrinsics
+        moved = target_held.inverse() @ source_held
+        found = np.full((TERMS, len(source.points_m)), np.nan)
+        accumulate(
+            source.points_m, source.normal, source.pixel, source.fattening, source.texture, source.inner,
+            target.surface.xyz_m, target.normals, target.surface.usable, target.fattening, target.texture,
+            target.slope, target.inner, np.array([k.fx, k.fy, k.cx, k.cy]),
+            np.ascontiguousarray(moved.rotation), moved.translation_m,
+            np.ascontiguousarray(target_held.rotation), target_held.translation_m - center_m,
+            sign, every, cols, fattening_px, limits, spread, matrix, gradient, scores, products, parts,
+            moments, found,
+        )  # fmt: skip
+        differences.append(found)
+    both = np.abs(np.concatenate(differences, axis=1))
+    kept = [term[np.isfinite(term)] for term in both]
+    energy = np.sqrt(products[:, 0] * products[:, 1])
+    return Agreement(
+        matrix=matrix + np.tril(matrix, -1).transpose(0, 2, 1),
+        gradient=gradient,
+        scores=scores,
+        spread=np.array([_usual(term) for term in kept]),
+        likeness=np.where(energy > 0, products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
+        count=len(kept[0]),
+        parts=parts,
+        inertia=_inertia(moments),
+    )
+
+
+def _usual(differences: Float64) -> float:
+    """Return the standard deviation of absolute differences by their median; NaN without any."""
+    middle = differences.size // 2
+    return 1.4826 * float(np.partition(differences, middle)[middle]) if differences.size else math.nan
+
+
+def _inertia(moments: Float64) -> Float64:
+    """Sum of J' J (6, 6), where J is the derivative of a point by its motion; moments of (x, 1)."""
+    x, count = moments[:3, 3], moments[3, 3]
+    cross = np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+    inertia = np.zeros((6, 6))
+    inertia[:3, :3] = np.trace(moments[:3, :3]) * np.eye(3) - moments[:3, :3]
+    inertia[:3, 3:], inertia[3:, :3] = cross, cross.T
+    inertia[3:, 3:] = count * np.eye(3)
+    return inertia

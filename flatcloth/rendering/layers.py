@@ -1,0 +1,338 @@
+"""The pictures of a flattened view: its layers as PNG, and their legends with units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import height_m
+from flatcloth.core.types import Bool, FlattenedView, Float32, Floats, RotationAxis, Uint8
+from flatcloth.flattening.resampling import sample
+from flatcloth.rendering.colormaps import MAPS, apply_table, view_colors
+
+LAYERS = ("color", "height", "z_angle", "source", "stretch", "incidence", "density", "place")
+"""Names of the layers, in the order of their keys 1 to 8."""
+
+QUALITY_LAYERS = {"density": 0, "incidence": 1, "stretch": 2}
+"""Layers of the quality, with their channel in ``FlattenedView.quality``."""
+
+OWN_MAPS = {
+    "height": "sequential", "z_angle": "diverging", "density": "sequential",
+    "stretch": "loss", "incidence": "loss", "place": "loss",
+}  # fmt: skip
+"""The layers that are one number a pixel, and the colour map that each has by itself."""
+
+Z_ANGLE_SPAN_DEG = 90.0
+"""The colours of the Z-angle end here, so that they mean the same in every view."""
+
+STRETCH_SPAN = 0.10
+PLACE_SPAN_M = 0.020
+INCIDENCE_SPAN_DEG = 80.0
+"""Fixed as well; grazing surface is not flattened beyond about that."""
+
+DIFFERENCES = ("color", "height", "position")
+"""The differences between proposal and shape that can be shown."""
+
+COLOR_DIFFERENCE_SPAN = 64.0
+POSITION_DIFFERENCE_SPAN_M = 0.020
+"""Fixed, so that the colours mean the same for every proposal."""
+
+_UNKNOWN = (128, 128, 128)
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How a layer is looked at: a colour map by name (None: the layer's own), and a window.
+
+    ``low`` and ``high`` are shares of the layer's range that get the first and the last colour; for
+    colors they are the black and the white level.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such map, or the window is empty or outside 0 to 1.
+    """
+
+    color_map: str | None = None
+    low: float = 0.0
+    high: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check what came from a page."""
+        if self.color_map is not None and self.color_map not in MAPS:
+            raise FlatclothError(
+                f"There is no colour map {self.color_map!r:.40}; known are {', '.join(MAPS)}."
+            )
+        if not 0.0 <= self.low < self.high <= 1.0:
+            raise FlatclothError(
+                f"A window goes from low to high within 0 to 1, not {self.low} to {self.high}."
+            )
+
+
+PLAIN = Appearance()
+
+
+def rgba(
+    view: FlattenedView,
+    layer: str,
+    axis: RotationAxis,
+    n_views: int,
+    appearance: Appearance = PLAIN,
+    like: FlattenedView | None = None,
+) -> Uint8:
+    """Return a layer as an image (H, W, 4) uint8; transparent where the view has no cloth.
+
+    ``like`` is the view whose range the colours span, if it is not this one's own.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such layer.
+    """
+    if layer not in LAYERS:
+        raise FlatclothError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
+    image = np.zeros((*view.shape, 4), dtype=np.uint8)
+    valid = view.valid
+    image[..., 3] = np.where(valid, 255, 0)
+    if layer == "color":
+        image[valid, :3] = _levels(view.rgb[valid], appearance)
+    elif layer == "source":
+        image[valid, :3] = view_colors(n_views)[np.clip(view.view_index[valid], 0, n_views - 1)]
+    else:
+        values = _values(view, layer, axis)
+        if values is None:
+            image[valid, :3] = _UNKNOWN
+        else:
+            low, high = layer_range(view if like is None else like, layer, axis)
+            image[valid, :3] = _colors(values, OWN_MAPS[layer], low, high, appearance)
+    return image
+
+
+def difference_rgba(difference: Difference, kind: str, appearance: Appearance = PLAIN) -> Uint8:
+    """Return a heat map (H, W, 4) uint8 of a difference; transparent off the common cloth.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such difference.
+    """
+    about = difference_legend(kind)
+    in_mm = {"height": difference.height_m, "position": difference.distance_m}
+    values = difference.color if kind == "color" else 1000.0 * in_mm[kind]
+    common = difference.common
+    image = np.zeros((*common.shape, 4), dtype=np.uint8)
+    image[common, 3] = 255
+    image[common, :3] = _colors(values[common], about["map"], about["low"], about["high"], appearance)
+    return image
+
+
+def png(image: Uint8) -> bytes:
+    """Encode an RGBA image (H, W, 4) without loss; fast rather than small."""
+    import cv2
+
+    # Run lengths alone are faster than matching, and smaller: flat layers and camera noise both suit them.
+    fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    done, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA), fast)
+    if not done:
+        raise FlatclothError("A layer could not be encoded as PNG; see the log.")
+    return bytes(data)
+
+
+def height_range_m(view: FlattenedView, axis: RotationAxis) -> tuple[float, float]:
+    """Return the lowest and highest height of the valid pixels, 0 and 1 if there are none."""
+    if not view.valid.any():
+        return 0.0, 1.0
+    height = height_m(view.xyz_m[view.valid], axis)
+    return float(height.min()), float(height.max())
+
+
+def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[float, float]:
+    """Return what the first and the last colour of a layer stand for, in the view's own unit."""
+    match layer:
+        case "height":
+            return height_range_m(view, axis)
+        case "z_angle":
+            return -Z_ANGLE_SPAN_DEG, Z_ANGLE_SPAN_DEG
+        case "place":
+            return 0.0, PLACE_SPAN_M
+    return quality_range(view, layer)
+
+
+def quality_range(view: FlattenedView, layer: str) -> tuple[float, float]:
+    """Return what the first and the last colour of a quality layer stand for, in the layer's unit."""
+    if layer == "stretch":
+        return 0.0, STRETCH_SPAN
+    if layer == "incidence":
+        return 0.0, INCIDENCE_SPAN_DEG
+    values = np.zeros(0) if view.quality is None else view.quality[view.valid, QUALITY_LAYERS["density"]]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return 0.0, 1.0
+    # A few pixels at the rim are seen ten times as densely as the rest; they may saturate.
+    low, high = np.percentile(values, [2, 98])
+    return float(low), float(high)
+
+
+def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | None:
+    """Return a layer's numbers (N,) at the valid pixels; None if the view does not know them."""
+    match layer:
+        case "height":
+            return height_m(view.xyz_m[view.valid], axis)
+        case "z_angle":
+            return view.z_angle_deg[view.valid]
+        case "place":
+            return None if view.placement_std_m is None else view.placement_std_m[view.valid]
+    return None if view.quality is None else view.quality[view.valid, QUALITY_LAYERS[layer]]
+
+
+def _colors(values: Floats, own_map: str, low: float, high: float, appearance: Appearance) -> Uint8:
+    span = high - low
+    table = MAPS[appearance.color_map or own_map].table()
+    colors = apply_table(table, values, low + span * appearance.low, low + span * appearance.high)
+    colors[~np.isfinite(values)] = _UNKNOWN
+    return colors
+
+
+def _levels(rgb: Uint8, appearance: Appearance) -> Uint8:
+    if (appearance.low, appearance.high) == (0.0, 1.0):
+        return rgb
+    share = (np.arange(256) / 255.0 - appearance.low) / (appearance.high - appearance.low)
+    level: Uint8 = np.rint(255.0 * share.clip(0.0, 1.0)).astype(np.uint8)
+    leveled: Uint8 = level[rgb]
+    return leveled
+
+
+def legends(view: FlattenedView, axis: RotationAxis, angles_deg: tuple[float, ...]) -> dict[str, Any]:
+    """Return what the page needs to explain each layer: ticks with units, colours, names."""
+    return {layer: legend(view, layer, axis, angles_deg) for layer in LAYERS}
+
+
+def legend(
+    view: FlattenedView, layer: str, axis: RotationAxis, angles_deg: tuple[float, ...]
+) -> dict[str, Any]:
+    """Return what the page needs to explain one layer."""
+    if layer in QUALITY_LAYERS and view.quality is None:
+        return {"kind": "classes", "title": "Not measured", "classes": []}
+    if layer == "place" and view.placement_std_m is None:
+        return {"kind": "classes", "title": "Not known by this method", "classes": []}
+    if layer == "source":
+        return {"kind": "classes", "title": "Source view", "classes": _sources(view, angles_deg)}
+    if layer == "color":
+        return {"kind": "none", "title": "Color"}
+    title, scale = {
+        "height": ("Height z (mm)", 1000.0),
+        "z_angle": ("Z-angle (deg)", 1.0),
+        "stretch": ("Stretch (%)", 100.0),
+        "incidence": ("Incidence (deg)", 1.0),
+        "density": ("Density (px/cm²)", 1.0),
+        "place": ("Std of place (mm)", 1000.0),
+    }[layer]
+    low, high = layer_range(view, layer, axis)
+    return _ramp(title, OWN_MAPS[layer], scale * low, scale * high)
+
+
+def difference_legend(kind: str) -> dict[str, Any]:
+    """Return what the page needs to explain one of ``DIFFERENCES``.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such difference.
+    """
+    match kind:
+        case "color":
+            return _ramp("Color, difference", "loss", 0.0, COLOR_DIFFERENCE_SPAN)
+        case "height":
+            span_mm = 1000.0 * POSITION_DIFFERENCE_SPAN_M
+            return _ramp("Height, B − A (mm)", "diverging", -span_mm, span_mm)
+        case "position":
+            return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * POSITION_DIFFERENCE_SPAN_M)
+    raise FlatclothError(f"There is no difference {kind!r:.40}; known are {', '.join(DIFFERENCES)}.")
+
+
+def _sources(view: FlattenedView, angles_deg: tuple[float, ...]) -> list[dict[str, str]]:
+    colors = view_colors(len(angles_deg))
+    used = sorted({int(i) for i in np.unique(view.view_index[view.valid])} - {-1})
+    return [
+        {"label": f"{i} ({angles_deg[i]:g}°)", "color": hex_of(colors[i])}
+        for i in used
+        if i < len(angles_deg)
+    ]
+
+
+def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:
+    return {
+        "kind": "ramp",
+        "title": title,
+        "map": own_map,
+        "low": low,
+        "high": high,
+        "colors": ramp_colors(MAPS[own_map].table()),
+    }
+
+
+def ramp_colors(table: Uint8) -> list[str]:
+    """Return a table's colours at equal distances, as the page draws a ramp."""
+    return [hex_of(c) for c in table[:: len(table) // 16]] + [hex_of(table[-1])]
+
+
+def hex_of(color: Uint8) -> str:
+    """Return a colour (3,) as the web writes it."""
+    return "#" + bytes(color.tolist()).hex()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """New less current, on the grid of the new view (H, W), NaN where not both have cloth.
+
+    ``color`` float32 is the mean absolute difference of red, green and blue (0 to 255); ``height_m``
+    float32 the signed difference of the heights along the turning axis; ``distance_m`` float32 the
+    distance of the two points in space (held frame).
+    """
+
+    color: Float32
+    height_m: Float32
+    distance_m: Float32
+
+    @property
+    def common(self) -> Bool:
+        """(H, W) Where both views have cloth."""
+        both: Bool = np.isfinite(self.distance_m)
+        return both
+
+
+def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> Difference:
+    """Compare two flattened views of the same plane where they overlap.
+
+    Parameters
+    ----------
+    current : FlattenedView
+        The shape; read bilinearly.
+    new : FlattenedView
+        The view laid on it; each of its pixels is compared.
+    axis : RotationAxis
+        Axis of the recording, for the heights.
+    """
+    at = np.nonzero(new.valid)
+    rc = np.stack(at, axis=1)
+    there = sample(_xyz_and_color(current), current.rc_from_uv(new.uv_from_rc(rc)))
+    xyz = new.xyz_m[at]
+
+    def spread(values: Float32) -> Float32:
+        image = np.full(new.shape, np.nan, dtype=np.float32)
+        image[at] = values
+        return image
+
+    return Difference(
+        color=spread(np.abs(new.rgb[at] - there[:, 3:6]).mean(axis=1)),
+        height_m=spread((height_m(xyz, axis) - height_m(there[:, 0:3], axis)).astype(np.float32)),
+        distance_m=spread(np.linalg.norm(xyz - there[:, 0:3], axis=1)),
+    )
+
+
+def _xyz_and_color(view: FlattenedView) -> Float32:
+    """Return (H, W, 6) float32, NaN off the cloth."""
+    return np.concatenate([view.xyz_m, view.rgb.astype(np.float32)], axis=-1)

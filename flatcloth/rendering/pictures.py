@@ -1,0 +1,71 @@
+"""Pictures of the shape and of proposals laid on it, as RGBA images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from flatcloth.core.types import Bool, FlattenedView, Uint8
+
+OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanePicture:
+    """An RGBA image (H, W, 4) of a part of the plane, with the size of a pixel and the place of the first."""
+
+    rgba: Uint8
+    pixel_size_m: float
+    origin_uv_m: tuple[float, float]
+
+
+def cropped(rgba: Uint8, view: FlattenedView, margin_px: int = 3) -> PlanePicture:
+    """Return a picture of a view without the empty rim of its grid."""
+    rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
+    if rows.size == 0:
+        rows, cols = np.array([0]), np.array([0])
+    top, left = max(int(rows[0]) - margin_px, 0), max(int(cols[0]) - margin_px, 0)
+    origin = view.uv_from_rc(np.array([top, left]))
+    return PlanePicture(
+        rgba=rgba[top : int(rows[-1]) + margin_px + 1, left : int(cols[-1]) + margin_px + 1],
+        pixel_size_m=view.pixel_size_m,
+        origin_uv_m=(float(origin[0]), float(origin[1])),
+    )
+
+
+def laid_on(shape: FlattenedView, overlay: FlattenedView, new_points: Bool) -> PlanePicture:
+    """Return a proposal laid on the shape: the shape pale, what the proposal adds tinted, its outline.
+
+    Both lie on one plane, each on a grid of its own; the picture has the shape's.
+    """
+    size = shape.pixel_size_m
+    at = np.rint((np.array(overlay.origin_uv_m) - shape.origin_uv_m) / size).astype(int)[::-1]
+    low = np.minimum(at, 0)
+    high = np.maximum(at + overlay.shape, shape.shape)
+    rgb = np.zeros((*(high - low), 3), dtype=np.float64)
+    known = np.zeros(high - low, dtype=bool)
+
+    def window(corner: np.ndarray, of: FlattenedView) -> tuple[slice, slice]:
+        top, left = (int(x) for x in corner - low)
+        return np.s_[top : top + of.shape[0], left : left + of.shape[1]]
+
+    here, there = window(np.zeros(2, dtype=int), shape), window(at, overlay)
+    rgb[here][shape.valid] = 0.45 * shape.rgb[shape.valid] + 0.55 * 235.0
+    known[here] |= shape.valid
+    tint = np.where(new_points[..., None], 0.45, 0.0)
+    painted = (1 - tint) * overlay.rgb + tint * np.array(NEW_RGB, dtype=np.float64)
+    rgb[there][overlay.valid] = painted[overlay.valid]
+    known[there] |= overlay.valid
+    edge = overlay.valid & ~ndimage.binary_erosion(overlay.valid)
+    rgb[there][edge] = OUTLINE_RGB
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    alpha = np.where(known, 255, 0)[..., None]
+    origin = np.array(shape.origin_uv_m) + size * (low + np.array([rows[0], cols[0]]))[::-1]
+    return PlanePicture(
+        rgba=np.concatenate([np.rint(rgb), alpha], axis=-1).astype(np.uint8)[box],
+        pixel_size_m=size,
+        origin_uv_m=(float(origin[0]), float(origin[1])),
+    )

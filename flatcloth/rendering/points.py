@@ -1,0 +1,79 @@
+"""Points of space as the camera sees them, painted without a graphics card."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.types import Float64, Floats, RotationAxis, Uint8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole camera before the turning item: ``focal_px``, the image's size and its optical centre."""
+
+    axis: RotationAxis
+    width: int
+    height: int
+    focal_px: float
+    center_px: tuple[float, float]
+
+    def project(self, xyz_held_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
+        """Return pixels (x, y) (N, 2) and depths (N,) of points when the item stands at a rotation."""
+        seen = camera_from_held(self.axis, angle_deg).apply(xyz_held_m)
+        depth = np.maximum(seen[:, 2], 1e-3)
+        return seen[:, :2] / depth[:, None] * self.focal_px + np.array(self.center_px), seen[:, 2]
+
+
+def camera_around(xyz_held_m: Floats, axis: RotationAxis, width: int, height: int) -> Camera:
+    """Return the camera of the recording, with a lens that shows the points at every rotation."""
+    angles = np.arange(0.0, 360.0, 30.0)
+    plain = Camera(axis=axis, width=width, height=height, focal_px=1.0, center_px=(0.0, 0.0))
+    some = np.asarray(xyz_held_m, dtype=np.float64)[:: max(1, len(xyz_held_m) // 5000)]
+    places = np.concatenate([plain.project(some, angle)[0] for angle in angles])
+    low, high = np.percentile(places, 0.2, axis=0), np.percentile(places, 99.8, axis=0)
+    extent = np.maximum(high - low, 1e-6)
+    focal = 0.94 * float(np.min(np.array([width, height]) / extent))
+    middle = (low + high) / 2 * focal
+    return Camera(
+        axis=axis,
+        width=width,
+        height=height,
+        focal_px=focal,
+        center_px=(width / 2 - float(middle[0]), height / 2 - float(middle[1])),
+    )
+
+
+def paint_points(
+    image: Uint8,
+    camera: Camera,
+    angle_deg: float,
+    xyz_held_m: Floats,
+    rgb: Uint8,
+    size_m: float,
+    behind_m: Floats,
+) -> None:
+    """Paint points (N, 3) into an image (H, W, 3) as squares of a size in space, the nearest on top.
+
+    ``behind_m`` (N,) sets points back when it is asked what is nearest: of two layers of points on
+    one surface, that one does not show through.
+    """
+    place, depth = camera.project(xyz_held_m, angle_deg)
+    known = np.isfinite(place).all(axis=1) & (depth > 0.05)
+    order = np.flatnonzero(known)[np.argsort(-(depth + behind_m)[known], kind="stable")]
+    if not order.size:
+        return
+    side = max(1, round(size_m * camera.focal_px / float(np.median(depth[order]))))
+    corner = np.rint(place[order] - (side - 1) / 2).astype(np.intp)
+    colors = rgb[order]
+    # Pixel by pixel of the square, all points at once would let a far point cover a near one.
+    nearest = np.full(image.shape[:2], -1, dtype=np.intp)
+    rank = np.arange(len(order))
+    for dy in range(side):
+        for dx in range(side):
+            x, y = corner[:, 0] + dx, corner[:, 1] + dy
+            inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+            np.maximum.at(nearest, (y[inside], x[inside]), rank[inside])
+    image[nearest >= 0] = colors[nearest[nearest >= 0]]

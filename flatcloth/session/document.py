@@ -1,0 +1,262 @@
+"""What the decisions of a session have made, and what each verdict makes of it: immutable, pure.
+
+An accepted view that is *reopened* becomes the proposal again, and the views accepted after it wait
+as ``later``. They follow one by one on the changed shape; one that no longer holds is asked again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from flatcloth.core.types import Rigid2
+
+UNSURE = "score too low"
+"""Reason of an automatic refusal: such a view may be tried again once the shape has grown."""
+
+
+class Side(StrEnum):
+    """The side of the flattened view at which a view extends it (paper: occluding edge)."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
+
+    The current view's frame is that of the view accepted before it (the orientation of a renewed
+    view is that of the added one, paper 4.3). ``component`` numbers the connected part of the view
+    that is meant, the largest 0. ``fixed`` marks a placement changed by hand. ``score`` is that of
+    the placement when it was accepted, None if it is not known.
+    """
+
+    view_index: int
+    current_from_new: Rigid2
+    side: Side | None = None
+    fixed: bool = False
+    component: int = 0
+    score: float | None = None
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A view that was refused after ``after_accepted`` views were accepted, and why."""
+
+    view_index: int
+    reason: str
+    after_accepted: int
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A view that was put off when ``after_accepted`` views were accepted."""
+
+    view_index: int
+    after_accepted: int
+
+
+@dataclass(frozen=True)
+class Later:
+    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it."""
+
+    decision: Accepted
+    on: tuple[Accepted, ...]
+
+
+@dataclass(frozen=True)
+class Pending:
+    """A proposal that waits for the operator.
+
+    ``proposed`` is what the method found, ``nudge`` what the operator added: the placement in
+    force is ``nudge @ proposed``. ``again`` is the decision that is made again, if there was one;
+    ``why`` says why a view is asked that the operator did not ask for, or how it came to lie there.
+    """
+
+    view_index: int
+    proposed: Rigid2
+    side: Side | None = None
+    score: float = math.nan
+    nudge: Rigid2 = field(default_factory=Rigid2)
+    component: int = 0
+    again: Later | None = None
+    why: str = ""
+
+    @property
+    def current_from_new(self) -> Rigid2:
+        """The placement in force."""
+        return self.nudge @ self.proposed
+
+    @property
+    def moved(self) -> bool:
+        """Whether the operator has moved it from where it was proposed."""
+        return self.nudge != Rigid2()
+
+
+@dataclass(frozen=True)
+class Document:
+    """What the decisions have made: everything that undo restores."""
+
+    start_view: int | None = None
+    accepted: tuple[Accepted, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    pending: Pending | None = None
+    finished: str | None = None
+    skipped: tuple[Skipped, ...] = ()
+    later: tuple[Later, ...] = ()
+
+    @property
+    def put_off(self) -> frozenset[int]:
+        """The skipped views that wait for others: the shape has not changed since."""
+        n = len(self.accepted)
+        return frozenset(s.view_index for s in self.skipped if s.after_accepted == n)
+
+    @property
+    def refused_views(self) -> frozenset[int]:
+        """The views that are not to be planned now."""
+        n = len(self.accepted)
+        refused = (r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
+        return self.put_off.union(refused, self.later_views)
+
+    @property
+    def later_views(self) -> frozenset[int]:
+        """The accepted views that wait to follow a decision before them."""
+        return frozenset(later.decision.view_index for later in self.later)
+
+    @property
+    def parts(self) -> dict[int, int]:
+        """Which connected part of each accepted view is meant."""
+        return {a.view_index: a.component for a in self.accepted}
+
+    @property
+    def used_views(self) -> frozenset[int]:
+        """The views that are part of the canonical shape."""
+        start = () if self.start_view is None else (self.start_view,)
+        return frozenset((*start, *(a.view_index for a in self.accepted)))
+
+    @property
+    def present_view(self) -> int | None:
+        """The view at whose rotation the item stands: the pending one, else the last accepted."""
+        if self.pending is not None:
+            return self.pending.view_index
+        if self.accepted:
+            return self.accepted[-1].view_index
+        return self.start_view
+
+    @property
+    def reopenable_views(self) -> frozenset[int]:
+        """The views about which something was decided that can be decided again; not the proposal's own."""
+        left = [d.view_index for d in self.rejected] + [d.view_index for d in self.skipped]
+        asked = [] if self.pending is None else [self.pending.view_index]
+        return self.later_views.union((a.view_index for a in self.accepted), left).difference(asked)
+
+
+def accept(document: Document, score: float | None) -> Document:
+    """Make the proposal part of the shape; ``score`` is that of the placement in force, if known."""
+    pending = document.pending
+    assert pending is not None
+    if score is None and not pending.moved and math.isfinite(pending.score):
+        score = pending.score
+    before = None if pending.again is None else pending.again.decision
+    added = Accepted(
+        pending.view_index,
+        pending.current_from_new,
+        pending.side,
+        fixed=pending.moved or (before is not None and before.fixed),
+        component=pending.component,
+        score=score,
+    )
+    if before is not None and replace(added, score=before.score) == before:
+        added = before  # nothing was changed: what follows it stays as it was
+    document = _without_verdict(document, pending.view_index)
+    return replace(document, accepted=(*document.accepted, added), pending=None)
+
+
+def reject(document: Document, view_index: int, reason: str) -> Document:
+    """Refuse the proposal."""
+    document = _without_verdict(document, view_index)
+    refused = Rejected(view_index, reason, len(document.accepted))
+    return replace(document, rejected=(*document.rejected, refused), pending=None)
+
+
+def skip(document: Document, view_index: int) -> Document:
+    """Put the proposal off."""
+    document = _without_verdict(document, view_index)
+    put_off = Skipped(view_index, len(document.accepted))
+    return replace(document, skipped=(*document.skipped, put_off), pending=None)
+
+
+def reopen(document: Document, view_index: int) -> Document:
+    """Take a decision back, wherever it is; what was accepted after an accepted view waits for it.
+
+    An accepted view is the proposal again, where it lay. A refused or skipped one is undecided.
+    """
+    document = drop_pending(document)
+    at = [a.view_index for a in document.accepted]
+    if view_index in at:
+        n = at.index(view_index)
+        after = tuple(Later(a, document.accepted[:k]) for k, a in enumerate(document.accepted) if k >= n)
+        document = replace(document, accepted=document.accepted[:n], later=(*after, *document.later))
+    if view_index in document.later_views:
+        again = next(later for later in document.later if later.decision.view_index == view_index)
+        return _ask_again(document, again)
+    return _without_verdict(document, view_index)
+
+
+def drop_pending(document: Document) -> Document:
+    """Take the proposal away; if it was a decision that is made again, it waits for its turn."""
+    pending = document.pending
+    again = () if pending is None or pending.again is None else (pending.again,)
+    return replace(document, pending=None, finished=None, later=(*again, *document.later))
+
+
+def propose(document: Document, pending: Pending) -> Document:
+    """Make a view the proposal, also one that waits as a later decision."""
+    again = next((w for w in document.later if w.decision.view_index == pending.view_index), None)
+    if again is not None:
+        pending = replace(pending, again=again, side=pending.side or again.decision.side)
+    later = tuple(w for w in document.later if w is not again)
+    return replace(document, pending=pending, later=later, finished=None)
+
+
+def follow_unchanged(document: Document) -> Document:
+    """Accept the later views, in their order, as long as the shape beneath is what it was."""
+    while document.pending is None and document.later and document.later[0].on == document.accepted:
+        accepted = (*document.accepted, document.later[0].decision)
+        document = replace(document, accepted=accepted, later=document.later[1:])
+    return document
+
+
+def follow(document: Document, current_from_new: Rigid2, score: float, component: int) -> Document:
+    """Accept the next later view where it lies now."""
+    placed = replace(
+        document.later[0].decision,
+        current_from_new=current_from_new,
+        component=component,
+        score=score if math.isfinite(score) else None,
+    )
+    return replace(document, accepted=(*document.accepted, placed), later=document.later[1:])
+
+
+def _ask_again(document: Document, again: Later) -> Document:
+    decision = again.decision
+    pending = Pending(
+        decision.view_index,
+        decision.current_from_new,
+        decision.side,
+        math.nan if decision.score is None else decision.score,
+        component=decision.component,
+        again=again,
+    )
+    later = tuple(w for w in document.later if w is not again)
+    return replace(document, pending=pending, later=later)
+
+
+def _without_verdict(document: Document, view_index: int) -> Document:
+    return replace(
+        document,
+        rejected=tuple(r for r in document.rejected if r.view_index != view_index),
+        skipped=tuple(s for s in document.skipped if s.view_index != view_index),
+    )

@@ -1,0 +1,303 @@
+"""The operator's state machine: immutable state, pure commands; no threads, no files, no viser.
+
+A session is a *document* (start view, accepted alignments, refused and skipped views, the pending
+proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
+restart) are undo items; the arrival of a proposal is not. Heavy work is done elsewhere: a command
+that needs some leaves a ``Request`` in the state, and its answer comes back as an event that
+carries the request's token. An answer to a request that is no longer current is ignored. Commands
+name the view they mean, so a double click or a second tab cannot decide about a view that its user
+has not seen. While later decisions wait to follow a changed one, each verdict asks for the next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.session import document as edits
+from flatcloth.session.commands import (
+    Accept,
+    Cancel,
+    Command,
+    Event,
+    Failed,
+    Followed,
+    NothingMore,
+    Nudge,
+    Propose,
+    Proposed,
+    Redo,
+    Reject,
+    Reopen,
+    Restart,
+    Skip,
+    Start,
+    Started,
+    TakePart,
+    Undo,
+)
+from flatcloth.session.document import UNSURE, Accepted, Document, Later, Pending, Rejected, Side, Skipped
+
+__all__ = [
+    "UNSURE",
+    "Accept",
+    "Accepted",
+    "Cancel",
+    "Command",
+    "Document",
+    "Event",
+    "Failed",
+    "Followed",
+    "HistoryItem",
+    "Later",
+    "NothingMore",
+    "Nudge",
+    "Pending",
+    "Phase",
+    "Propose",
+    "Proposed",
+    "Redo",
+    "Reject",
+    "Rejected",
+    "Reopen",
+    "Request",
+    "Restart",
+    "SessionState",
+    "Side",
+    "Skip",
+    "Skipped",
+    "Start",
+    "Started",
+    "TakePart",
+    "Undo",
+    "apply",
+    "why_illegal",
+]
+
+
+class Phase(StrEnum):
+    """What the session waits for."""
+
+    COMPUTING = "computing"
+    READY = "ready"
+    DECIDING = "deciding"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True)
+class Request:
+    """Work that the session waits for.
+
+    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: lay a later view on
+    the changed shape. ``view_index`` None leaves the choice to the planner.
+    """
+
+    token: int
+    kind: str
+    view_index: int | None = None
+
+
+@dataclass(frozen=True)
+class HistoryItem:
+    """A document to go back (or forward) to, and the name of the decision in between."""
+
+    name: str
+    document: Document
+
+
+@dataclass(frozen=True)
+class SessionState:
+    """The whole session; change it with :func:`apply` only."""
+
+    n_views: int
+    document: Document = field(default_factory=Document)
+    request: Request | None = None
+    undo: tuple[HistoryItem, ...] = ()
+    redo: tuple[HistoryItem, ...] = ()
+    next_token: int = 1
+
+    @property
+    def phase(self) -> Phase:
+        """What the session waits for."""
+        if self.request is not None:
+            return Phase.COMPUTING
+        if self.document.pending is not None:
+            return Phase.DECIDING
+        if self.document.finished is not None:
+            return Phase.FINISHED
+        return Phase.READY
+
+
+def why_illegal(state: SessionState, command: Command) -> str | None:
+    """Say why the command is not allowed now, or None if it is."""
+    if isinstance(command, Undo):
+        return None if state.undo else "There is nothing to undo."
+    if isinstance(command, Redo):
+        return None if state.redo else "There is nothing to redo."
+    if isinstance(command, Cancel):
+        return None if state.request else "Nothing is being computed."
+    if isinstance(command, Start | Propose | Restart | Reopen) and command.view_index is not None:
+        if not 0 <= command.view_index < state.n_views:
+            return f"View {command.view_index} does not exist; there are {state.n_views} views."
+    if isinstance(command, Restart):
+        return None
+    if state.phase is Phase.COMPUTING:
+        return "A computation is running; wait for it or cancel it."
+    if isinstance(command, Start):
+        return None if state.document.start_view is None else "The session has started; restart it instead."
+    if state.document.start_view is None:
+        return "There is no start view yet; start the session first."
+    if isinstance(command, Propose):
+        return _why_not_propose(state.document, command.view_index)
+    if isinstance(command, Reopen):
+        return _why_not_reopen(state.document, command.view_index)
+    return _why_not_decide(state.document, command)
+
+
+def _why_not_propose(document: Document, view_index: int | None) -> str | None:
+    if view_index is not None:
+        used = view_index in document.used_views
+        return f"View {view_index} is already part of the shape." if used else None
+    if document.pending is not None:
+        asked = document.pending.view_index
+        return f"Decide about view {asked} first: accept it, reject it or choose another."
+    return None if document.later else document.finished
+
+
+def _why_not_reopen(document: Document, view_index: int) -> str | None:
+    if view_index == document.start_view:
+        return f"View {view_index} is the start view; restart the session to begin from another."
+    if document.pending is not None and document.pending.view_index == view_index:
+        return f"View {view_index} is the proposal already."
+    if view_index not in document.reopenable_views:
+        return f"Nothing was decided about view {view_index} yet."
+    return None
+
+
+def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge | TakePart) -> str | None:
+    pending = document.pending
+    if pending is None:
+        return "There is no proposal to decide about; step first."
+    if command.view_index != pending.view_index:
+        return f"The proposal has changed: it is view {pending.view_index} now, not {command.view_index}."
+    if isinstance(command, Nudge | TakePart):
+        by = command.by if isinstance(command, Nudge) else command.current_from_new
+        if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
+            return "A nudge needs finite numbers."
+    return None
+
+
+def apply(state: SessionState, command: Command | Event) -> SessionState:
+    """Return the state after a command or an answer.
+
+    Raises
+    ------
+    IllegalDecisionError
+        If a command is not allowed now; the message says why. Answers never raise: stale ones
+        leave the state unchanged.
+    """
+    if isinstance(command, Event):
+        return _answer(state, command)
+    reason = why_illegal(state, command)
+    if reason is not None:
+        raise IllegalDecisionError(reason)
+    return _decide(state, command)
+
+
+def _decide(state: SessionState, command: Command) -> SessionState:
+    document = state.document
+    match command:
+        case Start(view_index=view):
+            return _ask(state, "start", view)
+        case Propose(view_index=view):
+            return _ask_for(state, view)
+        case Accept(view_index=view, score=score):
+            return _go_on(_edit(state, f"accept view {view}", edits.accept(document, score)))
+        case Reject(view_index=view, reason=reason):
+            return _go_on(_edit(state, f"reject view {view}", edits.reject(document, view, reason)))
+        case Skip(view_index=view):
+            return _go_on(_edit(state, f"skip view {view}", edits.skip(document, view)))
+        case Reopen(view_index=view):
+            state = _edit(state, f"reopen view {view}", edits.reopen(document, view))
+            return _ask(state, "propose", view) if state.document.pending is None else state
+        case Nudge(view_index=view, by=by, how=how):
+            assert document.pending is not None
+            moved = replace(document.pending, nudge=by @ document.pending.nudge)
+            return _edit(state, f"{how} view {view}", replace(document, pending=moved))
+        case TakePart(view_index=view, component=component, current_from_new=motion):
+            assert document.pending is not None
+            nudge = motion @ document.pending.proposed.inverse()
+            taken = replace(document.pending, component=component, nudge=nudge)
+            return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
+        case Undo():
+            item = state.undo[-1]
+            redo = (*state.redo, HistoryItem(item.name, document))
+            return replace(state, document=item.document, request=None, undo=state.undo[:-1], redo=redo)
+        case Redo():
+            item = state.redo[-1]
+            undo = (*state.undo, HistoryItem(item.name, document))
+            return replace(state, document=item.document, request=None, undo=undo, redo=state.redo[:-1])
+        case Cancel():
+            return replace(state, request=None)
+        case Restart(view_index=view):
+            return _ask(_edit(state, "restart", Document()), "start", view)
+
+
+def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
+    document = state.document
+    if view_index is None and document.later:
+        return _go_on(state)
+    if document.pending is not None:
+        name = f"choose view {view_index} instead of {document.pending.view_index}"
+        state = _edit(state, name, edits.drop_pending(document))
+    elif document.finished is not None:
+        state = _edit(state, f"go on with view {view_index}", replace(document, finished=None))
+    return _ask(state, "propose", view_index)
+
+
+def _go_on(state: SessionState) -> SessionState:
+    """Let the later decisions follow: at once where nothing has changed for them, else by asking."""
+    document = edits.follow_unchanged(state.document)
+    state = replace(state, document=document)
+    if document.pending is not None or not document.later:
+        return state
+    return _ask(state, "follow", document.later[0].decision.view_index)
+
+
+def _ask(state: SessionState, kind: str, view_index: int | None) -> SessionState:
+    request = Request(state.next_token, kind, view_index)
+    return replace(state, request=request, next_token=state.next_token + 1)
+
+
+def _edit(state: SessionState, name: str, document: Document) -> SessionState:
+    item = HistoryItem(name, state.document)
+    return replace(state, document=document, request=None, undo=(*state.undo, item), redo=())
+
+
+def _answer(state: SessionState, event: Event) -> SessionState:
+    if state.request is None or event.token != state.request.token:
+        return state
+    state = replace(state, request=None)
+    document = state.document
+    match event:
+        case Started(view_index=view):
+            return replace(state, document=replace(document, start_view=view))
+        case Proposed():
+            return replace(state, document=edits.propose(document, _pending_of(event)))
+        case Followed(holds=False):
+            return replace(state, document=edits.propose(document, _pending_of(event)))
+        case Followed(current_from_new=motion, score=score, component=component):
+            return _go_on(replace(state, document=edits.follow(document, motion, score, component)))
+        case NothingMore(reason=reason):
+            return replace(state, document=replace(document, finished=reason))
+        case Failed():
+            return state
+
+
+def _pending_of(event: Proposed | Followed) -> Pending:
+    side = event.side if isinstance(event, Proposed) else None
+    return Pending(
+        event.view_index, event.current_from_new, side, event.score, component=event.component, why=event.why
+    )

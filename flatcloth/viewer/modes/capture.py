@@ -1,0 +1,387 @@
+"""The page with a camera: its live cloud and flattened view, and the guided capture.
+
+Three threads meet here. The camera's thread sees every frame; what costs more than a frame's time
+is left to a thread beside it. The page's thread and the web server's give commands. The capture
+itself is changed under one lock.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.cameras import capture
+from flatcloth.cameras.base import CameraError, CameraFrame
+from flatcloth.cameras.capture import HOLD_S, Capture, Phase
+from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.feed import CameraFeed
+from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.engine.live_camera import CameraPlayer, cloud_of
+from flatcloth.rendering import layers
+from flatcloth.rendering.colormaps import apply_table, height_table
+from flatcloth.viewer.modes.controller import Audience, Stage
+from flatcloth.viewer.modes.live import LiveApplication
+from flatcloth.viewer.modes.player import Shown
+from flatcloth.viewer.modes.playhead import RateMeter
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.routes.capture import capture_routes
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+STATUS_INTERVAL_S = 0.1
+LOOK_INTERVAL_S = 0.5
+REFRAME_M = 0.15
+"""An item that hangs this far from where the 3D view was framed is framed anew."""
+
+_NO_FRAMES = "This is a camera: there are no frames to go to."
+_NO_RECORDING = "A camera shows one moment; open what was captured with view."
+_NOT_WITH_A_CAMERA = {
+    "live_back": _NO_FRAMES,
+    "live_forward": _NO_FRAMES,
+    "live_turn": _NO_FRAMES,
+    "teach": _NO_RECORDING,
+    "export": _NO_RECORDING,
+    "source_image": _NO_RECORDING,
+    "source_mask": _NO_RECORDING,
+}
+"""Why the actions that need a whole recording are not allowed here."""
+
+_NOT_BEGUN = "No capture has begun; begin one first."
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureSettings:
+    """Where and how views are captured; ``resume`` goes on with a recording that is in the folder."""
+
+    folder: Path
+    step_deg: float = 10.0
+    frames: int = capture.FRAMES
+    resume: bool = False
+
+
+class CaptureApplication(LiveApplication):
+    """The page of a camera; see :class:`flatcloth.viewer.modes.controller.PageDesk`.
+
+    Parameters
+    ----------
+    integration, folder, stage, audience
+        The integration is that of a :class:`flatcloth.engine.live_camera.CameraRecording`.
+    feed : CameraFeed
+        The camera; started and stopped with the page.
+    settings : CaptureSettings
+        What is captured.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        stage: Stage,
+        audience: Audience,
+        feed: CameraFeed,
+        settings: CaptureSettings,
+    ) -> None:
+        player = CameraPlayer(integration, feed)
+        super().__init__(integration, folder, stage, audience, player, feed.camera.fps)
+        self._feed, self._settings = feed, settings
+        self._lock = threading.Lock()
+        self._guided: GuidedCapture | None = None
+        self._view_number = 0
+        self._view_png = b""
+        self._resume = settings.resume
+        self._ended: str | None = None
+        self._warnings: tuple[str, ...] = ()
+        self._meter = RateMeter()
+        self._camera_fps = 0.0
+        self._told_s = self._looked_s = 0.0
+        self._framed_at: np.ndarray[Any, Any] | None = None
+        self._beside = Worker("flatcloth-look")
+        self._busy = threading.Event()
+        feed.on_frame, feed.on_end = self._on_frame, self._on_end
+
+    def start(self) -> None:
+        """Begin to look through the camera."""
+        self._feed.start()
+        super().start()
+
+    def stop(self) -> None:
+        """Stop the camera and all threads; what was kept is on disk."""
+        self._feed.stop(timeout_s=5.0)
+        super().stop()
+        self._beside.stop(timeout_s=2.0)
+        with self._lock:
+            if self._guided is not None:
+                self._guided.close()
+
+    # --- the camera's thread -------------------------------------------------------------------
+
+    def _on_frame(self, frame: CameraFrame) -> None:
+        now_s = time.monotonic()
+        self._camera_fps = self._meter.count(now_s)
+        changed = False
+        with self._lock:
+            if self._guided is not None:
+                before = self._guided.state
+                try:
+                    self._guided.see(frame)
+                except FlatclothError as error:
+                    self._put(None, partial(self._tell, None, "error", str(error)))
+                changed = self._note_view() or _place(before) != _place(self._guided.state)
+        if changed:
+            self._put(None, self._publish)
+        if changed or now_s - self._told_s >= STATUS_INTERVAL_S:
+            self._told_s = now_s
+            self._audience.tell(None, {"type": "capture", **self.status()})
+        if not self._busy.is_set() and self._loop.head.playing:
+            self._busy.set()
+            self._beside.put(lambda: self._look(frame, now_s))
+
+    def _on_end(self, text: str) -> None:
+        self._ended = text
+        self._loop.hold(None)
+        self._put(None, lambda: self._tell(None, "error", text))
+
+    # --- beside it -----------------------------------------------------------------------------
+
+    def _look(self, frame: CameraFrame, now_s: float) -> None:
+        """Draw the cloud, and now and then see what is wrong."""
+        try:
+            view = frame.rgbd(self._feed.camera)
+            points, colors = cloud_of(view)
+            anew = False
+            if now_s - self._looked_s >= LOOK_INTERVAL_S:
+                self._looked_s = now_s
+                self._warnings = look_at(view).warnings
+                center = np.median(points, axis=0) if len(points) else None
+                if center is not None:
+                    gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M
+                    anew = bool(gone and self._page_settings.now.follow)
+                    self._framed_at = center if anew or self._framed_at is None else self._framed_at
+            self._stage.see(points, colors, anew=anew)
+        except Exception:  # noqa: BLE001 - the next frame may do; the thread must live on
+            _log.exception("the cloud of a camera's frame could not be shown")
+        finally:
+            self._busy.clear()
+
+    def _put_on_stage(self, shown: Shown) -> None:
+        pass  # the cloud goes there at the camera's rate, not at that of the flattening
+
+    def _prepare(self, frame: int) -> object:
+        return None  # nobody can read a camera's next frame ahead
+
+    # --- commands ------------------------------------------------------------------------------
+
+    def _take(self, client: int, message: messages.Message) -> None:
+        match message:
+            case messages.Capture(action=action, angle_deg=angle_deg):
+                self.act(action, angle_deg)
+                self._publish()
+            case messages.Play() if message.frame is not None or message.step is not None:
+                raise IllegalDecisionError(_NO_FRAMES)
+            case _:
+                super()._take(client, message)
+
+    def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
+        """Do what the operator or a program says; may be called from any thread.
+
+        Parameters
+        ----------
+        action : str
+            ``begin``, ``keep``, ``repeat``, ``turned``, ``aim``, ``announce`` or ``finish``.
+        angle_deg : float, optional
+            For ``aim`` and ``announce``.
+        keeps_itself : bool
+            For ``announce``: the view needs no operator.
+
+        Raises
+        ------
+        FlatclothError
+            If it is not allowed now, or cannot be done; the message says why.
+        """
+        angle = math.nan if angle_deg is None else angle_deg
+        commands: dict[str, capture.Command] = {
+            "repeat": capture.repeat,
+            "turned": capture.turned,
+            "finish": capture.finish,
+            "aim": lambda state: capture.aim(state, angle),
+            "announce": lambda state: capture.announce(state, angle, keeps_itself),
+        }
+        with self._lock:
+            if self._ended is not None and action != "finish":
+                raise CameraError(self._ended)
+            if action == "begin" or (action == "announce" and self._guided is None):
+                self._begin_capture()
+            if action == "begin":
+                return
+            guided = self._guided
+            if guided is None:
+                raise IllegalDecisionError(_NOT_BEGUN)
+            if action == "keep":
+                guided.keep()
+            else:
+                guided.do(commands[action])
+            self._note_view()
+            if guided.state.phase is Phase.DONE:
+                guided.close()
+
+    def _begin_capture(self) -> None:
+        guided, chosen, camera = self._guided, self._settings, self._feed.camera
+        if guided is not None and guided.state.phase is not Phase.DONE:
+            raise IllegalDecisionError("A capture is going on; finish it first.")
+        folder = chosen.folder
+        self._guided = GuidedCapture(
+            camera,
+            lambda: writer_for(camera, str(folder), folder.name, self._resume),
+            chosen.step_deg,
+            chosen.frames,
+        )
+        self._resume = True  # beginning again after an end goes on with the same recording
+
+    def _note_view(self) -> bool:
+        """Give a view that was taken its number and its picture; say whether there is another one."""
+        taken = None if self._guided is None else self._guided.taken
+        if taken is None or taken is self._last_taken:
+            return False
+        self._last_taken = taken
+        self._view_number += 1
+        self._view_png = _picture(taken)
+        return True
+
+    _last_taken: TakenView | None = None
+
+    # --- what is told --------------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Return how the capture stands, as JSON values."""
+        with self._lock:
+            return self._status()
+
+    def _status(self) -> dict[str, Any]:
+        guided, ended = self._guided, self._ended
+        state = None if guided is None else guided.state
+        taken = None if guided is None else guided.taken
+        phase = "idle" if state is None else state.phase.value
+        return {
+            "camera": self._feed.camera.name,
+            "camera_fps": round(self._camera_fps, 1),
+            "ended": ended,
+            "warnings": list(self._warnings),
+            "folder": str(self._settings.folder),
+            "phase": phase,
+            "why_not": {action: _why_not(action, phase) for action in _ALLOWED},
+            "step_deg": self._settings.step_deg,
+            "hold_s": HOLD_S,
+            "frames": self._settings.frames,
+            **_progress(state),
+            "view": None
+            if taken is None
+            else {
+                "number": self._view_number,
+                "angle_deg": state.target_deg if state is not None else taken.angle_deg,
+                "frames": taken.frames,
+                "noise_mm": round(taken.noise_mm, 2),
+                "warnings": list(taken.warnings),
+            },
+        }
+
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        state = super()._state_of_page(revision)
+        status = self.status()
+        kept = status["kept_deg"]
+        state["capture"] = status
+        state["views"] = [
+            {"index": i, "angle_deg": angle, "state": "accepted", "detail": "", "why_not": "It is on disk."}
+            for i, angle in enumerate(kept)
+        ]
+        state["present_view"] = None
+        state["recording"]["n_views"] = len(kept)
+        for action in state["actions"]:
+            if action["mode"] == "capture":
+                action["why_not"] = status["why_not"][action["name"]]
+            else:
+                action["why_not"] = _NOT_WITH_A_CAMERA.get(action["name"], action["why_not"])
+        return state
+
+    def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
+        return {**super()._about(shown, layer), "view_index": -1}
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the addresses for turntables and robots, and the picture of the view that waits."""
+        return [*super().routes(), *capture_routes(self)]
+
+    @property
+    def view_png(self) -> bytes:
+        """The picture of the view that was taken last: color beside depth; empty if there is none."""
+        return self._view_png
+
+    def announce(self) -> None:
+        """Tell every tab how things stand, after a program has changed them."""
+        self._put(None, self._publish)
+
+
+def _progress(state: Capture | None) -> dict[str, Any]:
+    if state is None:
+        state = Capture(step_deg=0.0)
+    speed = state.speed_px_s
+    return {
+        "target_deg": state.target_deg,
+        "turn_by_deg": state.turn_by_deg,
+        "taken": state.taken,
+        "still_s": round(state.still_s, 2),
+        "speed_px_s": None if speed is None else round(speed, 1),
+        "announced": state.announced,
+        "kept_deg": list(state.kept_deg),
+    }
+
+
+def _place(state: Capture) -> tuple[Phase, int, float]:
+    return state.phase, len(state.kept_deg), state.target_deg
+
+
+_ALLOWED = {
+    "capture_turned": ("turn", "No turn is waited for now."),
+    "capture_keep": ("review", "There is no view to keep yet."),
+    "capture_repeat": ("review", "There is no view to repeat yet."),
+}
+"""Of the actions of the page's table: the phase they belong to, and why not in another one."""
+
+
+def _why_not(action: str, phase: str) -> str | None:
+    when, reason = _ALLOWED[action]
+    return None if phase == when else reason
+
+
+def _picture(view: TakenView) -> bytes:
+    """Return color beside depth as PNG: what was not measured is grey in the depth."""
+    depth = view.depth_m
+    measured = depth > 0
+    low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)
+    shaded = apply_table(height_table(), -depth, -float(high), -float(low))
+    shaded[~measured] = 128
+    both = np.concatenate([view.color, shaded], axis=1)
+    opaque = np.full((*both.shape[:2], 1), 255, dtype=np.uint8)
+    return layers.png(np.concatenate([both, opaque], axis=2))
+
+
+def capture_desk(
+    integration: Integration, folder: SessionFolder, feed: CameraFeed, settings: CaptureSettings
+) -> Callable[[Stage, Audience], CaptureApplication]:
+    """Return what makes the page of a camera, for :func:`flatcloth.viewer.server.app.serve`."""
+    return lambda stage, audience: CaptureApplication(integration, folder, stage, audience, feed, settings)

@@ -1,0 +1,278 @@
+"""What every mode of the page has: one thread that owns its state, the picks, and what tabs are told.
+
+Sockets, viser's callbacks and workers only put jobs on the thread's queue; the picks and the
+messages are changed nowhere else. What is read from other threads (the picture) is immutable.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.grasping.measuring import measure
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.picks import PickDesk, PlaceBook
+from flatcloth.viewer.protocol.picture import Picture, attributes_at
+from flatcloth.viewer.protocol.settings import Settings, SettingsBook, numbers_route
+from flatcloth.viewer.protocol.snapshot import Desk, Note
+from flatcloth.viewer.routes.sources import place_under
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.journal import Pick, SessionFolder
+
+_log = logging.getLogger(__name__)
+
+MESSAGES_KEPT = 100
+
+
+class Audience(Protocol):
+    """Who is told: the open tabs. All methods may be called from any thread and return at once."""
+
+    def show(self, state: dict[str, Any]) -> None:
+        """Send the whole state to every tab."""
+
+    def tell(self, client: int | None, message: dict[str, Any]) -> None:
+        """Send one message to one tab, or to all of them."""
+
+    def send_frame(self, client: int, data: bytes) -> None:
+        """Send a frame to one tab; it replaces one that was not sent yet."""
+
+
+class Stage(Protocol):
+    """The 3D side of the page."""
+
+    def show(self, picture: Picture | None) -> None:
+        """Show what a document looks like, or an empty scene."""
+
+    def play(self, picture: Picture | None) -> None:
+        """Show a frame of a recording that is played, or an empty scene."""
+
+    def set_axis(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+
+    def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
+        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+
+    def show_pick(
+        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None
+    ) -> None:
+        """Show the ball, the arrow and the gripper (S, 2, 3) of the current pick, or hide them."""
+
+    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
+        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+
+    def visible_points(self) -> Floats:
+        """Return the points (N, 3) that a ray of the eye can hit."""
+
+    def follow(self, on: bool) -> None:
+        """Let the cameras follow the view, or not."""
+
+
+class PageDesk(ABC):
+    """The part of a page's application that does not depend on its mode.
+
+    Parameters
+    ----------
+    integration : Integration
+        What is shown.
+    folder : SessionFolder
+        Keeps the picks.
+    stage, audience
+        Where things are shown.
+    """
+
+    def __init__(
+        self, integration: Integration, folder: SessionFolder, stage: Stage, audience: Audience
+    ) -> None:
+        self._integration = integration
+        self._folder = folder
+        self._stage = stage
+        self._audience = audience
+        self._desk = Desk()
+        # A session that is kept in memory keeps its settings there too.
+        self._page_settings = SettingsBook(
+            getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
+        )
+        self._picks = PickDesk(folder, integration.axis, stage.show_pick)
+        self._places = PlaceBook()
+        self._picture: Picture | None = None
+        self._note_ids = itertools.count(1)
+        self._revision = 0
+        self._snapshot: dict[str, Any] = {}
+        self._front = Worker("flatcloth-session")
+
+    # --- from any thread ---------------------------------------------------------------------
+
+    @property
+    def picture(self) -> Picture | None:
+        """What is shown at present; immutable."""
+        return self._picture
+
+    @property
+    def last_snapshot(self) -> dict[str, Any]:
+        """The state that was sent last; not to be changed."""
+        return self._snapshot
+
+    @property
+    def picks(self) -> tuple[Pick, ...]:
+        """The picks that are kept."""
+        return self._picks.picks
+
+    def routes(self) -> list[BaseRoute]:
+        """Return what the web server serves for this mode."""
+        return [numbers_route(self._integration.config)]
+
+    @abstractmethod
+    def start(self) -> None:
+        """Begin to show."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Stop all threads."""
+
+    def leave(self, client: int) -> None:  # noqa: B027 - a desk need not mind
+        """Hear that a tab has closed."""
+
+    def receive(self, client: int, text: str) -> None:
+        """Take a message of a tab; errors come back as notifications."""
+        self._put(client, lambda: self._receive(client, text))
+
+    def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
+        """Take a click in the 3D scene."""
+        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
+
+    def set_follow(self, follow: bool) -> None:
+        """Let the cameras follow the view, or not."""
+        self._put(None, lambda: self._set(messages.Set(follow=follow)))
+
+    def describe(self, hover: messages.Hover) -> dict[str, Any]:
+        """Answer a hover read-out; cheap, reads only the present picture."""
+        picture, axis = self._picture, self._integration.axis
+        shape = proposal = None
+        if picture is not None:
+            at = hover.u_m, hover.v_m, axis, picture.angle_deg
+            shape = attributes_at(picture.view, *at)
+            proposal = None if picture.overlay is None else attributes_at(picture.overlay.view, *at)
+        source = None if hover.view is None else place_under(self._integration, hover.view, proposal, shape)
+        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal, "source": source}
+
+    def grasps(self) -> dict[str, Any]:
+        """Return the list of picks as it is exported.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        from flatcloth.export.data import GraspFrames, grasps_document
+
+        picture = self._picture
+        if picture is None:
+            raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
+        frames = GraspFrames(
+            axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
+        )
+        return grasps_document(picture.view, self._picks.picks, frames)
+
+    # --- the page's own thread ---------------------------------------------------------------
+
+    def _put(self, client: int | None, job: Callable[[], None]) -> None:
+        self._front.put(lambda: self._guarded(client, job))
+
+    def _guarded(self, client: int | None, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except IllegalDecisionError as error:
+            self._tell(client, "warning", str(error))
+        except FlatclothError as error:
+            _log.warning("%s", error)
+            self._tell(client, "error", str(error))
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("a command failed")
+            self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
+
+    def _receive(self, client: int, text: str) -> None:
+        message = messages.parse(text)
+        match message:
+            case messages.ShowPick(id=pick_id):
+                self._picks.show(pick_id, self._picture)
+                self._publish()
+            case messages.RenamePick(id=pick_id, name=name):
+                self._picks.rename(pick_id, name.strip(), self._picture)
+                self._publish()
+            case messages.DeletePick(id=pick_id):
+                self._picks.delete(pick_id, self._picture)
+                self._publish()
+            case messages.SetGrip(id=pick_id, axis_deg=axis_deg, outline=outline, opening_m=opening_m):
+                self._picks.grip(self._picture, pick_id, axis_deg, outline, opening_m)
+                self._publish()
+            case messages.Set():
+                self._set(message)
+            case messages.Hover():
+                self._audience.tell(client, self.describe(message))
+            case messages.Measure():
+                self._audience.tell(client, self._measured(message))
+            case _:
+                self._take(client, message)
+
+    def _measured(self, asked: messages.Measure) -> dict[str, Any]:
+        if self._picture is None:
+            raise FlatclothError("Nothing is flattened yet; there is nothing to measure.")
+        ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
+        found = measure(self._picture.view, ends[0], ends[1])
+        return {
+            "type": "measured",
+            "id": asked.id,
+            "flat_mm": 1000 * found.flat_m,
+            "cloth_mm": finite(1000 * found.cloth_m),
+            "air_mm": finite(1000 * found.air_m),
+            "path_uv_m": found.path_uv_m.tolist(),
+        }
+
+    @abstractmethod
+    def _take(self, client: int, message: messages.Message) -> None:
+        """Take a message whose meaning depends on the mode."""
+
+    @abstractmethod
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        """Return what the tabs are told."""
+
+    def _publish(self) -> None:
+        self._revision += 1
+        self._snapshot = {**self._state_of_page(self._revision), "settings": self._page_settings.told()}
+        self._audience.show(self._snapshot)
+
+    def _tell(self, client: int | None, level: str, text: str) -> None:
+        note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
+        if client is None:
+            self._desk = replace(self._desk, log=(*self._desk.log, note)[-MESSAGES_KEPT:])
+            self._publish()
+        else:
+            self._audience.tell(client, {"type": "note", **note.plain()})
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        # A click on the background picks nothing and changes nothing.
+        if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
+            self._publish()
+
+    def _set(self, message: messages.Set) -> None:
+        values = {k: v for k, v in vars(message).items() if k != "reset" and v is not None}
+        if message.reset:
+            self._page_settings.reset()
+        if values:
+            self._page_settings.change(**values)
+        self._stage.follow(self._page_settings.now.follow)
+        self._publish()

@@ -1,0 +1,210 @@
+"""Tells the page why a proposal lies where it does; computed beside the session, when it is asked for."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Floats, Rigid2, Uint8, finite
+from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
+from flatcloth.methods.base import ColumnCurves, Correspondence, ZAngleLine
+from flatcloth.rendering import layers
+from flatcloth.rendering.thumbnails import thumbnail
+from flatcloth.viewer.protocol.picture import Picture
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.viewer.modes.controller import Stage
+
+_log = logging.getLogger(__name__)
+
+LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
+"""Colours of edges that the plane has longer, or shorter, than the cloth; apart also to colour-blind eyes."""
+
+_MOST_LINE_PIXELS = 1500
+_GONE = "This proposal is no longer shown; a newer state is on its way."
+
+
+class WhyDesk:
+    """Answers why; the last answer is kept.
+
+    Parameters
+    ----------
+    integration : Integration
+        The session's; only asked.
+    picture : callable
+        Returns the present picture; called from any thread.
+    stage : Stage
+        Draws strained edges in 3D, where they are wished.
+    later : callable
+        Takes a job for the worker.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        picture: Callable[[], Picture | None],
+        stage: Stage,
+        later: Callable[[Callable[[], None]], None],
+    ) -> None:
+        self._integration, self._picture = integration, picture
+        self._stage, self._later = stage, later
+        self._lock = threading.Lock()
+        self._last: tuple[tuple[int, int], Reasons] | None = None
+        self._drawing = False
+
+    def routes(self) -> list[BaseRoute]:
+        """Return what the web server serves of this."""
+        return [
+            Route("/why/{revision:int}-{overlay:int}.json", self._serve),
+            Route("/hypothesis/{revision:int}-{view:int}/{index:int}.png", self._thumbnail),
+        ]
+
+    def show_edges(self, on: bool) -> None:
+        """Draw the strained edges in 3D from now on, or no longer; to be told also of each new picture."""
+        self._drawing = on
+        picture = self._picture()
+        if on and picture is not None and picture.overlay is not None:
+            self._later(lambda: self._draw(picture))
+        else:
+            self._stage.show_edges(None, None)
+
+    def picture_changed(self) -> None:
+        """Draw the edges of the new picture, if they are wished."""
+        if self._drawing:
+            self.show_edges(True)
+
+    def _draw(self, picture: Picture) -> None:
+        try:
+            found = self._of(picture)
+        except FlatclothError as error:
+            _log.warning("no edges are drawn: %s", error)
+            return
+        if self._drawing and self._picture() is picture:
+            both = (found.shape_edges, found.new_edges)
+            ends = np.concatenate([edges.xyz_m for edges in both])
+            colors = np.concatenate([edge_colors(edges) for edges in both])
+            self._stage.show_edges(ends, np.repeat(colors[:, None], 2, axis=1))
+
+    def _of(self, picture: Picture) -> Reasons:
+        assert picture.overlay is not None
+        assert picture.document is not None
+        key = picture.revision, picture.overlay.revision
+        with self._lock:
+            if self._last is None or self._last[0] != key:
+                self._last = key, reasons(self._integration, picture.document)
+            return self._last[1]
+
+    async def _serve(self, request: Request) -> Response:
+        picture = self._picture()
+        key = request.path_params["revision"], request.path_params["overlay"]
+        if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
+            return PlainTextResponse(_GONE, status_code=404)
+        try:
+            found = await run_in_threadpool(self._of, picture)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        config = self._integration.config.planning
+        about = {
+            "limit_deg": config.z_angle_limit_deg,
+            "overlap_cm2": 1e4 * config.overlap_area_m2,
+            **plain(found),
+        }
+        return JSONResponse(about, headers={"Cache-Control": "no-store"})
+
+    async def _thumbnail(self, request: Request) -> Response:
+        picture, asked = self._picture(), request.path_params
+        overlay = None if picture is None else picture.overlay
+        if picture is None or overlay is None or picture.revision != asked["revision"]:
+            return PlainTextResponse(_GONE, status_code=404)
+        hypotheses = overlay.proposal.placing.hypotheses
+        if overlay.proposal.view_index != asked["view"] or not 0 <= asked["index"] < len(hypotheses):
+            return PlainTextResponse(_GONE, status_code=404)
+
+        def make() -> bytes:
+            new = self._integration.part(asked["view"], overlay.proposal.component)
+            placements = [h.current_from_new for h in hypotheses]
+            return layers.png(thumbnail(picture.view, new, placements, asked["index"]))
+
+        data = await run_in_threadpool(make)
+        return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+
+def edge_colors(edges: StrainedEdges) -> Uint8:
+    """Return a colour (K, 3) for each edge."""
+    colors: Uint8 = np.where(edges.strain[:, None] > 0, LONGER, SHORTER).astype(np.uint8)
+    return colors
+
+
+def plain(found: Reasons) -> dict[str, Any]:
+    """Return reasons as the page takes them: mm and degrees for reading, metres for places."""
+    return {
+        "view_index": found.view_index,
+        "side": found.side.value,
+        "front_view": found.front_view,
+        "turn_deg": found.turn_deg,
+        "rotation_deg": found.rotation_deg,
+        "u_b_mm": finite(1e3 * found.u_b_m),
+        "a_0_deg": finite(found.a_0_deg),
+        "current": _curves(found.curves),
+        "new": _curves(found.new_curves),
+        "lines": None if found.correspondence is None else _lines(found.correspondence),
+        "trouble": found.trouble,
+        "front_from_current": _motion(found.front_from_current),
+        "current_from_new": _motion(found.current_from_new),
+        "edges": {"shape": _edges(found.shape_edges), "new": _edges(found.new_edges)},
+    }
+
+
+def _curves(curves: ColumnCurves) -> dict[str, Any]:
+    return {
+        "u_mm": _numbers(1e3 * curves.u_m, 2),
+        "h": curves.column_count.tolist(),
+        "a_z_deg": _numbers(curves.column_mean_z_angle_deg, 2),
+        "pixel_size_mm": 1e3 * curves.pixel_size_m,
+    }
+
+
+def _lines(found: Correspondence) -> dict[str, Any]:
+    return {
+        "a_m_deg": found.a_m_deg,
+        "common_range_deg": list(found.common_range_deg),
+        "height_mm": 1e3 * found.height_m,
+        "current": _line(found.current),
+        "new": _line(found.new),
+    }
+
+
+def _line(line: ZAngleLine) -> dict[str, Any]:
+    step = max(1, -(-len(line.pixels_uv_m) // _MOST_LINE_PIXELS))
+    return {
+        "pixels_uv_m": np.round(line.pixels_uv_m[::step], 5).tolist(),
+        "center_uv_m": line.center_uv_m.tolist(),
+        "direction": line.direction.tolist(),
+        "point_uv_m": line.point_uv_m.tolist(),
+    }
+
+
+def _edges(edges: StrainedEdges) -> dict[str, Any]:
+    return {
+        "uv_m": np.round(edges.uv_m, 5).tolist(),
+        "strain": np.round(edges.strain, 4).tolist(),
+        "total": edges.total,
+    }
+
+
+def _motion(motion: Rigid2) -> list[float]:
+    return [motion.theta_rad, motion.u_m, motion.v_m]
+
+
+def _numbers(values: Floats, decimals: int) -> list[float | None]:
+    return [finite(x) for x in np.round(values, decimals).tolist()]

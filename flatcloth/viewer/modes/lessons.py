@@ -1,0 +1,249 @@
+"""The lessons as the page takes them: a JSON text, and a body of arrays and pictures."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.types import FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
+from flatcloth.flattening.flatten import Level
+from flatcloth.flattening.surface import Surface
+from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
+from flatcloth.rendering import layers
+from flatcloth.rendering.colormaps import diverging_table
+from flatcloth.viewer.protocol.snapshot import grid
+
+CM2 = 1e4
+_OFF_THE_SURFACE_ALPHA = 70
+_UNKNOWN_ANGLE = -128
+_LENGTHS = struct.Struct("<II")
+
+
+class Parcel:
+    """A JSON object with the arrays and pictures that belong to it, in one body."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+        self._body = bytearray()
+        self._parts: dict[str, dict[str, Any]] = {}
+
+    def array(self, name: str, values: np.ndarray[Any, Any], kind: str) -> None:
+        """Add an array as ``int8``, ``uint8``, ``int16``, ``int32`` or ``float32``."""
+        data = np.ascontiguousarray(values, dtype=kind)
+        self._add(name, data.astype(data.dtype.newbyteorder("<")).tobytes(), kind=kind, shape=data.shape)
+
+    def picture(self, name: str, rgba: Uint8) -> None:
+        """Add an image (H, W, 4)."""
+        self._add(name, layers.png(rgba), kind="png", shape=rgba.shape[:2])
+
+    def pack(self, more: dict[str, Any]) -> bytes:
+        """Return the record."""
+        return record({**more, **self.values, "parts": self._parts}, bytes(self._body))
+
+    def _add(self, name: str, data: bytes, kind: str, shape: tuple[int, ...]) -> None:
+        self._parts[name] = {"kind": kind, "shape": list(shape), "at": len(self._body), "bytes": len(data)}
+        self._body += data
+
+
+def record(values: dict[str, Any], body: bytes = b"") -> bytes:
+    """Return one record of an answer."""
+    text = json.dumps(values, allow_nan=False).encode()
+    return _LENGTHS.pack(len(text), len(body)) + text + body
+
+
+# --- Fig. 2 ----------------------------------------------------------------------------------------
+
+
+def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
+    """Return what the page draws of Fig. 2."""
+    parcel = Parcel()
+    flattening = lesson.flattening
+    surface = flattening.surface
+    parcel.picture("image", _image(surface))
+    view = flattening.view
+    parcel.values = {
+        "view_index": lesson.view_index,
+        "surface_px": int(surface.usable.sum()),
+        "pixel_pitch_mm": 1e3 * surface.pixel_pitch_m,
+        "depth_mm": 1e3 * float(np.median(surface.xyz_m[..., 2][surface.usable])),
+        "levels": [
+            _level(parcel, name, level, unused)
+            for name, level, unused in zip(
+                ("coarse", "fine"), lesson.levels, lesson.unused_pairs, strict=False
+            )
+        ],
+        "flat": grid(view),
+        "area_cm2": view.area_m2 * CM2,
+        "parts_cm2": [c.view.area_m2 * CM2 for c in flattening.components],
+        "folded_share": flattening.components[0].folded_share,
+        "triangles": len(flattening.triangles),
+    }
+    parcel.array("triangles", flattening.triangles, "int32")
+    parcel.picture("color", layers.rgba(view, "color", axis, 1))
+    parcel.picture("height", layers.rgba(view, "height", axis, 1))
+    parcel.picture("normal", _normals(view))
+    top, left = surface.frame.offset_rc
+    valid = view.valid[..., None]
+    parcel.array("source_rc", np.where(valid, np.rint(view.source_rc - (top, left)), -1), "int16")
+    parcel.array("rgb", view.rgb, "uint8")
+    parcel.array("xyz_mm", np.where(valid, np.rint(1e3 * view.xyz_m), 0), "int16")
+    parcel.array("normal_percent", np.where(valid, np.rint(100 * view.normal), 0), "int8")
+    return parcel
+
+
+def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, Any]:
+    main = np.zeros(len(level.points_rc), dtype=bool)
+    main[level.state_members] = True
+    own = main[level.edges[:, 0]]
+    # Without a pair there is nothing to minimise, and no state was recorded.
+    states = level.states or (level.initial_uv_m[main],)
+    parcel.array(f"{name}_points_rc", level.points_rc, "int32")
+    parcel.array(f"{name}_edges", level.edges, "int32")
+    parcel.array(f"{name}_length_mm", 1e3 * level.edge_length_m, "float32")
+    parcel.array(f"{name}_unused", unused, "int32")
+    parcel.array(f"{name}_members", level.state_members, "int32")
+    parcel.array(f"{name}_states", np.array(states), "float32")
+    return {
+        "name": name,
+        "interval_px": level.sampling_interval_px,
+        "points": len(level.points_rc),
+        "pairs": len(level.edges),
+        "unused": len(unused),
+        "mean_length_mm": 1e3 * float(level.edge_length_m.mean()) if len(level.edges) else None,
+        "main_points": int(main.sum()),
+        "main_pairs": int(own.sum()),
+        "parts": int(level.component.max()) + 1,
+        "energy_mm2": [1e6 * h for h in level.energy],
+        "state_iterations": list(level.state_iterations) or [0],
+    }
+
+
+def _image(surface: Surface) -> Uint8:
+    """Return the part of the image around the item, pale off the surface (H, W, 4)."""
+    alpha = np.where(surface.usable, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)
+    return np.dstack([surface.frame.color, alpha])
+
+
+def _normals(view: FlattenedView) -> Uint8:
+    """Return the normals as colours (H, W, 4): red right, green up, blue towards the camera of view 0."""
+    toward = np.nan_to_num(view.normal) * np.array([1.0, -1.0, -1.0], dtype=np.float32)
+    rgb = np.rint(127.5 + 127.5 * toward).clip(0, 255).astype(np.uint8)
+    return np.dstack([rgb, np.where(view.valid, 255, 0).astype(np.uint8)])
+
+
+# --- Fig. 4 ----------------------------------------------------------------------------------------
+
+
+def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
+    """Return what the page draws of Fig. 4a."""
+    parcel = Parcel()
+    view, plan = lesson.view, lesson.plan
+    angle = np.where(view.valid, np.nan_to_num(np.rint(view.z_angle_deg)).clip(-127, 127), _UNKNOWN_ANGLE)
+    parcel.array("z_angle_deg", angle, "int8")
+    parcel.picture("color", layers.rgba(view, "color", axis, 1))
+    _curves(parcel, "current", plan.sides[0].curves)
+    parcel.values = {
+        "view_index": lesson.view_index,
+        "flat": grid(view),
+        "z_angle_span_deg": layers.Z_ANGLE_SPAN_DEG,
+        "z_angle_colors": diverging_table()[::4].tolist(),
+        "next_view": plan.view_index,
+        "side": None if plan.side is None else plan.side.value,
+        "rotation_deg": finite(plan.rotation_deg),
+        "reason": plan.reason,
+        "sides": [_side(s) for s in plan.sides],
+    }
+    return parcel
+
+
+def _side(side: SidePlan) -> dict[str, Any]:
+    return {
+        "side": side.side.value,
+        "occluding_edge_mm": 1e3 * side.occluding_edge_m,
+        "u_b_mm": finite(1e3 * side.u_b_m),
+        "a_0_deg": finite(side.a_0_deg),
+        "rotation_deg": finite(side.rotation_deg),
+        "view_index": side.view_index,
+        "reason": side.reason,
+    }
+
+
+def _curves(parcel: Parcel, name: str, curves: ColumnCurves) -> None:
+    parcel.array(f"{name}_u_mm", 1e3 * curves.u_m, "float32")
+    parcel.array(f"{name}_h", curves.column_count, "int32")
+    parcel.array(f"{name}_a_z_deg", curves.column_mean_z_angle_deg, "float32")
+
+
+def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
+    """Return what the page draws of the rest of Fig. 4."""
+    parcel = Parcel()
+    alignment = lesson.proposal.alignment
+    parcel.picture("image", _image(lesson.flattening.surface))
+    for name, view in (("current", lesson.current), ("new", lesson.new), ("renewed", lesson.renewed.view)):
+        parcel.picture(f"{name}_color", layers.rgba(view, "color", axis, 1))
+    parcel.array("origin", lesson.origin, "uint8")
+    search = lesson.search
+    parcel.array("cost", search.cost, "float32")
+    parcel.array("starts", search.starts * (180 / np.pi, 1e3, 1e3), "float32")
+    parcel.array("path", search.path * (180 / np.pi, 1e3, 1e3), "float32")
+    side = lesson.proposal.side
+    parcel.values = {
+        "view_index": lesson.view_index,
+        "planned_view": lesson.planned_view,
+        "side": None if side is None else side.value,
+        "current": grid(lesson.current),
+        "new": grid(lesson.new),
+        "renewed": grid(lesson.renewed.view),
+        "current_cm2": lesson.current.area_m2 * CM2,
+        "new_cm2": lesson.new.area_m2 * CM2,
+        "renewed_cm2": lesson.renewed.view.area_m2 * CM2,
+        "initial": _motion(alignment.initial),
+        "found": _motion(alignment.current_from_new),
+        "initial_score": alignment.initial_score.total,
+        "score": alignment.score.total,
+        "score_parts": {k: finite(float(v)) for k, v in alignment.score.parts.items()},
+        "search": {
+            "turns_deg": np.degrees(search.turns_rad).tolist(),
+            "shifts_mm": (1e3 * search.shifts_m).tolist(),
+            "motions": [_motion(m) for m in search.motions],
+            "tried": search.tried,
+        },
+        **_correspondence(parcel, alignment),
+    }
+    return parcel
+
+
+def _correspondence(parcel: Parcel, alignment: Alignment) -> dict[str, Any]:
+    found = alignment.correspondence
+    if found is None:
+        return {"lines": None}
+    _curves(parcel, "current", found.current_curves)
+    _curves(parcel, "new", found.new_curves)
+    return {
+        "lines": {
+            "rotation_deg": found.rotation_deg,
+            "common_range_deg": list(found.common_range_deg),
+            "a_m_deg": found.a_m_deg,
+            "height_mm": 1e3 * found.height_m,
+            "current": _line(parcel, "current", found.current),
+            "new": _line(parcel, "new", found.new),
+        }
+    }
+
+
+def _line(parcel: Parcel, name: str, line: ZAngleLine) -> dict[str, Any]:
+    parcel.array(f"{name}_pixels_uv", line.pixels_uv_m, "float32")
+    return {
+        "z_angle_deg": line.z_angle_deg,
+        "center_uv_m": line.center_uv_m.tolist(),
+        "direction": line.direction.tolist(),
+        "point_uv_m": line.point_uv_m.tolist(),
+    }
+
+
+def _motion(motion: Rigid2) -> list[float]:
+    return [motion.theta_rad, motion.u_m, motion.v_m]

@@ -1,0 +1,216 @@
+"""The page in live mode: a recording is played, looked at and picked on; nothing is decided."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.types import Floats
+from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
+from flatcloth.rendering import layers
+from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.player import LiveLoop, Player, Shown
+from flatcloth.viewer.modes.playhead import Playhead
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.snapshot import grid, live_snapshot
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.journal import SessionFolder
+
+DEFAULT_FPS = 30.0
+STATE_INTERVAL_S = 0.25
+"""Picks and their numbers follow the frames this often while playing; at once when paused."""
+
+_LENGTH = struct.Struct("<I")
+
+
+class LiveApplication(PageDesk):
+    """Plays a recording; see :class:`flatcloth.viewer.modes.player.LiveLoop` for the thread that does.
+
+    Parameters
+    ----------
+    integration, folder, stage, audience
+        See :class:`flatcloth.viewer.modes.controller.PageDesk`.
+    player : Player
+        Flattens the frames.
+    fps : float
+        Frames a second to begin with.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        stage: Stage,
+        audience: Audience,
+        player: Player,
+        fps: float = DEFAULT_FPS,
+    ) -> None:
+        super().__init__(integration, folder, stage, audience)
+        self._state_at_s = 0.0
+        self._shown: Shown | None = None
+        self._staged: Shown | None = None
+        self._loop = LiveLoop(
+            player,
+            integration.recording.angles_deg,
+            fps,
+            prepare=self._prepare,
+            deliver=self._deliver,
+            report=lambda text: self._put(None, lambda: self._tell(None, "error", text)),
+        )
+
+    def start(self) -> None:
+        """Begin to play."""
+        self._put(None, self._begin)
+        self._loop.start()
+
+    def _prepare(self, frame: int) -> object:
+        """Read a frame ahead, on a thread beside."""
+        return self._integration.cloud(frame)
+
+    def stop(self) -> None:
+        """Stop playing, and both threads."""
+        self._loop.stop(timeout_s=5.0)
+        self._front.stop(timeout_s=5.0)
+
+    def leave(self, client: int) -> None:
+        """Hear that a tab has closed."""
+        self._loop.leave(client)
+
+    # --- the page's own thread ---------------------------------------------------------------
+
+    def _begin(self) -> None:
+        self._stage.follow(self._page_settings.now.follow)
+        self._publish()
+
+    def _take(self, client: int, message: messages.Message) -> None:
+        match message:
+            case messages.Ready(layer=layer):
+                self._loop.ready(client, layer)
+            case messages.Play():
+                by_hand = message.frame is not None or message.step is not None
+                if self._loop.head.playing and self._shown and (by_hand or message.playing is False):
+                    # What was flattened ahead must not slip in after the pause.
+                    self._loop.hold(self._shown.sequence)
+                self._loop.change(lambda head: _changed(head, message))
+                self._publish()
+            case messages.PickAt(u_m=u, v_m=v, revision=revision):
+                self._picks.add(self._held(revision), u, v)
+                self._publish()
+            case _:
+                raise IllegalDecisionError(IN_LIVE_MODE)
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        shown = self._shown
+        points_m = self._stage.visible_points()
+        if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
+            self._held(shown.sequence)
+            self._publish()
+
+    def _held(self, sequence: int | None) -> Picture:
+        """Pause at the frame that was clicked, and return it."""
+        if sequence is None and self._shown is not None:
+            sequence = self._shown.sequence
+        shown = self._loop.hold(sequence)
+        if shown is None or shown.picture is None:
+            raise FlatclothError("This frame shows no cloth to pick on; go to another one.")
+        self._shown, self._picture = shown, shown.picture
+        return shown.picture
+
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        return live_snapshot(
+            revision, self._loop.head, self._shown, self._desk, self._picks, self._integration,
+            self._places,
+        )  # fmt: skip
+
+    # --- the loop's threads ------------------------------------------------------------------
+
+    def _deliver(self, shown: Shown, tabs: dict[int, str]) -> None:
+        self._shown, self._picture = shown, shown.picture
+        if shown is not self._staged:
+            self._staged = shown
+            self._put_on_stage(shown)
+        frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
+        for client, layer in tabs.items():
+            self._audience.send_frame(client, frames[layer])
+        now_s = time.monotonic()
+        if not self._loop.head.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
+            self._state_at_s = now_s
+            self._put(None, self._publish)
+
+    def _put_on_stage(self, shown: Shown) -> None:
+        self._stage.play(shown.picture)
+
+    def _frame(self, shown: Shown, layer: str) -> bytes:
+        picture, integration = shown.picture, self._integration
+        about = self._about(shown, layer)
+        if picture is None:
+            return packed(about, b"")
+        axis, angles_deg = integration.axis, integration.recording.angles_deg
+        about["grid"] = grid(picture.view)
+        about["area_cm2"] = picture.view.area_m2 * 1e4
+        about["legend"] = layers.legend(picture.view, layer, axis, angles_deg)
+        about["pick_uv_m"] = self._pick_uv_m(picture)
+        return packed(about, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
+
+    def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
+        """Return what is told of every frame, also of one that could not be flattened."""
+        head = self._loop.head
+        return {
+            "type": "frame",
+            "sequence": shown.sequence,
+            "view_index": shown.frame,
+            "angle_deg": shown.angle_deg,
+            "reason": shown.reason,
+            "flatten_ms": shown.flatten_ms,
+            "server_fps": shown.fps,
+            "playing": head.playing,
+            "forward": head.forward,
+            "layer": layer,
+            "grid": None,
+        }
+
+    def _pick_uv_m(self, picture: Picture) -> list[float] | None:
+        current = self._picks.current
+        if current is None or not picture.view.valid.any():
+            return None
+        rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
+        if distance_m > LOST_AT_M:
+            return None
+        uv_m: list[float] = picture.view.uv_from_rc(np.array(rc)).tolist()
+        return uv_m
+
+
+def packed(about: dict[str, Any], image: bytes) -> bytes:
+    """Return a frame as it is sent: the length of its JSON (4 bytes, little-endian), JSON, PNG."""
+    text = json.dumps(about, allow_nan=False).encode()
+    return _LENGTH.pack(len(text)) + text + image
+
+
+def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """Return JSON and PNG of a frame; the page does the same."""
+    end = _LENGTH.size + _LENGTH.unpack_from(data)[0]
+    return json.loads(data[_LENGTH.size : end]), data[end:]
+
+
+def _changed(head: Playhead, wish: messages.Play) -> Playhead:
+    if wish.fps is not None:
+        head = replace(head, fps=wish.fps)
+    if wish.forward is not None:
+        head = head.turned(wish.forward)
+    if wish.frame is not None or wish.step is not None:
+        # Whoever looks at frames by hand does not want them to run away.
+        frame = head.frame if wish.frame is None else wish.frame
+        head = replace(head.at(frame + (wish.step or 0)), playing=False)
+    if wish.playing is not None:
+        head = replace(head, playing=wish.playing)
+    return head

@@ -1,0 +1,279 @@
+"""The thread that plays a recording: the clock, the flattening, and who is shown which frame.
+
+A frame is flattened only if the one before has been taken by a tab, and a tab is sent a frame only
+when it has drawn its last one: whoever is slow misses frames, and nothing is ever queued.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.modes.playhead import Playhead, RateMeter, ticks_due
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.engine.live import LiveFrame
+
+_log = logging.getLogger(__name__)
+
+FRAMES_KEPT = 8
+"""A click may be meant for a frame that was replaced while the pointer came down."""
+
+
+class Player(Protocol):
+    """Flattens the frames; see :class:`flatcloth.engine.live.LivePlayer`. Used by the loop's thread only."""
+
+    def show(self, view_index: int) -> LiveFrame:
+        """Flatten a view, starting from the last one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A frame as it is shown. ``picture`` is None where it could not be flattened; ``reason`` says why.
+
+    ``sequence`` changes whenever something new is shown, also when an older frame is shown again.
+    ``fps`` is the rate at which frames have been flattened, over the last second.
+    """
+
+    sequence: int
+    frame: int
+    angle_deg: float
+    picture: Picture | None
+    reason: str = ""
+    flatten_ms: float | None = None
+    fps: float = 0.0
+
+
+class LiveLoop:
+    """Plays; all public methods may be called from any thread.
+
+    Parameters
+    ----------
+    player : Player
+        Flattens a frame.
+    angles_deg : tuple of float
+        Of all frames.
+    fps : float
+        Rate to begin with.
+    prepare : callable
+        Told which frame comes next, on a thread beside; reads it ahead.
+    deliver : callable
+        ``deliver(shown, tabs)`` puts a frame before the tabs (number to layer) that are ready for it;
+        called on another thread beside.
+    report : callable
+        Told about what went wrong unexpectedly; the loop pauses then.
+    """
+
+    def __init__(
+        self,
+        player: Player,
+        angles_deg: tuple[float, ...],
+        fps: float,
+        *,
+        prepare: Callable[[int], object],
+        deliver: Callable[[Shown, dict[int, str]], None],
+        report: Callable[[str], None],
+    ) -> None:
+        self._player = player
+        self._angles_deg = angles_deg
+        self._prepare, self._deliver, self._report = prepare, deliver, report
+        self._changed = threading.Condition()
+        self._head = Playhead(n_frames=len(angles_deg), fps=fps)
+        self._wanted = True
+        self._due_s = 0.0
+        self._waiting: dict[int, str] = {}
+        self._taken: dict[int, tuple[int, str]] = {}
+        self._kept: deque[Shown] = deque(maxlen=FRAMES_KEPT)
+        self._meter = RateMeter()
+        self._sequence = 0
+        self._holds = 0
+        self._stopped = False
+        self._ahead = Worker("flatcloth-read")
+        self._out = Worker("flatcloth-show")
+        self._thread = threading.Thread(target=self._run, name="flatcloth-live", daemon=True)
+
+    @property
+    def head(self) -> Playhead:
+        """Where it stands; the frame shown may be one behind."""
+        return self._head
+
+    @property
+    def shown(self) -> Shown | None:
+        """The frame that was flattened last."""
+        return self._kept[-1] if self._kept else None
+
+    def start(self) -> None:
+        """Begin to play."""
+        self._thread.start()
+
+    def stop(self, timeout_s: float) -> None:
+        """End after the frame that is being flattened."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+        self._ahead.stop(timeout_s)
+        self._out.stop(timeout_s)
+
+    def change(self, edit: Callable[[Playhead], Playhead]) -> None:
+        """Change where it stands, or how it goes on; another frame is shown at once."""
+        with self._changed:
+            before, self._head = self._head, edit(self._head)
+            if self._head.frame != before.frame:
+                self._wanted = True
+            if not before.playing:
+                self._due_s = time.monotonic() + 1.0 / self._head.fps
+            self._changed.notify()
+
+    def hold(self, sequence: int | None) -> Shown | None:
+        """Pause at a frame that was shown a moment ago, or at the last one, and return it."""
+        with self._changed:
+            kept = [s for s in self._kept if s.sequence == sequence] or list(self._kept)[-1:]
+            if not kept:
+                return None
+            shown = kept[0]
+            self._head = replace(self._head.at(shown.frame), playing=False)
+            self._wanted = False
+            self._holds += 1
+            if shown is not self._kept[-1]:
+                self._sequence += 1
+                shown = replace(shown, sequence=self._sequence)
+                self._kept.append(shown)
+            self._changed.notify()
+            return shown
+
+    def ready(self, client: int, layer: str) -> None:
+        """Hear that a tab has drawn its last frame, and which layer it wants next."""
+        with self._changed:
+            self._waiting[client] = layer
+            self._changed.notify()
+
+    def leave(self, client: int) -> None:
+        """Forget a tab."""
+        with self._changed:
+            self._waiting.pop(client, None)
+            self._taken.pop(client, None)
+
+    # --- the loop's thread -------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while not (self._stopped or self._receivers() or self._is_due()):
+                    self._changed.wait(self._pause_s())
+                if self._stopped:
+                    return
+                shown, receivers = self.shown, self._receivers()
+                for client, layer in receivers.items():
+                    assert shown is not None
+                    self._taken[client] = (shown.sequence, layer)
+                    del self._waiting[client]
+                frame = None if receivers else self._next_frame()
+            try:
+                if frame is not None:
+                    self._show(frame)
+            except Exception as error:  # noqa: BLE001 - told and logged
+                self._fail(error)
+            if shown is not None and receivers:
+                # Beside the next flattening; at most one per tab can wait, since tabs acknowledge.
+                self._out.put(partial(self._put_before, shown, receivers))
+
+    def _put_before(self, shown: Shown, tabs: dict[int, str]) -> None:
+        try:
+            self._deliver(shown, tabs)
+        except Exception as error:  # noqa: BLE001 - told and logged
+            self._fail(error)
+
+    def _receivers(self) -> dict[int, str]:
+        """Return the tabs that are ready for something they do not have yet."""
+        if self.shown is None:
+            return {}
+        sequence = self.shown.sequence
+        return {c: layer for c, layer in self._waiting.items() if self._taken.get(c) != (sequence, layer)}
+
+    def _is_due(self) -> bool:
+        if not self._is_watched():
+            return False
+        return self._wanted or (self._head.playing and time.monotonic() >= self._due_s)
+
+    def _is_watched(self) -> bool:
+        # One frame is flattened while the tabs still draw the last one, but no more.
+        if self.shown is None:
+            return bool(self._waiting)
+        return any(sequence == self.shown.sequence for sequence, _ in self._taken.values())
+
+    def _pause_s(self) -> float | None:
+        if not self._is_watched() or not self._head.playing:
+            return None
+        return max(0.0, self._due_s - time.monotonic())
+
+    def _next_frame(self) -> int:
+        now_s, period_s = time.monotonic(), 1.0 / self._head.fps
+        if self._wanted:
+            self._wanted = False
+            self._due_s = now_s + period_s
+        else:
+            ticks = ticks_due(now_s, self._due_s, self._head.fps)
+            self._head = self._head.advanced(ticks)
+            self._due_s = max(self._due_s + ticks * period_s, now_s)
+        return self._head.frame
+
+    def _show(self, frame: int) -> None:
+        head, holds = self._head, self._holds
+        if head.playing:
+            self._ahead.put(lambda: self._read_ahead(head.advanced().frame))
+        picture, reason, flatten_ms = None, "", None
+        angle_deg = self._angles_deg[frame]
+        try:
+            live = self._player.show(frame)
+        except FlatclothError as error:
+            reason = str(error)
+        else:
+            flatten_ms = live.flatten_ms
+            picture = Picture(
+                revision=0, view=live.view, present_view=frame, angle_deg=angle_deg,
+                cloud=live.cloud, energies=(), legends={},
+            )  # fmt: skip
+        if holds == self._holds:  # else an earlier frame was picked on meanwhile, and stays
+            self._keep(frame, picture, reason, flatten_ms)
+
+    def _keep(self, frame: int, picture: Picture | None, reason: str, flatten_ms: float | None) -> None:
+        with self._changed:
+            self._sequence += 1
+            if picture is not None:
+                picture = replace(picture, revision=self._sequence)
+            self._kept.append(
+                Shown(
+                    sequence=self._sequence,
+                    frame=frame,
+                    angle_deg=self._angles_deg[frame],
+                    picture=picture,
+                    reason=reason,
+                    flatten_ms=flatten_ms,
+                    fps=self._meter.count(time.monotonic()),
+                )
+            )
+
+    def _fail(self, error: Exception) -> None:
+        _log.error("playing failed", exc_info=error)
+        with self._changed:
+            self._head = replace(self._head, playing=False)
+        text = f"Unexpected error while playing: {error!r}. The terminal shows more."
+        self._keep(self._head.frame, None, text, None)
+        self._report(text)
+
+    def _read_ahead(self, frame: int) -> None:
+        try:
+            self._prepare(frame)
+        except Exception:  # noqa: BLE001 - the loop meets the same error, and tells it
+            _log.debug("frame %d could not be read ahead", frame, exc_info=True)

@@ -1,0 +1,178 @@
+"""The page's side of repair: scores while the proposal is dragged, refinement, pairs of points.
+
+A drag asks far more often than scores can be computed. Of each tab only the newest question counts,
+and it is answered on a thread of its own, so that nothing else waits for it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Rigid2, finite
+from flatcloth.engine.repair import PairFit, Reach, apart_mm, fit_pairs
+from flatcloth.session.machine import Document, Pending
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import nudge_about
+from flatcloth.viewer.protocol.picture import Overlay
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+_log = logging.getLogger(__name__)
+
+_STILL_MM = 0.05
+_STILL_DEG = 0.005
+
+
+class RepairBench:
+    """Computes what repairs need; its methods may be called from any thread and return at once.
+
+    Parameters
+    ----------
+    integration : Integration
+        Does the work.
+    tell : callable
+        ``tell(client, message)`` sends a message to a tab.
+    """
+
+    def __init__(self, integration: Integration, tell: Callable[[int, dict[str, Any]], None]) -> None:
+        self._integration, self._tell = integration, tell
+        self._wanted: dict[int, tuple[int, Document]] = {}
+        self._lock = threading.Lock()
+        self._worker = Worker("flatcloth-repair")
+
+    def stop(self, timeout_s: float) -> None:
+        """End after what is being computed."""
+        self._worker.stop(timeout_s)
+
+    def preview(
+        self, client: int, asked: messages.Preview, document: Document, center: tuple[float, float]
+    ) -> None:
+        """Tell a tab how the proposal would fit if it were moved; replaces its last question."""
+        pending = meant(document, asked.view_index)
+        by = nudge_about(center, asked.theta_rad, asked.u_m, asked.v_m)
+        moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
+        with self._lock:
+            waiting = client in self._wanted
+            self._wanted[client] = (asked.id, moved)
+        if not waiting:
+            self._worker.put(lambda: self._answer(client))
+
+    def refine(
+        self, document: Document, done: Callable[[Reach], None], failed: Callable[[str], None]
+    ) -> None:
+        """Refine the proposal from where it lies, and hand the result on."""
+
+        def work() -> None:
+            try:
+                found = self._integration.reach(document)
+            except FlatclothError as error:
+                failed(str(error))
+            except Exception as error:  # noqa: BLE001 - told and logged
+                _log.exception("a refinement failed")
+                failed(f"Unexpected error while refining: {error!r}. The terminal shows more.")
+            else:
+                done(found)
+
+        self._worker.put(work)
+
+    def _answer(self, client: int) -> None:
+        with self._lock:
+            number, document = self._wanted.pop(client)
+        told: dict[str, Any]
+        try:
+            found = self._integration.reach(document)
+        except FlatclothError as error:
+            told = {"why": str(error)}
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("a preview could not be computed")
+            told = {"why": f"Unexpected error: {error!r}. The terminal shows more."}
+        else:
+            told = told_reach(found)
+        self._tell(client, {"type": "preview", "id": number, **told})
+
+
+def meant(document: Document, view_index: int) -> Pending:
+    """Return the proposal if it is the view that is meant.
+
+    Raises
+    ------
+    FlatclothError
+        If it is not, or there is none.
+    """
+    pending = document.pending
+    if pending is None or pending.view_index != view_index:
+        raise FlatclothError("The proposal has changed; look again.")
+    return pending
+
+
+def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> Rigid2:
+    """Return where another part of the proposal is put first: where the method would, else where it is.
+
+    Raises
+    ------
+    FlatclothError
+        If the view has no such part.
+    """
+    parts = () if overlay is None else overlay.proposal.placing.parts
+    part = next((p for p in parts if p.component == component), None)
+    if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
+        raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
+    return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
+
+
+def told_reach(found: Reach) -> dict[str, Any]:
+    """Return what a tab is told of a placement and of what refining it reaches."""
+    return {
+        "score": finite(found.score.total),
+        "apart_mm": apart_mm(found.score),
+        "reached_score": finite(found.refined_score.total),
+        "reached_apart_mm": apart_mm(found.refined_score),
+    }
+
+
+def fit_of(pending: Pending, pairs: messages.Pairs) -> PairFit:
+    """Fit the pairs of a tab; their points of the proposal come in its own plane.
+
+    Raises
+    ------
+    FlatclothError
+        If there are too few pairs, or they tell nothing.
+    """
+    if not len(pairs.new_uv_m) == len(pairs.shape_uv_m) == len(pairs.weights):
+        raise FlatclothError("Pairs need a point of the proposal, one of the shape and a weight each.")
+    own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
+    there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
+    return fit_pairs(pending.current_from_new.apply(own), there, np.array(pairs.weights))
+
+
+def told_fit(fit: PairFit) -> dict[str, Any]:
+    """Return what a tab is told of fitted pairs."""
+    return {
+        "type": "pairs",
+        "residual_mm": (1000 * fit.residual_m).tolist(),
+        "reached_mm": (1000 * fit.reached_m).tolist(),
+        "rms_mm": 1000 * fit.rms_m,
+    }
+
+
+def told_refined(pending: Pending, found: Reach, center: tuple[float, float]) -> tuple[Rigid2 | None, str]:
+    """Return the motion of a refinement, None if it is none, and what the operator is told."""
+    by = found.refined @ pending.current_from_new.inverse()
+    moved = by.apply(np.array(center)) - np.array(center)
+    shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
+    if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
+        return None, "Refining from here changes nothing."
+    return by, (
+        f"Refined: moved by {shift_mm:.1f} mm and {turn_deg:.1f}\u00b0;"
+        f" score {found.score.total:.2f}, now {found.refined_score.total:.2f}."
+    )

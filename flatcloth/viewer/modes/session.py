@@ -1,0 +1,387 @@
+"""The page of a session: decisions, the work behind them, and Auto."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.types import RotationAxis, finite
+from flatcloth.session.machine import (
+    Accept,
+    Command,
+    Document,
+    Event,
+    Failed,
+    Followed,
+    Nudge,
+    Phase,
+    Propose,
+    Reject,
+    Request,
+    Skip,
+    Start,
+    TakePart,
+    apply,
+)
+from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.diagnostics import WhyDesk
+from flatcloth.viewer.modes.repair import RepairBench, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
+from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
+    from flatcloth.engine.integration import Integration
+    from flatcloth.engine.repair import Reach
+    from flatcloth.session.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+PROGRESS_INTERVAL_S = 0.05
+
+
+class Application(PageDesk):
+    """Owns one session and its page; see the module's docstring for its threads.
+
+    Parameters
+    ----------
+    integration : Integration
+        Does the heavy work; called from the worker thread, apart from its cheap attributes.
+    folder : SessionFolder
+        Holds the state to start from, and keeps every decision and pick.
+    stage, audience
+        Where things are shown.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        stage: Stage,
+        audience: Audience,
+    ) -> None:
+        super().__init__(integration, folder, stage, audience)
+        self._state = folder.state
+        self._made: Picture | None = None
+        self._asked: Document | None = None
+        self._cancel: tuple[int, threading.Event] | None = None
+        self._progress_at_s = 0.0
+        self._going_on = False
+        self._back = Worker("flatcloth-work")
+        self._repair = RepairBench(integration, audience.tell)
+        self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
+
+    # --- from any thread ---------------------------------------------------------------------
+
+    def routes(self) -> list[BaseRoute]:
+        """Return what the web server serves of a session."""
+        return [*super().routes(), *self._why.routes()]
+
+    def start(self) -> None:
+        """Show the session as it was left, and ask for the start view if there is none."""
+        self._put(None, self._begin)
+
+    def stop(self) -> None:
+        """Stop the running work and both threads; the session stays as the journal has it."""
+        self._put(None, self._stop_work)
+        self._front.stop(timeout_s=5.0)
+        self._back.stop(timeout_s=2.0)
+        self._repair.stop(timeout_s=2.0)
+
+    # --- the application thread --------------------------------------------------------------
+
+    def _begin(self) -> None:
+        self._stage.follow(self._page_settings.now.follow)
+        document = self._state.document
+        if self._state.request is None and document.start_view is None:
+            self._do(Start())
+        elif self._state.phase is Phase.READY and document.later:
+            self._do(Propose())  # the program was ended while later decisions followed
+        else:
+            self._settle()
+
+    def _stop_work(self) -> None:
+        if self._cancel is not None:
+            self._cancel[1].set()
+
+    def _take(self, client: int, message: messages.Message) -> None:
+        match message:
+            case messages.Do():
+                self._decide(client, message)
+            case messages.Preview():
+                self._repair.preview(client, message, self._state.document, self._center())
+            case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
+                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+            case messages.TakePart(view_index=view, component=component):
+                overlay = None if self._picture is None else self._picture.overlay
+                pending = meant(self._state.document, view)
+                self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+            case messages.Refine(view_index=view):
+                self._refine(client, view)
+            case messages.Pairs():
+                self._fit(client, message)
+            case messages.Choose(view_index=view, index=index):
+                self._choose(view, index)
+            case messages.PickAt(u_m=u, v_m=v):
+                self._picks.add(self._picture, u, v)
+                self._publish()
+            case messages.ShowEdges(show=show):
+                self._desk = replace(self._desk, edges=show)
+                self._why.show_edges(show)
+                self._publish()
+            case messages.SetAuto(running=running):
+                self._desk = replace(self._desk, auto=running)
+                self._settle()
+            case _:
+                raise FlatclothError(NOT_LIVE)
+
+    def _decide(self, client: int, do: messages.Do) -> None:
+        given = {"view_index": do.view_index, "reason": do.reason, "score": self._score_now()}
+        before = self._state
+        command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
+        self._going_on = self._page_settings.now.advance and isinstance(command, Accept | Reject | Skip)
+        self._by_hand(command)
+        if do.action == "undo":
+            self._tell(client, "info", f"Undone: {before.undo[-1].name}.")
+        elif do.action == "redo":
+            self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
+
+    def _center(self) -> tuple[float, float]:
+        """Return what a nudge turns about: the centre of the proposal."""
+        overlay = None if self._picture is None else self._picture.overlay
+        pending = self._state.document.pending
+        if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
+            return 0.0, 0.0
+        return center_uv_m(pending, overlay)
+
+    def _refine(self, client: int, view: int) -> None:
+        document = self._state.document
+        meant(document, view)
+        self._repair.refine(
+            document,
+            done=lambda found: self._put(client, lambda: self._refined(client, document, found)),
+            failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
+        )
+
+    def _refined(self, client: int, document: Document, found: Reach) -> None:
+        pending = document.pending
+        if pending is None or self._state.document is not document:
+            raise FlatclothError("The proposal was changed while it was refined; refine it again.")
+        by, text = told_refined(pending, found, self._center())
+        if by is not None:
+            self._by_hand(Nudge(pending.view_index, by, "refine"))
+        self._tell(client, "info", text)
+
+    def _fit(self, client: int, pairs: messages.Pairs) -> None:
+        pending = meant(self._state.document, pairs.view_index)
+        fit = fit_of(pending, pairs)
+        if pairs.fit:
+            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
+            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
+        self._audience.tell(client, told_fit(fit))
+
+    def _score_now(self) -> float | None:
+        """Return the score of the proposal where it lies, if that is what is shown."""
+        picture = self._picture
+        if picture is None or picture.overlay is None or picture.document is not self._state.document:
+            return None
+        return finite(picture.overlay.score.total)
+
+    def adjust_axis(self, axis: RotationAxis) -> None:
+        """Take a turning axis that was set by hand; may be called from any thread."""
+        self._put(None, lambda: self._adjust_axis(axis))
+
+    def _adjust_axis(self, axis: RotationAxis) -> None:
+        if self._state.request is not None:
+            raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
+        self._folder.keep_axis(axis)
+        self._desk = replace(self._desk, auto=False)
+        self._back.put(lambda: self._work_on_axis(axis))
+
+    def _turned_about(self, axis: RotationAxis, text: str) -> None:
+        self._picks.turn_about(axis)
+        self._stage.set_axis(axis)
+        self._asked = None
+        self._settle()
+        self._tell(None, "info", text)
+
+    def _choose(self, view: int, index: int) -> None:
+        """Move the proposal to one of its hypotheses."""
+        overlay = None if self._picture is None else self._picture.overlay
+        pending = self._state.document.pending
+        hypotheses = () if overlay is None else overlay.proposal.placing.hypotheses
+        if pending is None or overlay is None or overlay.proposal.view_index != view:
+            raise FlatclothError("The proposal has changed; look again.")
+        if not 0 <= index < len(hypotheses):
+            raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
+        target = hypotheses[index].current_from_new
+        self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
+
+    def _by_hand(self, command: Command) -> None:
+        # Whoever decides by hand takes over from Auto.
+        self._desk = replace(self._desk, auto=False)
+        self._do(command)
+
+    def _do(self, command: Command | Event) -> None:
+        state = apply(self._state, command)
+        if state is self._state:
+            return  # the answer to a question that nobody asks any more
+        # The journal comes first: what is not on disk has not been decided.
+        self._folder.record(command)
+        self._state = state
+        self._settle()
+
+    def _settle(self) -> None:
+        """Bring the work, the picture, Auto and the tabs in line with the state."""
+        self._settle_work()
+        document = self._state.document
+        if document.start_view is None:
+            if self._picture is not None or self._asked is not None:
+                self._picture = self._asked = None
+                self._stage.show(None)
+                self._why.picture_changed()
+        elif self._asked is not document:
+            self._asked = document
+            self._back.put(lambda: self._work_on_picture(document))
+        self._publish()
+        if self._desk.auto:
+            self._put(None, self._auto_step)
+        elif self._going_on and self._state.phase is not Phase.COMPUTING:
+            self._put(None, self._go_on)
+
+    def _go_on(self) -> None:
+        """Propose the next view after a verdict and what followed it, unless something is asked."""
+        if self._going_on and self._state.phase is Phase.READY:
+            self._going_on = False
+            self._do(Propose())
+
+    def _settle_work(self) -> None:
+        request = self._state.request
+        if self._cancel is not None and (request is None or self._cancel[0] != request.token):
+            self._cancel[1].set()
+            self._cancel = None
+            self._desk = replace(self._desk, progress=None)
+        if request is not None and self._cancel is None:
+            cancelled = threading.Event()
+            self._cancel = (request.token, cancelled)
+            self._desk = replace(self._desk, progress=(0.0, "Waiting"))
+            document = self._state.document
+            self._back.put(lambda: self._work_on_request(document, request, cancelled))
+
+    def _auto_step(self) -> None:
+        state, desk, threshold = self._state, self._desk, self._page_settings.now.auto_threshold
+        up_to_date = self._picture is not None and self._picture.document is state.document
+        started = state.document.start_view is not None
+        if not desk.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
+            return
+        pending = state.document.pending
+        if state.phase is Phase.FINISHED:
+            self._end_auto("info", f"Auto has finished. {state.document.finished}")
+        elif pending is None:
+            self._do(Propose() if started else Start())
+        elif math.isfinite(pending.score) and pending.score >= threshold:
+            self._do(Accept(pending.view_index, self._score_now()))
+        else:
+            self._end_auto(
+                "warning",
+                f"Auto stopped: the score of view {pending.view_index} is {pending.score:.2f}, below"
+                f" {threshold:.2f}. Accept, move or reject it.",
+            )
+
+    def _end_auto(self, level: str, text: str) -> None:
+        self._desk = replace(self._desk, auto=False)
+        self._tell(None, level, text)
+
+    def _state_of_page(self, revision: int) -> dict[str, Any]:
+        return snapshot(
+            revision, self._state, self._desk, self._picks, self._picture, self._integration, self._places
+        )
+
+    # --- the worker --------------------------------------------------------------------------
+
+    def _work_on_request(self, document: Document, request: Request, cancelled: threading.Event) -> None:
+        def progress(share: float, text: str) -> None:
+            if cancelled.is_set():
+                raise CancelledError
+            self._put(None, lambda: self._note_progress(request, share, text))
+
+        try:
+            progress(0.0, "Starting")
+            event = self._integration.answer(document, request, progress)
+        except CancelledError:
+            return
+        except FlatclothError as error:
+            text = str(error)
+            _log.warning("%s", error)
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("the work on %s failed", request)
+            text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+        else:
+            self._put(None, lambda: self._answered(event))
+            return
+        self._put(None, lambda: self._failed(request, text))
+
+    def _answered(self, event: Event) -> None:
+        current = self._state.request is not None and self._state.request.token == event.token
+        self._do(event)
+        if current and isinstance(event, Followed) and not event.holds:
+            self._tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
+
+    def _failed(self, request: Request, text: str) -> None:
+        if self._state.request != request:
+            return
+        self._desk = replace(self._desk, auto=False)
+        self._do(Failed(request.token))
+        self._tell(None, "error", text)
+
+    def _note_progress(self, request: Request, share: float, text: str) -> None:
+        if self._state.request != request:
+            return
+        self._desk = replace(self._desk, progress=(share, text))
+        now_s = time.monotonic()
+        if now_s - self._progress_at_s >= PROGRESS_INTERVAL_S:
+            self._progress_at_s = now_s
+            self._audience.tell(None, {"type": "progress", "share": share, "text": text})
+
+    def _work_on_axis(self, axis: RotationAxis) -> None:
+        # After this, what is in the queue is computed with the new axis.
+        self._integration.turn_about(axis)
+        try:
+            text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
+        except FlatclothError as error:
+            text = f"The turning axis was set by hand. {error}"
+        self._put(None, lambda: self._turned_about(axis, text))
+
+    def _work_on_picture(self, document: Document) -> None:
+        if self._asked is not document:
+            return  # decided otherwise in the meantime
+        try:
+            # Revisions go on from the last picture made, even if it was never shown.
+            picture = self._made = make_picture(self._integration, document, self._made)
+        except FlatclothError as error:
+            text = str(error)
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("a picture could not be computed")
+            text = f"Unexpected error while drawing: {error!r}. The terminal shows more."
+        else:
+            self._put(None, lambda: self._show_picture(picture))
+            return
+        self._put(None, lambda: self._end_auto("error", text))
+
+    def _show_picture(self, picture: Picture) -> None:
+        if self._asked is not picture.document:
+            return
+        self._picture = picture
+        self._stage.show(picture)
+        self._picks.redraw(picture)
+        self._why.picture_changed()
+        self._settle()

@@ -1,0 +1,216 @@
+"""Serves the stages of :mod:`flatcloth.engine.teaching`; given up when nobody listens any more.
+
+An answer is a sequence of records: the length of a JSON text and of a body (two uint32, little
+endian), the text, the body. ``progress`` records come first; the last one is the lesson, whose
+arrays and pictures are parts of its body, or an ``error``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.types import Receive, Scope, Send
+
+from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.types import Progress
+from flatcloth.engine.teaching import Parameters, Teaching
+from flatcloth.viewer.modes.lessons import CM2, alignment_parcel, flattening_parcel, planning_parcel, record
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+_log = logging.getLogger(__name__)
+
+PARTS = ("flattening", "planning", "alignment")
+"""What may be asked for: Fig. 2, Fig. 4a, and the rest of Fig. 4."""
+
+SLIDERS: dict[str, dict[str, float]] = {
+    "sampling_interval_px": {"low": 8, "high": 24, "step": 2},
+    "z_angle_limit_deg": {"low": 20, "high": 75, "step": 5},
+    "overlap_cm2": {"low": 50, "high": 800, "step": 25},
+}
+"""What the page offers; what may be asked for is checked by the parameters themselves."""
+
+Tell = Callable[[bytes, bool], None]
+"""Called with a record, and whether it is the last one; from any thread."""
+
+
+class TeachingDesk:
+    """Answers what the teaching mode of a page asks; computes one lesson after the other.
+
+    Parameters
+    ----------
+    integration : Integration
+        The session's; only read.
+    """
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        self._worker = Worker("flatcloth-teaching")
+        self._teaching: Teaching | None = None
+
+    async def serve(self, request: Request) -> Response:
+        """Answer a request for a part; its parameters are those of the address, or the session's."""
+        part = request.path_params["part"]
+        if part not in PARTS:
+            return PlainTextResponse(
+                f"There is no part {part!r:.40}; known are {', '.join(PARTS)}.", status_code=404
+            )
+        try:
+            asked = _asked(dict(request.query_params), len(self._integration.recording))
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=400)
+        return _Records(lambda tell, cancelled: self._compute(part, asked, tell, cancelled))
+
+    def stop(self) -> None:
+        """End the thread, after the lesson it is at."""
+        self._worker.stop(timeout_s=2.0)
+
+    def _compute(self, part: str, asked: dict[str, Any], tell: Tell, cancelled: threading.Event) -> None:
+        def progress(share: float, text: str) -> None:
+            if cancelled.is_set():
+                raise CancelledError
+            tell(record({"kind": "progress", "share": share, "text": text}), False)
+
+        def job() -> None:
+            try:
+                progress(0.0, "Starting")
+                answer = self._lesson(part, asked, progress)
+            except CancelledError:
+                return
+            except FlatclothError as error:
+                answer = record({"kind": "error", "text": str(error)})
+            except Exception as error:  # noqa: BLE001 - told and logged
+                _log.exception("the lesson %s failed", part)
+                text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+                answer = record({"kind": "error", "text": text})
+            tell(answer, True)
+
+        self._worker.put(job)
+
+    def _lesson(self, part: str, asked: dict[str, Any], progress: Progress) -> bytes:
+        if self._teaching is None:
+            self._teaching = Teaching(self._integration)
+        teaching, defaults = self._teaching, _plain(self._teaching.defaults)
+        start = asked["start_view"]
+        view = teaching.start_view(progress) if start is None else start
+        parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
+        axis = self._integration.axis
+        match part:
+            case "flattening":
+                parcel = flattening_parcel(teaching.flattening(view, parameters, progress), axis)
+            case "planning":
+                parcel = planning_parcel(teaching.planning(view, parameters, progress), axis)
+            case _:
+                parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
+        common = {
+            "kind": part,
+            "parameters": _plain(parameters),
+            "defaults": defaults,
+            "sliders": {name: _reaching(SLIDERS[name], value) for name, value in defaults.items()},
+            "recording": self._integration.recording.name,
+            "start_view": view,
+            "angles_deg": list(self._integration.recording.angles_deg),
+        }
+        return parcel.pack(common)
+
+
+class _Records(Response):
+    """Sends records as they are told, until the last one or until the page hangs up."""
+
+    def __init__(self, begin: Callable[[Tell, threading.Event], None]) -> None:
+        super().__init__(media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
+        del self.headers["content-length"]
+        self._begin = begin
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        loop, told = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
+        cancelled = threading.Event()
+
+        def tell(data: bytes, last: bool) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(told.put_nowait, (data, last))
+
+        async def send_all() -> None:
+            await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
+            last = False
+            while not last:
+                data, last = await told.get()
+                await send({"type": "http.response.body", "body": data, "more_body": not last})
+
+        async def hear_the_end() -> None:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+
+        self._begin(tell, cancelled)
+        tasks = [asyncio.ensure_future(send_all()), asyncio.ensure_future(hear_the_end())]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            cancelled.set()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+# --- the question ----------------------------------------------------------------------------------
+
+
+def _plain(parameters: Parameters) -> dict[str, float]:
+    return {
+        "sampling_interval_px": parameters.sampling_interval_px,
+        "z_angle_limit_deg": parameters.z_angle_limit_deg,
+        "overlap_cm2": round(parameters.overlap_area_m2 * CM2, 6),
+    }
+
+
+def _parameters(values: dict[str, float]) -> Parameters:
+    return Parameters(
+        sampling_interval_px=int(values["sampling_interval_px"]),
+        z_angle_limit_deg=values["z_angle_limit_deg"],
+        overlap_area_m2=values["overlap_cm2"] / CM2,
+    )
+
+
+def _reaching(slider: dict[str, float], value: float) -> dict[str, float]:
+    """Return a slider that reaches the session's own value."""
+    return {**slider, "low": min(slider["low"], value), "high": max(slider["high"], value)}
+
+
+def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
+    """Read the parameters of an address.
+
+    Raises
+    ------
+    FlatclothError
+        If one is unknown, or not a number that can be meant.
+    """
+    known: dict[str, Callable[[str], float]] = {
+        "start_view": int,
+        "sampling_interval_px": int,
+        "z_angle_limit_deg": float,
+        "overlap_cm2": float,
+    }
+    asked: dict[str, Any] = {"start_view": None}
+    for name, text in given.items():
+        if name not in known:
+            raise FlatclothError(f"There is no parameter {name!r:.40}; known are {', '.join(known)}.")
+        try:
+            value = known[name](text)
+        except ValueError as error:
+            raise FlatclothError(f"{name}: {text!r:.40} is not a number of the right kind.") from error
+        if not math.isfinite(value):
+            raise FlatclothError(f"{name}: {text!r:.40} is not a number of the right kind.")
+        asked[name] = value
+    start = asked["start_view"]
+    if start is not None and not 0 <= start < n_views:
+        raise FlatclothError(f"start_view: the recording has {n_views} views, none numbered {start}.")
+    return asked

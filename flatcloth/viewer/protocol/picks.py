@@ -1,0 +1,236 @@
+"""The picks: the one that is current, the list that is kept, and their places on the flattened view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.types import Float64, Floats, RotationAxis, finite
+from flatcloth.grasping.grasps import (
+    LOST_AT_M,
+    GraspPose,
+    Grip,
+    axis_by_hand,
+    grasp_at,
+    grasp_pose,
+    pixel_of_point,
+    point_on_ray,
+)
+from flatcloth.grasping.grips import GripBook, grip_numbers
+from flatcloth.viewer.protocol.picture import Picture
+
+if TYPE_CHECKING:
+    from flatcloth.session.journal import Pick, SessionFolder
+
+TOO_FAR_M = 0.030
+"""A click in 3D further than this from the shape picks nothing; nearer, it picks the nearest of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a 3D point lies on the present shape: pixel, plane coordinates, distance in space."""
+
+    rc: tuple[int, int]
+    uv_m: tuple[float, float]
+    distance_m: float
+
+    @property
+    def in_shape(self) -> bool:
+        """Whether the present shape holds the point."""
+        return self.distance_m <= LOST_AT_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentPick:
+    """The pick that both sides of the page show; ``miss_m`` is how far the click was off the cloth."""
+
+    pick: Pick
+    miss_m: float = 0.0
+    grip: Grip = field(default_factory=Grip)
+
+    def pose(self, picture: Picture, axis: RotationAxis) -> GraspPose | None:
+        """Return its grasp pose on the present shape."""
+        return grasp_pose(picture.view, self.pick.position_held_m, self.pick.normal_held, axis, self.grip)
+
+
+class PickDesk:
+    """Adds, shows, renames and deletes picks; used by the application thread only.
+
+    ``show(position, normal, gripper)`` puts the ball, the arrow and the gripper's lines into the
+    scene, or hides them.
+    """
+
+    def __init__(
+        self,
+        folder: SessionFolder,
+        axis: RotationAxis,
+        show: Callable[[Float64 | None, Float64 | None, Float64 | None], None],
+    ) -> None:
+        self._folder = folder
+        self._axis = axis
+        self._show = show
+        # A session that is kept in memory keeps its grips there too.
+        self._book = GripBook(getattr(folder, "folder", None))
+        self.picks: tuple[Pick, ...] = folder.picks
+        self.current: CurrentPick | None = None
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+        self._axis = axis
+
+    def add(self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None) -> None:
+        """Pick the cloth nearest to a place of the plane, keep the pick and show it."""
+        picture = _shown(picture)
+        grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)
+        number = max((p.id for p in self.picks), default=0) + 1
+        pick = self._folder.add_pick(
+            f"Pick {number}", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
+        )
+        self.picks = (*self.picks, pick)
+        self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m), picture)
+
+    def add_on_ray(
+        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+    ) -> bool:
+        """Pick what a ray of the eye hits first; False if it hits nothing."""
+        picture = _shown(picture)
+        hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
+        if hit is None:
+            return False
+        rc, distance_m = pixel_of_point(picture.view, points_m[hit])
+        if distance_m > TOO_FAR_M:
+            raise FlatclothError(
+                f"That point is not part of the flattened shape yet: the nearest of it is"
+                f" {1000 * distance_m:.0f} mm away. Click another, or step on."
+            )
+        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+        self.add(picture, u_m, v_m, miss_m=distance_m)
+        return True
+
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """How picks are to be gripped, where the operator chose."""
+        return self._book.grips
+
+    def show(self, pick_id: int | None, picture: Picture | None) -> None:
+        """Make a pick of the list the current one, or none."""
+        if pick_id is None:
+            self._set(None, picture)
+        else:
+            self._set(CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id)), picture)
+
+    def redraw(self, picture: Picture | None) -> None:
+        """Draw the current pick on another shape: its outline may lie elsewhere now."""
+        if self.current is not None:
+            self._set(self.current, picture)
+
+    def grip(
+        self,
+        picture: Picture | None,
+        pick_id: int,
+        axis_deg: float | None = None,
+        along_outline: bool | None = None,
+        opening_m: float | None = None,
+    ) -> None:
+        """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
+        pick, grip = self._listed(pick_id), self._book.get(pick_id)
+        if along_outline:
+            grip = replace(grip, axis_held=None)
+        elif axis_deg is not None:
+            by_hand = axis_by_hand(_shown(picture).view, pick.position_held_m, axis_deg)
+            grip = replace(grip, axis_held=by_hand)
+        if opening_m is not None:
+            grip = replace(grip, opening_m=opening_m)
+        self._book.set(pick_id, grip)
+        if self.current is not None and self.current.pick.id == pick_id:
+            self._set(replace(self.current, grip=grip), picture)
+
+    def rename(self, pick_id: int, name: str, picture: Picture | None) -> None:
+        """Give a pick another name."""
+        self._listed(pick_id)
+        self._folder.rename_pick(pick_id, name)
+        self._reload(picture)
+
+    def delete(self, pick_id: int, picture: Picture | None) -> None:
+        """Take a pick off the list."""
+        self._listed(pick_id)
+        self._folder.delete_pick(pick_id)
+        self._book.forget(pick_id)
+        self._reload(picture)
+
+    def _set(self, current: CurrentPick | None, picture: Picture | None) -> None:
+        self.current = current
+        if current is None:
+            self._show(None, None, None)
+        else:
+            pose = None if picture is None else current.pose(picture, self._axis)
+            gripper = None if pose is None else pose.gripper_m()
+            self._show(current.pick.position_held_m, current.pick.normal_held, gripper)
+
+    def _reload(self, picture: Picture | None) -> None:
+        self.picks = self._folder.picks
+        if self.current is not None:
+            found = [p for p in self.picks if p.id == self.current.pick.id]
+            self._set(replace(self.current, pick=found[0]) if found else None, picture)
+
+    def _listed(self, pick_id: int) -> Pick:
+        for pick in self.picks:
+            if pick.id == pick_id:
+                return pick
+        raise FlatclothError(f"Pick {pick_id} is no longer in the list.")
+
+
+def _shown(picture: Picture | None) -> Picture:
+    if picture is None:
+        raise FlatclothError("Nothing is flattened yet; wait for the start view, then click.")
+    return picture
+
+
+class PlaceBook:
+    """Remembers where each pick lies on the shape, until the shape changes."""
+
+    def __init__(self) -> None:
+        self._revision = 0
+        self._places: dict[bytes, Place] = {}
+
+    def place(self, picture: Picture, position_held_m: Float64) -> Place:
+        """Return the pixel of the present shape that is nearest to a point of the held frame."""
+        if picture.revision != self._revision:
+            self._revision, self._places = picture.revision, {}
+        key = np.asarray(position_held_m, dtype=np.float64).tobytes()
+        if key not in self._places:
+            rc, distance_m = pixel_of_point(picture.view, position_held_m)
+            u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+            self._places[key] = Place(rc=rc, uv_m=(u_m, v_m), distance_m=distance_m)
+        return self._places[key]
+
+
+def numbers(current: CurrentPick, place: Place, picture: Picture, axis: RotationAxis) -> dict[str, Any]:
+    """Return all numbers of the current pick, for the page and the clipboard."""
+    pick = current.pick
+    position = np.asarray(pick.position_held_m, dtype=np.float64)
+    normal = np.asarray(pick.normal_held, dtype=np.float64)
+    at_camera, normal_camera = camera_from_held(axis, picture.angle_deg).apply_with_normal(position, normal)
+    z_angle = float(picture.view.z_angle_deg[place.rc]) if place.in_shape else None
+    return {
+        "id": pick.id,
+        "name": pick.name,
+        "rc": list(place.rc),
+        "uv_m": list(place.uv_m),
+        "in_shape": place.in_shape,
+        "position_held_m": position.tolist(),
+        "position_camera_m": at_camera.tolist(),
+        "normal_held": [finite(x) for x in normal.tolist()],
+        "normal_camera": [finite(x) for x in normal_camera.tolist()],
+        "angle_deg": picture.angle_deg,
+        "z_angle_deg": finite(z_angle),
+        "view_index": pick.view_index,
+        "source_rc": list(pick.source_rc),
+        "miss_m": current.miss_m,
+        "grip": grip_numbers(current.pose(picture, axis)),
+    }

@@ -1,0 +1,138 @@
+"""Everything the page shows of one document, computed by the worker and never changed afterwards."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.geometry import height_m, z_angle_deg
+from flatcloth.core.types import Bool, FlattenedView, RotationAxis, finite
+from flatcloth.rendering.layers import legends
+from flatcloth.session.machine import Document
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration, Proposal, ViewCloud
+    from flatcloth.methods.base import AlignmentScore
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overlay:
+    """The pending view on the plane of the shape, at the placement in force.
+
+    ``own_center_uv_m`` is the centre of its part on its own plane: what nudges turn it about.
+    """
+
+    revision: int
+    view: FlattenedView
+    own_center_uv_m: tuple[float, float]
+    new_points: Bool
+    score: AlignmentScore
+    proposal: Proposal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """What a document looks like; ``revision`` changes whenever the flattened ``view`` does.
+
+    ``document`` is None for a frame that is played in live mode.
+    """
+
+    revision: int
+    view: FlattenedView
+    present_view: int
+    angle_deg: float
+    cloud: ViewCloud
+    energies: tuple[tuple[float, ...], ...]
+    legends: dict[str, Any]
+    document: Document | None = None
+    overlay: Overlay | None = None
+
+
+def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
+    """Compute what a document with a start view looks like; revisions go on from ``previous``."""
+    view = integration.canonical(document).view
+    present = document.present_view
+    assert present is not None
+    same = previous if previous is not None and previous.view is view else None
+    revision = 1 if previous is None else previous.revision + (same is None)
+    overlay = None
+    if document.pending is not None:
+        before = None if previous is None else previous.overlay
+        overlay = _overlay(integration, document, before)
+    angles_deg = integration.recording.angles_deg
+    return Picture(
+        revision=revision,
+        document=document,
+        view=view,
+        present_view=present,
+        angle_deg=angles_deg[present],
+        cloud=integration.cloud(present),
+        energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
+        legends=legends(view, integration.axis, angles_deg) if same is None else same.legends,
+        overlay=overlay,
+    )
+
+
+_overlay_revisions = itertools.count(1)
+
+
+def _overlay(integration: Integration, document: Document, before: Overlay | None) -> Overlay:
+    pending = document.pending
+    assert pending is not None
+    view = integration.overlay(document)
+    if before is not None and before.view is view:
+        return before
+    return Overlay(
+        revision=next(_overlay_revisions),
+        view=view,
+        own_center_uv_m=_center_uv_m(integration.part(pending.view_index, pending.component)),
+        new_points=integration.new_points(document),
+        score=integration.score(document),
+        proposal=integration.proposal(document),
+    )
+
+
+def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
+    """Return the centre of the grid on the plane."""
+    rows, cols = view.shape
+    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+    return float(u_m), float(v_m)
+
+
+def attributes_at(
+    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
+) -> dict[str, Any] | None:
+    """Return all attributes of the pixel at a place of the plane, None off the cloth.
+
+    ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the rotation
+    ``angle_deg``, which can be compared between views.
+    """
+    row, col = (int(x) for x in np.floor(view.rc_from_uv(np.array([u_m, v_m])) + 0.5))
+    rows, cols = view.shape
+    if not (0 <= row < rows and 0 <= col < cols) or not view.valid[row, col]:
+        return None
+    xyz = view.xyz_m[row, col].astype(np.float64)
+    return {
+        "rc": [row, col],
+        "uv_mm": [1000 * u_m, 1000 * v_m],
+        "rgb": view.rgb[row, col].tolist(),
+        "xyz_mm": (1000 * xyz).tolist(),
+        "height_mm": 1000 * float(height_m(xyz, axis)),
+        "normal": [finite(x) for x in view.normal[row, col].tolist()],
+        "z_angle_deg": finite(float(view.z_angle_deg[row, col])),
+        "z_angle_now_deg": finite(float(z_angle_deg(view.normal[row, col], axis, angle_deg))),
+        "view_index": int(view.view_index[row, col]),
+        "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
+        **_quality_at(view, row, col),
+        "placement_std_mm": None
+        if view.placement_std_m is None
+        else finite(1000 * float(view.placement_std_m[row, col])),
+    }
+
+
+def _quality_at(view: FlattenedView, row: int, col: int) -> dict[str, float | None]:
+    values = [None] * 3 if view.quality is None else [finite(x) for x in view.quality[row, col].tolist()]
+    return dict(zip(("density_px_cm2", "incidence_deg", "stretch"), values, strict=True))

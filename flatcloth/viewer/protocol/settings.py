@@ -1,0 +1,233 @@
+"""What the operator may set on the page: few, behind one door, kept with the session in ``settings.json``.
+
+One table defines them, and the dialog is made from it. The numbers of the method are shown beside
+them; a session keeps those that it was begun with, since every decision depends on them.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse
+from starlette.routing import Route
+
+from flatcloth.core import config as numbers
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError
+
+FILE = "settings.json"
+FORMAT = "flatcloth-settings/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What the operator has set; see ``SETTINGS`` for what each means."""
+
+    auto_threshold: float = 0.75
+    advance: bool = False
+    follow: bool = True
+    step_mm: float = 2.0
+    step_deg: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """One row of the table; ``low``, ``high`` and ``step`` are None for a switch."""
+
+    name: str
+    title: str
+    description: str
+    low: float | None = None
+    high: float | None = None
+    step: float | None = None
+
+
+SETTINGS = (
+    Setting(
+        name="advance",
+        title="Go on after a verdict",
+        description="After Accept, Reject or Skip the next view is proposed at once.",
+    ),
+    Setting(
+        name="auto_threshold",
+        title="Auto accepts from",
+        description="Auto accepts a proposal with this score or more; below it stops for you to decide.",
+        low=0.0,
+        high=1.0,
+        step=0.05,
+    ),
+    Setting(
+        name="step_mm",
+        title="Arrow key, mm",
+        description="How far an arrow key moves the proposal; with Shift ten times as far.",
+        low=0.1,
+        high=50.0,
+        step=0.1,
+    ),
+    Setting(
+        name="step_deg",
+        title="Bracket key, °",
+        description="How far [ or ] turns the proposal; with Shift ten times as far.",
+        low=0.05,
+        high=45.0,
+        step=0.05,
+    ),
+    Setting(
+        name="follow",
+        title="3D camera follows",
+        description="The 3D camera stands where the real camera stood for the view that is shown.",
+    ),
+)
+
+
+class SettingsBook:
+    """The settings of a session; ``folder`` None keeps them in memory only. Used by one thread.
+
+    Raises
+    ------
+    FlatclothError
+        If the file that is there is damaged.
+    """
+
+    def __init__(self, folder: Path | None, defaults: Settings) -> None:
+        self._path = None if folder is None else folder / FILE
+        self.defaults = defaults
+        self.now = defaults if self._path is None else _read(self._path, defaults)
+
+    def change(self, **values: float | bool) -> None:
+        """Set some, on disk before they count.
+
+        Raises
+        ------
+        FlatclothError
+            If a value is out of its range, or the file cannot be written.
+        """
+        for setting in SETTINGS:
+            check(setting, values.get(setting.name))
+        self._keep(dataclasses.replace(self.now, **values))  # type: ignore[arg-type]
+
+    def reset(self) -> None:
+        """Set all to what they are without the operator.
+
+        Raises
+        ------
+        FlatclothError
+            If the file cannot be written.
+        """
+        self._keep(self.defaults)
+
+    def told(self) -> dict[str, dict[str, Any]]:
+        """Return the table for the page by name, with values and defaults."""
+        return {
+            setting.name: {
+                **dataclasses.asdict(setting),
+                "value": getattr(self.now, setting.name),
+                "default": getattr(self.defaults, setting.name),
+            }
+            for setting in SETTINGS
+        }
+
+    def _keep(self, settings: Settings) -> None:
+        if self._path is not None:
+            draft = self._path.with_name(f".{FILE}.partial")
+            content = {"format": FORMAT, **dataclasses.asdict(settings)}
+            try:
+                draft.write_text(json.dumps(content, indent=1) + "\n")
+                os.replace(draft, self._path)
+            except OSError as error:
+                raise FlatclothError(
+                    f"{self._path}: cannot be written ({error.strerror}). Nothing was set; make room."
+                ) from error
+        self.now = settings
+
+
+def check(setting: Setting, value: float | bool | None) -> None:
+    """Refuse a value out of its range.
+
+    Raises
+    ------
+    FlatclothError
+        With the range.
+    """
+    low, high = setting.low, setting.high
+    if value is not None and low is not None and high is not None and not low <= value <= high:
+        raise FlatclothError(f"{setting.title}: between {low:g} and {high:g}, not {value:g}.")
+
+
+def _read(path: Path, defaults: Settings) -> Settings:
+    try:
+        content = json.loads(path.read_bytes())
+        if content["format"] != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}")
+        values: dict[str, Any] = {}
+        for setting in SETTINGS:
+            value = content.get(setting.name, getattr(defaults, setting.name))
+            if isinstance(value, bool) != (setting.low is None):
+                raise ValueError(f"{setting.name} is {value!r:.40}")
+            check(setting, value)
+            values[setting.name] = value
+        return Settings(**values)
+    except FileNotFoundError:
+        return defaults
+    except OSError as error:
+        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, FlatclothError) as error:
+        raise FlatclothError(f"{path}: is damaged ({error}). Delete it: all is as at first then.") from error
+
+
+def method_numbers(config: Config) -> list[dict[str, Any]]:
+    """Return the numbers of the method for the page, by section: name, value, default, meaning."""
+    now, first = config.to_dict(), Config().to_dict()
+    meanings = _meanings(numbers)
+    classes = {field.name: type(getattr(config, field.name)).__name__ for field in dataclasses.fields(config)}
+    return [
+        {
+            "section": section,
+            "values": [
+                {
+                    "name": name,
+                    "value": value,
+                    "default": first[section][name],
+                    "about": meanings.get((classes[section], name), ""),
+                }
+                for name, value in values.items()
+            ],
+        }
+        for section, values in now.items()
+    ]
+
+
+def numbers_route(config: Config) -> Route:
+    """Return where the page gets the numbers of the method."""
+    told = method_numbers(config)
+
+    async def answer(_: Request) -> JSONResponse:
+        return JSONResponse(told)
+
+    return Route("/settings/numbers.json", answer)
+
+
+@cache
+def _meanings(module: ModuleType) -> Mapping[tuple[str, str], str]:
+    """Read the sentence that stands below each field of the configuration."""
+    found = {}
+    for section in ast.parse(inspect.getsource(module)).body:
+        if not isinstance(section, ast.ClassDef):
+            continue
+        for field, text in zip(section.body, section.body[1:], strict=False):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                match text:
+                    case ast.Expr(value=ast.Constant(value=str(words))):
+                        found[section.name, field.target.id] = " ".join(words.split())
+    return found

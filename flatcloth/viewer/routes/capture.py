@@ -1,0 +1,102 @@
+"""Guided capture over HTTP: a turntable or a robot announces the angles, and asks how things stand.
+
+``GET /capture`` tells the status; ``POST /capture/angle`` with ``{"angle_deg": 20.0}`` says that the item
+stands at an angle now, since view 0. ``POST /capture/begin``, ``keep``, ``repeat`` and ``finish`` do what the
+buttons of the page do. Every answer is the status as JSON, or ``{"error": why}`` with code 400 (not
+understood), 404 (no such address), 409 (not allowed now) or 503 (the camera has ended).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Protocol
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.cameras.base import CameraError
+from flatcloth.core.errors import FlatclothError
+
+_ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
+
+
+class Captures(Protocol):
+    """What the addresses work on; see :class:`flatcloth.viewer.modes.capture.CaptureApplication`."""
+
+    @property
+    def view_png(self) -> bytes:
+        """The picture of the view that was taken last, empty if there is none."""
+        ...
+
+    def status(self) -> dict[str, Any]:
+        """Return how the capture stands."""
+        ...
+
+    def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
+        """Do what is said; raises ``FlatclothError`` if it is not allowed."""
+        ...
+
+    def announce(self) -> None:
+        """Tell every tab."""
+        ...
+
+
+def capture_routes(captures: Captures) -> list[BaseRoute]:
+    """Return the addresses of a guided capture."""
+
+    async def status(_request: Request) -> Response:
+        told = await run_in_threadpool(captures.status)
+        return JSONResponse(told, headers={"Cache-Control": "no-store"})
+
+    async def view(_request: Request) -> Response:
+        if not captures.view_png:
+            return PlainTextResponse("No view has been taken yet.", status_code=404)
+        return Response(captures.view_png, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+    async def hear(request: Request) -> Response:
+        word = request.path_params["action"]
+        if word not in _ACTIONS:
+            return _refused(f"There is no /capture/{word:.40}; known are {', '.join(_ACTIONS)}.", 404)
+        angle_deg, keeps_itself = None, False
+        if word == "angle":
+            try:
+                angle_deg, keeps_itself = _announcement(await request.body())
+            except ValueError as error:
+                return _refused(str(error), 400)
+        try:
+            await run_in_threadpool(captures.act, _ACTIONS[word], angle_deg, keeps_itself)
+        except CameraError as error:
+            return _refused(str(error), 503)
+        except FlatclothError as error:
+            return _refused(str(error), 409)
+        captures.announce()
+        return JSONResponse(await run_in_threadpool(captures.status))
+
+    return [
+        Route("/capture", status),
+        Route("/capture/view.png", view),
+        Route("/capture/{action}", hear, methods=["POST"]),
+    ]
+
+
+def _announcement(body: bytes) -> tuple[float, bool]:
+    """Read ``{"angle_deg": 20.0, "keep": true}``; without ``keep`` the view keeps itself."""
+    wanted = 'Send JSON: {"angle_deg": 20.0}, and "keep": false if an operator decides.'
+    try:
+        given = json.loads(body[:10_000])
+    except ValueError as error:
+        raise ValueError(f"That was not JSON. {wanted}") from error
+    if not isinstance(given, dict) or set(given) - {"angle_deg", "keep"}:
+        raise ValueError(f"That has other fields. {wanted}")
+    angle_deg, keep = given.get("angle_deg"), given.get("keep", True)
+    known = isinstance(keep, bool) and not isinstance(angle_deg, bool)
+    if not known or not isinstance(angle_deg, int | float) or not math.isfinite(angle_deg):
+        raise ValueError(f"angle_deg must be a number, and keep true or false. {wanted}")
+    return float(angle_deg), keep
+
+
+def _refused(text: str, status: int) -> Response:
+    return JSONResponse({"error": text}, status_code=status)

@@ -1,0 +1,127 @@
+"""What the page offers to take away: made when asked for, from the session as it is on disk."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+import tempfile
+import threading
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.export.session import OpenedSession, of_page
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+
+def _page(session: OpenedSession) -> bytes:
+    from flatcloth.export.page import page
+
+    return page(session).encode()
+
+
+def _report(session: OpenedSession) -> bytes:
+    from flatcloth.export.report import report
+
+    return report(session).encode()
+
+
+def _figures(session: OpenedSession) -> bytes:
+    from flatcloth.export.figures import all_figures
+
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for figure in all_figures(session):
+            # Without a date of its own, so that the same session gives the same bytes.
+            archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.drawing.png())
+            info = zipfile.ZipInfo(f"{figure.name}.svg")
+            archive.writestr(info, figure.drawing.svg(), compress_type=zipfile.ZIP_DEFLATED)
+    return data.getvalue()
+
+
+def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
+    def make(session: OpenedSession) -> bytes:
+        from flatcloth.export.outline import outline_text
+
+        return outline_text(session.view, session.story.recording_name, suffix).encode()
+
+    return make
+
+
+def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
+    def make(session: OpenedSession) -> bytes:
+        from flatcloth.export.animation import write_animation
+
+        with tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
+            path = Path(folder) / f"growth{suffix}"
+            write_animation(session, path)
+            return path.read_bytes()
+
+    return make
+
+
+KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
+    "page.html": ("text/html", _page),
+    "report.html": ("text/html", _report),
+    "figures.zip": ("application/zip", _figures),
+    "growth.gif": ("image/gif", _animation(".gif")),
+    "growth.mp4": ("video/mp4", _animation(".mp4")),
+    "outline.svg": ("image/svg+xml", _outline(".svg")),
+    "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
+    "outline.json": ("application/json", _outline(".json")),
+}
+"""What can be asked for: the media type, and what makes it."""
+
+
+class ExportDesk:
+    """Makes exports, one at a time: they take all the processor that there is.
+
+    Parameters
+    ----------
+    integration, folder
+        The session of the page; only read.
+    """
+
+    def __init__(self, integration: Integration, folder: SessionFolder) -> None:
+        self._integration = integration
+        self._folder = folder
+        self._turn = threading.Lock()
+
+    async def serve(self, request: Request) -> Response:
+        """Answer with the file that was asked for, or with one line that says why not."""
+        name = request.path_params["name"]
+        if name not in KINDS:
+            known = ", ".join(KINDS)
+            return PlainTextResponse(f"There is no export {name!r:.40}; known are {known}.", status_code=404)
+        try:
+            data = await run_in_threadpool(self._make, name)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        except Exception as error:  # noqa: BLE001 - told and logged
+            _log.exception("the export of %s failed", name)
+            return PlainTextResponse(
+                f"Unexpected error: {error!r}. The terminal shows more.", status_code=500
+            )
+        # As a file to keep, never shown in the page's own place: its texts come from the recording.
+        headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
+        return Response(data, media_type=KINDS[name][0], headers=headers)
+
+    def _make(self, name: str) -> bytes:
+        with self._turn:
+            return KINDS[name][1](of_page(self._integration, self._folder))
+
+    def _stem(self) -> str:
+        name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
+        return name or "flatcloth"

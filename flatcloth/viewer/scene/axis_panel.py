@@ -1,0 +1,122 @@
+"""The turning axis set by hand: four sliders in viser's panel, a preview in the scene, and Apply."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.geometry import rotation_about
+from flatcloth.core.types import RotationAxis
+
+if TYPE_CHECKING:
+    import viser
+
+SLIDERS = (
+    ("Right (mm)", 60.0, 0.5),
+    ("Away (mm)", 60.0, 0.5),
+    ("Top leans right (deg)", 15.0, 0.1),
+    ("Top leans away (deg)", 15.0, 0.1),
+)
+"""Label, largest value to either side, step; seen from the camera of view 0."""
+
+
+class AxisPanel:
+    """A folder of the panel; its callbacks come from viser's threads.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Whose panel it joins.
+    axis : RotationAxis
+        In force now, held frame; its point is what it leans about.
+    on_preview : callable
+        Told the axis as the sliders say, while they are moved.
+    on_apply : callable
+        Told the axis that everything is to be derived with.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        axis: RotationAxis,
+        on_preview: Callable[[RotationAxis], None],
+        on_apply: Callable[[RotationAxis], None],
+    ) -> None:
+        self._axis = axis
+        self._on_preview = on_preview
+        gui = server.gui
+        with gui.add_folder("Turning axis", expand_by_default=False):
+            self._text = gui.add_markdown(_described(axis))
+            self._sliders = [
+                gui.add_slider(label, min=-most, max=most, step=step, initial_value=0.0)
+                for label, most, step in SLIDERS
+            ]
+            apply = gui.add_button("Apply", hint="Derive everything again with this axis.")
+            reset = gui.add_button("Back", hint="Forget what the sliders say.")
+        for slider in self._sliders:
+
+            @slider.on_update
+            def _(_event: Any) -> None:
+                self._on_preview(self.chosen)
+
+        @apply.on_click
+        def _(_event: Any) -> None:
+            on_apply(self.chosen)
+
+        @reset.on_click
+        def _(_event: Any) -> None:
+            self.set_axis(self._axis)
+
+    @property
+    def chosen(self) -> RotationAxis:
+        """The axis as the sliders say."""
+        right_mm, away_mm, lean_right_deg, lean_away_deg = (float(s.value) for s in self._sliders)
+        return moved_axis(
+            self._axis,
+            right_m=right_mm / 1000.0,
+            away_m=away_mm / 1000.0,
+            lean_right_deg=lean_right_deg,
+            lean_away_deg=lean_away_deg,
+        )
+
+    def set_axis(self, axis: RotationAxis) -> None:
+        """Take the axis that is in force now; the sliders count from it."""
+        self._axis = axis
+        self._text.content = _described(axis)
+        for slider in self._sliders:
+            slider.value = 0.0  # type: ignore[misc]  # viser declares it read-only, but means it
+        self._on_preview(axis)
+
+
+def moved_axis(
+    axis: RotationAxis,
+    *,
+    right_m: float = 0.0,
+    away_m: float = 0.0,
+    lean_right_deg: float = 0.0,
+    lean_away_deg: float = 0.0,
+) -> RotationAxis:
+    """Return an axis shifted, and leaned about its point; right and away are those of view 0's camera."""
+    lean = rotation_about(np.array([1.0, 0.0, 0.0]), -math.radians(lean_away_deg))
+    lean = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(lean_right_deg)) @ lean
+    direction = lean @ axis.direction
+    return replace(
+        axis,
+        point_m=axis.point_m + np.array([right_m, 0.0, away_m]),
+        direction=direction / np.linalg.norm(direction),
+        estimated=True,
+    )
+
+
+def _described(axis: RotationAxis) -> str:
+    lean_deg = np.degrees(np.arcsin(axis.direction))
+    x, z, right, away = np.round([*(1000.0 * axis.point_m[[0, 2]]), *lean_deg[[0, 2]]], 1) + 0.0  # no -0.0
+    return (
+        f"Now {x:.1f} mm right of the camera of view 0 and {z:.1f} mm away, "
+        f"its top leaning {right:.1f}° right and {away:.1f}° away"
+        + (" (not recorded: estimated, or set by hand)." if axis.estimated else ".")
+    )

@@ -1,0 +1,377 @@
+"""The 3D scene: the item in the held frame, with the camera, the axis, the proposal and the pick."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.scene.axis_panel import AxisPanel
+from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
+from flatcloth.viewer.scene.panels import Panels
+
+if TYPE_CHECKING:
+    import viser
+
+    from flatcloth.engine.integration import Integration
+
+MAX_POINTS = 60_000
+"""More points than this make the browser slow, and show no more."""
+
+MAX_LIVE_POINTS = 25_000
+"""Of a frame that is played; more would be sent faster than browsers take them."""
+
+BALL_RADIUS_M = 0.006
+ARROW_LENGTH_M = 0.06
+FRAME_MARGIN = 1.15
+_PICK_COLOR = (225, 29, 116)
+
+
+class Scene:
+    """Owns a viser server on loopback; every method may be called from any thread.
+
+    Parameters
+    ----------
+    axis : RotationAxis
+        Held frame.
+    intrinsics : Intrinsics
+        Of the real camera, for its frustum.
+    relay_key : str
+        Connections that do not carry this in their header ``X-Flatcloth-Relay`` are closed, so that
+        other pages on this computer cannot reach the scene behind our server's back.
+    """
+
+    def __init__(self, axis: RotationAxis, intrinsics: Intrinsics, relay_key: str) -> None:
+        self._axis = axis
+        self._axis_span_m = (-0.5, 0.5)
+        self._axis_panel: AxisPanel | None = None
+        self._cloud_panel: CloudPanel | None = None
+        self._picture: Picture | None = None
+        self._lock = threading.RLock()
+        self._clouds: dict[str, viser.PointCloudHandle] = {}
+        self._points: dict[str, Float32] = {}
+        self._wanted: dict[str, bool] = {}
+        self._filled: dict[str, bool] = {}
+        self._shown: tuple[Any, int] | None = None
+        self._view_from: tuple[Float64, Float64, float, float] | None = None
+        self._follow = True
+        self._server = _start_viser(relay_key)
+        self.port: int = self._server.get_port()
+        self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
+        self.on_follow: Callable[[bool], None] = lambda _on: None
+        self._build(intrinsics)
+
+    def _build(self, intrinsics: Intrinsics) -> None:
+        server = self._server
+        server.scene.set_up_direction("-y")
+        self._frustum = server.scene.add_camera_frustum(
+            "/camera",
+            fov=2 * float(np.arctan(intrinsics.height / 2 / intrinsics.fy)),
+            aspect=intrinsics.width / intrinsics.height,
+            scale=0.06,
+            color=(59, 130, 196),
+            thickness=1.5,
+            thickness_units="screen",
+        )
+        self._axis_line = server.scene.add_line_segments(
+            "/axis", self._axis_points(self._axis), (140, 140, 140), thickness=1.5, thickness_units="screen"
+        )
+        self._ball = server.scene.add_icosphere(
+            "/pick/ball", radius=BALL_RADIUS_M, color=_PICK_COLOR, visible=False, cast_shadow=False
+        )
+        self._arrow = server.scene.add_arrows(
+            "/pick/arrow",
+            np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, ARROW_LENGTH_M]]]),
+            _PICK_COLOR,
+            shaft_radius=0.0016,
+            head_radius=0.0045,
+            head_length=0.014,
+            visible=False,
+        )
+        self._gripper = server.scene.add_line_segments(
+            "/pick/gripper", np.zeros((1, 2, 3)), _PICK_COLOR,
+            thickness=3.0, thickness_units="screen", visible=False,
+        )  # fmt: skip
+        self._edges = server.scene.add_line_segments(
+            "/edges", np.zeros((1, 2, 3)), _PICK_COLOR,
+            thickness=3.0, thickness_units="screen", visible=False,
+        )  # fmt: skip
+        self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
+
+        @server.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            self.on_ray(event.ray_origin, event.ray_direction)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            self._aim(client)
+
+    def stop(self) -> None:
+        """Close the viser server."""
+        if self._cloud_panel is not None:
+            self._cloud_panel.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def visible_points(self) -> Float32:
+        """Return the points (N, 3) of all clouds that are switched on."""
+        with self._lock:
+            seen = [p for name, p in self._points.items() if self._is_visible(name)]
+        return np.concatenate(seen) if seen else np.zeros((0, 3), dtype=np.float32)
+
+    def show(self, picture: Picture | None) -> None:
+        """Show what a document looks like, or an empty scene."""
+        with self._lock, self._server.atomic():
+            self._show(picture)
+            self._panels.show(picture)
+        self._server.flush()
+
+    def play(self, picture: Picture | None) -> None:
+        """Show a frame of a recording that is played: its points only, thinned, framed once."""
+        with self._lock, self._server.atomic():
+            if picture is None:
+                self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+            else:
+                live = picture.cloud
+                keep = _evenly(len(live.xyz_m), MAX_LIVE_POINTS)
+                shades = dimmed(live.rgb[keep], live.of_interest[keep])
+                self._fill("/live/cloud", live.xyz_m[keep], shades, 0.0022)
+                if self._view_from is None:
+                    self._place_camera(picture)
+                else:
+                    self._turn_camera(picture)
+        self._server.flush()
+
+    def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
+        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+        with self._lock, self._server.atomic():
+            self._fill("/live/cloud", points_m, colors, 0.0022)
+            if len(points_m) and (anew or self._view_from is None):
+                self._shown = None
+                self._frame_view(0.0, 0)
+        self._server.flush()
+
+    def _turn_camera(self, picture: Picture) -> None:
+        assert self._view_from is not None
+        held = held_from_camera(self._axis, picture.angle_deg)
+        self._frustum.position = held.translation_m
+        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        self._view_from = (self._view_from[0], held.translation_m, *self._view_from[2:])
+        if self._follow:
+            self._aim_all()
+
+    def _show(self, picture: Picture | None) -> None:
+        self._picture = picture
+        if picture is None:
+            for name in self._clouds:
+                self._fill(name, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+            self._shown = None
+            return
+        panel = self._cloud_panel
+        shown = clouds_of(picture, self._axis, 1) if panel is None else panel.clouds(picture, self._axis)
+        for name, cloud in shown.items():
+            self._fill(name, cloud.points_m, cloud.colors, cloud.size_m)
+        self._place_camera(picture)
+
+    def show_pick(
+        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None = None
+    ) -> None:
+        """Show ball, outward arrow and gripper (S, 2, 3) of a pick (held frame), or hide them."""
+        with self._lock, self._server.atomic():
+            there = position_m is not None
+            if position_m is not None:
+                place: Any = position_m
+                self._ball.position = self._arrow.position = place
+            pointing = there and normal is not None and bool(np.all(np.isfinite(normal)))
+            if pointing and normal is not None:
+                self._arrow.wxyz = quaternion_from_z(normal)
+            if gripper_m is not None:
+                lines: Any = gripper_m
+                self._gripper.points = lines
+            self._filled["/pick/ball"], self._filled["/pick/arrow"] = there, pointing
+            self._filled["/pick/gripper"] = there and gripper_m is not None
+            wanted = self._wanted.get("/pick", True)
+            self._ball.visible = there and wanted
+            self._arrow.visible = pointing and wanted
+            self._gripper.visible = self._filled["/pick/gripper"] and wanted
+        self._server.flush()
+
+    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
+        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+        with self._lock, self._server.atomic():
+            there = ends_m is not None and len(ends_m) > 0
+            if there:
+                lines: Any = (ends_m, colors)
+                self._edges.points, self._edges.colors = lines
+            self._edges.visible = there
+        self._server.flush()
+
+    def follow(self, on: bool) -> None:
+        """Let the cameras go where the real camera stands at each new view, or leave them alone."""
+        self._follow = on
+        self._panels.set_follow(on)
+        if on:
+            self._aim_all()
+
+    def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
+        self._filled[name] = len(points_m) > 0
+        if len(points_m):
+            keep = _evenly(len(points_m))
+            points, shades = points_m[keep].astype(np.float32), colors[keep]
+            self._points[name] = points
+            if name in self._clouds:
+                self._clouds[name].points = points
+                self._clouds[name].colors = shades
+            else:
+                self._clouds[name] = self._server.scene.add_point_cloud(
+                    name, points, shades, point_size=size_m, point_shape="circle",
+                    precision="float32", point_shading="flat",
+                )  # fmt: skip
+        if name in self._clouds:
+            self._clouds[name].visible = self._is_visible(name)
+
+    def _is_visible(self, name: str) -> bool:
+        return self._filled.get(name, False) and self._wanted.get(name, True)
+
+    def _switch(self, node: str, on: bool) -> None:
+        with self._lock, self._server.atomic():
+            self._wanted[node] = on
+            for name, cloud in self._clouds.items():
+                cloud.visible = self._is_visible(name)
+            self._frustum.visible = self._wanted.get("/camera", True)
+            self._axis_line.visible = self._wanted.get("/axis", True)
+            picks = self._wanted.get("/pick", True)
+            self._ball.visible = picks and self._filled.get("/pick/ball", False)
+            self._arrow.visible = picks and self._filled.get("/pick/arrow", False)
+            self._gripper.visible = picks and self._filled.get("/pick/gripper", False)
+        self._server.flush()
+
+    def _place_camera(self, picture: Picture) -> None:
+        self._frame_view(picture.angle_deg, picture.present_view)
+
+    def _frame_view(self, angle_deg: float, present_view: int) -> None:
+        held = held_from_camera(self._axis, angle_deg)
+        self._frustum.position = held.translation_m
+        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]
+        if not clouds:
+            return
+        points = np.concatenate(clouds)
+        along = (points - self._axis.point_m) @ self._axis.direction
+        self._axis_span_m = (float(along.min()) - 0.05, float(along.max()) + 0.08)
+        self._draw_axis(self._axis)
+        center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
+        reach = np.abs(points - center)
+        half_height = float(np.percentile(reach[:, 1], 99.5))
+        half_width = float(np.percentile(np.hypot(reach[:, 0], reach[:, 2]), 99.5))
+        self._view_from = (center, held.translation_m, half_width, half_height)
+        first = self._shown is None
+        turned = self._shown is not None and self._shown[1] != present_view
+        self._shown = (None, present_view)
+        initial = self._server.initial_camera
+        initial.fov, initial.position = self._fov_rad(1.0), held.translation_m
+        initial.look_at = center
+        if first or (turned and self._follow):
+            self._aim_all()
+
+    def _fov_rad(self, aspect: float) -> float:
+        """Return the vertical field of view in which the whole item is seen from the camera's place."""
+        assert self._view_from is not None
+        center, camera, half_width, half_height = self._view_from
+        distance = max(float(np.linalg.norm(camera - center)) - half_width, 0.05)
+        tangent = FRAME_MARGIN * max(half_height, half_width / max(aspect, 0.2)) / distance
+        return float(np.clip(2 * np.arctan(tangent), 0.2, 2.2))
+
+    def _aim_all(self) -> None:
+        for client in self._server.get_clients().values():
+            self._aim(client)
+
+    def _aim(self, client: viser.ClientHandle) -> None:
+        if self._view_from is None:
+            return
+        with client.atomic():
+            client.camera.fov = self._fov_rad(client.camera.aspect)
+            client.camera.position = self._view_from[1]
+            client.camera.look_at = self._view_from[0]
+        client.flush()
+
+    def offer_axis(self, on_apply: Callable[[RotationAxis], None]) -> None:
+        """Offer to set the turning axis by hand; ``on_apply`` is told, from viser's threads."""
+        self._axis_panel = AxisPanel(self._server, self._axis, self._draw_axis, on_apply)
+
+    def offer_clouds(self, integration: Integration) -> None:
+        """Offer to choose the points that are shown, and their colours."""
+        self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
+
+    def _show_again(self) -> None:
+        with self._lock, self._server.atomic():
+            if self._picture is not None:
+                self._show(self._picture)
+        self._server.flush()
+
+    def set_axis(self, axis: RotationAxis) -> None:
+        """Take the turning axis that is in force from now on."""
+        with self._lock, self._server.atomic():
+            self._axis = axis
+            self._draw_axis(axis)
+            if self._axis_panel is not None:
+                self._axis_panel.set_axis(axis)
+        self._server.flush()
+
+    def _draw_axis(self, axis: RotationAxis) -> None:
+        ends: Any = self._axis_points(axis)
+        self._axis_line.points = ends
+
+    def _axis_points(self, axis: RotationAxis) -> Float64:
+        return np.array([[axis.point_m + x * axis.direction for x in self._axis_span_m]])
+
+
+def _start_viser(relay_key: str) -> viser.ViserServer:
+    import viser
+    from viser import _messages
+
+    # viser prints its own address; ours is the only one a user may open.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    socket = server._websock_server
+    # Any client could open a public tunnel to this computer with it.
+    socket.unregister_handler(_messages.ShareUrlRequest)
+
+    async def only_our_relay(connection: Any) -> None:
+        live = socket._live_connections.get(connection.client_id)
+        if live is None or live.request is None or live.request.headers.get("X-Flatcloth-Relay") != relay_key:
+            if live is not None:
+                await live.close(1008, "use the page's own address")
+
+    socket._client_connect_cb.insert(0, only_our_relay)
+    return server
+
+
+def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:
+    if count <= most:
+        return slice(None)
+    return np.linspace(0, count - 1, most).astype(np.intp)
+
+
+def quaternion_from_matrix(rotation: Floats) -> Float64:
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    from viser import transforms
+
+    return np.asarray(transforms.SO3.from_matrix(np.asarray(rotation)).wxyz, dtype=np.float64)
+
+
+def quaternion_from_z(direction: Floats) -> Float64:
+    """Return the unit quaternion (w, x, y, z) that turns +z to a direction (3,), the shortest way."""
+    d = np.asarray(direction, dtype=np.float64)
+    d = d / np.linalg.norm(d)
+    if d[2] < -1 + 1e-9:
+        return np.array([0.0, 1.0, 0.0, 0.0])  # half a turn; any horizontal axis will do
+    q = np.array([1 + d[2], -d[1], d[0], 0.0])
+    return np.asarray(q / np.linalg.norm(q), dtype=np.float64)

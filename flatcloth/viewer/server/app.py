@@ -1,0 +1,324 @@
+"""One web server on one port: the page, its socket, its pictures, and viser behind a relay."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import secrets
+import socket
+import threading
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from flatcloth.core.errors import FlatclothError, ServerError
+from flatcloth.core.resources import static_folder
+from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
+from flatcloth.viewer.modes.player import Player
+from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.modes.teaching import TeachingDesk
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.routes.exports import ExportDesk
+from flatcloth.viewer.routes.layers import PngDesk
+from flatcloth.viewer.routes.sources import SourceDesk
+from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
+from flatcloth.viewer.server.hub import Hub, Tab
+from flatcloth.viewer.server.relay import relay
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.journal import SessionFolder
+
+_log = logging.getLogger(__name__)
+
+STATIC = static_folder()
+_PAGE_HEADERS = {
+    # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
+    # the page itself never evaluates text.
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-eval'; img-src 'self' data:;"
+    " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class PageServer:
+    """The operator page of one session; ``start`` and ``stop`` may be used as a context manager.
+
+    Parameters
+    ----------
+    integration, folder
+        What to show, see :class:`flatcloth.viewer.modes.controller.PageDesk`.
+    host : str
+        Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
+    port : int
+        0 chooses a free one.
+    player : Player, optional
+        Given for live mode: flattens the frames that are played.
+    fps : float
+        In live mode, frames a second to begin with.
+    desk : callable, optional
+        Makes the application of another mode, such as that of a camera.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        player: Player | None = None,
+        fps: float = DEFAULT_FPS,
+        desk: Callable[[Stage, Audience], PageDesk] | None = None,
+    ) -> None:
+        self._integration = integration
+        self._socket = bind(host, port)
+        self._token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        self._host = host
+        self.port: int = self._socket.getsockname()[1]
+        self._relay_key = secrets.token_urlsafe(24)
+        axis = integration.axis
+        self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
+        self._hub = Hub()
+        self.application: PageDesk
+        if desk is not None:
+            self.application = desk(self._scene, self._hub)
+        elif player is not None:
+            self.application = LiveApplication(integration, folder, self._scene, self._hub, player, fps)
+        else:
+            self.application = Application(integration, folder, self._scene, self._hub)
+        self._hub.on_leave = self.application.leave
+        self._scene.on_ray = self.application.click_ray
+        self._scene.on_follow = self.application.set_follow
+        if isinstance(self.application, Application):
+            self._scene.offer_clouds(integration)
+            self._scene.offer_axis(self.application.adjust_axis)
+        self._pngs = PngDesk(self.application, integration)
+        self._sources = SourceDesk(self.application, integration)
+        self._teaching = TeachingDesk(integration)
+        self._exports = ExportDesk(integration, folder)
+        self._ready = threading.Event()
+        config = uvicorn.Config(
+            self._app(),
+            log_config=None,
+            access_log=False,
+            ws="websockets-sansio",
+            ws_max_size=2**31 - 1,
+            ws_per_message_deflate=False,
+            ws_ping_interval=20.0,
+            ws_ping_timeout=60.0,
+            timeout_graceful_shutdown=1,
+        )
+        self._uvicorn = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """The address to open, with the token if one is needed."""
+        host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+
+    def start(self) -> PageServer:
+        """Start serving; returns when the page answers."""
+        self._thread.start()
+        self._ready.wait()
+        self.application.start()
+        return self
+
+    def stop(self) -> None:
+        """Close the page, the scene and the session's threads."""
+        self._uvicorn.should_exit = True
+        self._thread.join(timeout=5.0)
+        self.application.stop()
+        self._teaching.stop()
+        self._scene.stop()
+        self._socket.close()
+
+    def join(self) -> None:
+        """Wait until the server ends."""
+        while self._thread.is_alive():
+            # A bare join() would not let Ctrl-C through on every system.
+            self._thread.join(timeout=1.0)
+
+    def __enter__(self) -> PageServer:
+        """Start serving."""
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        """Stop serving."""
+        self.stop()
+
+    def _run(self) -> None:
+        self._uvicorn.run(sockets=[self._socket])
+
+    def _app(self) -> Starlette:
+        @contextlib.asynccontextmanager
+        async def lifespan(_app: Starlette) -> AsyncIterator[None]:
+            self._hub.open(asyncio.get_running_loop())
+            # The socket listens already: whoever connects from now on is answered.
+            self._ready.set()
+            yield
+
+        routes: list[BaseRoute] = [
+            Route("/", _page),
+            *self._pngs.routes(),
+            *self._sources.routes(),
+            Route("/export/grasps.json", self._grasps),
+            Route("/export/{name}", self._exports.serve),
+            Route("/teaching/{part}", self._teaching.serve),
+            *self.application.routes(),
+            WebSocketRoute("/ws", self._messages),
+            Route("/viser/", _viser_page),
+            WebSocketRoute("/viser", self._viser_socket),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        guard = Middleware(Guard, names=own_names(self._host), token=self._token, port=self.port)
+        return Starlette(routes=routes, middleware=[guard, Middleware(_Headers)], lifespan=lifespan)
+
+    async def _messages(self, browser: WebSocket) -> None:
+        def receive(key: int, tab: Tab, text: str) -> None:
+            hover = _hover(text)
+            if hover is None:
+                self.application.receive(key, text)
+            else:
+                tab.put(json.dumps(self.application.describe(hover), allow_nan=False))
+
+        await self._hub.serve(browser, self.application.last_snapshot, receive)
+
+    async def _viser_socket(self, browser: WebSocket) -> None:
+        await relay(browser, self._scene.port, self._relay_key)
+
+    async def _grasps(self, _request: Request) -> Response:
+        headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
+        try:
+            grasps = await run_in_threadpool(self.application.grasps)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return JSONResponse(grasps, headers=headers)
+
+
+class _Headers:
+    """ASGI middleware that adds the page's protective headers to what is not viser's."""
+
+    def __init__(self, app: Any) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http" or scope["path"].startswith("/viser"):
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(k.lower().encode(), v.encode()) for k, v in _PAGE_HEADERS.items()]
+                message["headers"] = [*message.get("headers", []), *extra]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
+
+
+async def _page(_request: Request) -> Response:
+    # The page's own files carry no version in their names, so they are asked for anew each time.
+    return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
+
+
+async def _viser_page(_request: Request) -> Response:
+    import viser
+
+    build = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
+
+
+def _hover(text: str) -> messages.Hover | None:
+    # Hover read-outs need no turn in the queue: they only read the present picture.
+    if '"hover"' not in text[:200]:
+        return None
+    try:
+        message = messages.parse(text)
+    except FlatclothError:
+        return None  # the application thread reports it
+    return message if isinstance(message, messages.Hover) else None
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Return a socket that listens at an address.
+
+    Raises
+    ------
+    ServerError
+        If the port is busy or the host is not one of this computer; the message tells the remedy.
+    """
+    if not 0 <= port <= 65535:
+        raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
+    try:
+        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, address = found[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise ServerError(f"Host {host!r} is unknown ({error.strerror}); use 127.0.0.1.") from error
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(128)
+    except OSError as error:
+        listener.close()
+        raise ServerError(
+            f"Cannot serve at {host}:{port} ({error.strerror}); choose another --port, or 0 for any free one."
+        ) from error
+    return listener
+
+
+def serve(
+    integration: Integration,
+    folder: SessionFolder,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    player: Player | None = None,
+    fps: float = DEFAULT_FPS,
+    desk: Callable[[Stage, Audience], PageDesk] | None = None,
+    open_url: Callable[[str], None] | None = None,
+) -> None:
+    """Serve the operator page until Ctrl-C.
+
+    Parameters
+    ----------
+    integration, folder, host, port, player, fps, desk
+        See :class:`PageServer`.
+    open_url
+        Called with the page's address once it answers; the default prints it.
+
+    Raises
+    ------
+    ServerError
+        If the address cannot be bound.
+    """
+    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps, desk=desk) as server:
+        (open_url or _print_url)(server.url)
+        try:
+            server.join()
+        except KeyboardInterrupt:
+            _log.info("stopped by the operator")
+
+
+def _print_url(url: str) -> None:
+    import sys
+
+    sys.stdout.write(f"flatcloth is at {url} (Ctrl-C ends it)\n")
+    sys.stdout.flush()

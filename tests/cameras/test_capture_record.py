@@ -1,0 +1,228 @@
+"""The command ``record``, with a played file as the camera and a list of answers as the operator."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from realsense_files import stop_and_go, turning, write_realsense
+
+from flatcloth import cameras
+from flatcloth.cameras.capture import Phase
+from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
+from flatcloth.cameras.playback import PlaybackCamera
+from flatcloth.cli import main
+from flatcloth.commands import record
+from flatcloth.recordings import open_recording
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three stops of 2.2 s, 10 degrees apart."""
+    folder = tmp_path_factory.mktemp("record")
+    return write_realsense(folder / "stops.db3", turning(stop_and_go(3, 10.0, 2.2, 0.8), 8.5))
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files play as fast as they can."""
+    monkeypatch.setattr(
+        cameras, "open_camera", lambda which, align: PlaybackCamera(Path(which), align, real_time=False)
+    )
+
+
+def led(file: Path, out: Path, answer: Callable[[GuidedCapture], str | None]) -> GuidedCapture:
+    """Lead through a capture; ``answer`` is asked at each frame what the operator types."""
+    camera = PlaybackCamera(file, real_time=False)
+    guided = GuidedCapture(camera, lambda: writer_for(camera, str(out), "coat", False), 10.0)
+    record.lead(camera, guided, lambda: answer(guided), keeps_itself=False)
+    guided.close()
+    camera.close()
+    return guided
+
+
+@pytest.mark.usefixtures("at_once")
+def test_each_stop_of_a_turned_item_becomes_a_view(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "coat"
+    assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 0
+    said = capsys.readouterr().out
+    for line in (
+        "stops.db3: 240x240 px, 15 frames/s",
+        "View 0: let the item hang still.",
+        "View 1: turn the item by +10 degrees, to 10.",
+        "View 2 at 20 degrees: 10 frames, which agree to",
+        "View 2 is kept.",
+        "played to its end",
+        f"3 views are in {out}. Open it with: python app.py view {out}",
+    ):
+        assert line in said
+    read = open_recording(out)
+    assert (read.name, read.angles_deg) == ("coat", (0.0, 10.0, 20.0))
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_capture_is_gone_on_with_only_when_asked(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "coat"
+    arguments = [
+        "record",
+        "--out",
+        str(out),
+        "--camera",
+        str(file),
+        "--yes",
+        "--step",
+        "-20",
+        "--frames",
+        "8",
+    ]
+    assert main(arguments) == 0
+    assert main(arguments) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert main([*arguments, "--resume"]) == 0
+    # The file's two turns are the fourth and the fifth of the recording.
+    assert open_recording(out).angles_deg == (0.0, -20.0, -40.0, -60.0, -80.0)
+
+
+def test_the_operator_keeps_repeats_corrects_and_ends(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed: list[str] = []
+
+    def answer(guided: GuidedCapture) -> str | None:
+        view, phase = len(guided.state.kept_deg), guided.state.phase
+        if phase is Phase.TURN and view == 1 and "nonsense" not in typed:
+            typed.append("nonsense")
+            return "nonsense\n"
+        if phase is Phase.TURN and view == 2:
+            return "q\n"
+        if phase is not Phase.REVIEW:
+            return None
+        step = {0: ["360x", "\n"], 1: ["12.5\n", "0\n", "\n"]}[view]
+        done = sum(1 for t in typed if t.startswith(f"{view}:"))
+        typed.append(f"{view}:{step[done]}")
+        return step[done]
+
+    guided = led(file, tmp_path / "out", answer)
+    assert guided.state.phase is Phase.DONE
+    said = capsys.readouterr().out
+    assert "'nonsense'? Enter, r, q, or the angle" in said
+    assert "'360x'? Enter" in said
+    assert "view at 0 degrees already" in said
+    assert open_recording(tmp_path / "out").angles_deg == (0.0, 12.5)
+
+
+def test_a_view_is_repeated(file: Path, tmp_path: Path) -> None:
+    asked: list[float] = []
+
+    def answer(guided: GuidedCapture) -> str | None:
+        if guided.state.phase is not Phase.REVIEW:
+            return "q" if guided.state.phase is Phase.TURN else None
+        asked.append(guided.state.time_s)
+        return "r\n" if len(asked) == 1 else "\n"
+
+    led(file, tmp_path / "out", answer)
+    assert len(asked) == 2
+    assert asked[1] > asked[0] + 1.0  # still anew, and its own ten frames
+    assert len(open_recording(tmp_path / "out")) == 1
+
+
+def test_a_turn_that_was_not_seen_is_told_with_enter(file: Path, tmp_path: Path) -> None:
+    phases: list[Phase] = []
+
+    def answer(guided: GuidedCapture) -> str | None:
+        phases.append(guided.state.phase)
+        return "" if guided.state.phase in (Phase.REVIEW, Phase.TURN) else None
+
+    led(file, tmp_path / "out", answer)
+    assert len(open_recording(tmp_path / "out")) >= 2
+    assert phases.count(Phase.TURN) <= len(open_recording(tmp_path / "out"))
+
+
+def test_without_a_terminal_it_must_be_told_to_keep_everything(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert main(["record", "--out", str(tmp_path / "out"), "--camera", str(file)]) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--step", "0.5"], "step of 0.5"),
+        (["--step", "nan"], "step of nan"),
+        (["--frames", "3"], "3 frames a view: take 8"),
+        (["--camera", "none.db3"], "no such file"),
+    ],
+)
+def test_bad_options_are_one_line(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    arguments = ["record", "--out", str(tmp_path / "out"), "--camera", str(file), "--yes", *options]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_camera_that_stops_leaves_what_was_kept(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    read = PlaybackCamera.read
+    seen: list[float] = []
+
+    def unplugged(self: PlaybackCamera) -> cameras.CameraFrame:
+        seen.append(0.0)
+        if len(seen) == 60:
+            raise cameras.CameraError("D435 1: gives no pictures any more.")
+        return read(self)
+
+    monkeypatch.setattr(PlaybackCamera, "read", unplugged)
+    assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 2
+    said = capsys.readouterr()
+    assert "1 view is in" in said.out
+    assert "gives no pictures" in said.err
+    assert np.count_nonzero(open_recording(out)[0].depth_m) > 0
+
+
+@pytest.mark.usefixtures("at_once")
+def test_ctrl_c_leaves_what_was_kept(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep = GuidedCapture.keep
+
+    def interrupted(self: GuidedCapture) -> None:
+        keep(self)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(GuidedCapture, "keep", interrupted)
+    out = tmp_path / "out"
+    assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 0
+    assert "1 view is in" in capsys.readouterr().out
+    assert len(open_recording(out)) == 1
+
+
+def test_what_is_typed_is_read_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    import os
+
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as stdin, os.fdopen(writing, "w", buffering=1) as keyboard:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert record.typed() is None
+        keyboard.write("r\n")
+        assert record.typed() == "r\n"
+        assert record.typed() is None
+        keyboard.close()
+        assert record.typed() == "q"  # the terminal is gone

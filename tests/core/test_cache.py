@@ -1,0 +1,200 @@
+"""The bounded memory, and reading ahead."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from flatcloth.core.cache import Memory, ReadAhead, size_in_bytes
+from flatcloth.core.errors import FlatclothError, RecordingError
+
+MB = 1_000_000
+
+
+@dataclass(frozen=True)
+class Value:
+    pixels: np.ndarray
+    rest: object = None
+
+
+def value(megabytes: float) -> Value:
+    return Value(np.zeros(int(megabytes * MB), dtype=np.uint8))
+
+
+def about(megabytes: float) -> object:
+    return pytest.approx(megabytes * MB, abs=5000)
+
+
+def test_a_value_is_made_once_and_kept() -> None:
+    memory: Memory[int] = Memory(3)
+    made: list[int] = []
+
+    def make(n: int) -> int:
+        made.append(n)
+        return n
+
+    for n in (0, 1, 0, 1):
+        assert memory.get(n, lambda n=n: make(n)) == n  # type: ignore[misc]
+    assert made == [0, 1]
+    assert 0 in memory
+    assert 2 not in memory
+
+
+def test_what_was_used_longest_ago_is_forgotten_first() -> None:
+    memory: Memory[int] = Memory(2)
+    for n in (0, 1):
+        memory.put(n, n)
+    memory.get(0, lambda: -1)
+    memory.put(2, 2)
+    assert memory.items() == [(0, 0), (2, 2)]
+
+
+def test_the_bytes_of_all_values_are_bounded() -> None:
+    memory: Memory[Value] = Memory(100, most_bytes=10 * MB)
+    for n in range(8):
+        memory.put(n, value(3))
+    assert [key for key, _ in memory.items()] == [5, 6, 7]
+    memory.put("small", value(0.5))
+    assert [key for key, _ in memory.items()] == [5, 6, 7, "small"]
+    # One that is too large alone is kept while it is the last.
+    memory.put("large", value(50))
+    assert [key for key, _ in memory.items()] == ["large"]
+    memory.put("next", value(1))
+    assert [key for key, _ in memory.items()] == ["next"]
+
+
+def test_a_value_that_another_thread_put_first_stays() -> None:
+    memory: Memory[int] = Memory(2, most_bytes=1000)
+    assert memory.put("key", 1) == 1
+    assert memory.put("key", 2) == 1
+
+
+def test_who_wants_a_value_that_is_being_made_waits_for_it() -> None:
+    memory: Memory[int] = Memory(2)
+    begun, go_on = threading.Event(), threading.Event()
+    made = []
+
+    def slowly() -> int:
+        begun.set()
+        assert go_on.wait(5)
+        made.append(1)
+        return 1
+
+    first = threading.Thread(target=lambda: memory.get("key", slowly))
+    first.start()
+    assert begun.wait(5)
+    assert memory.get("other", lambda: 7) == 7  # nobody waits for another value
+    found: list[int] = []
+    second = threading.Thread(target=lambda: found.append(memory.get("key", lambda: 2)))
+    second.start()
+    go_on.set()
+    first.join(5)
+    second.join(5)
+    assert found == [1]
+    assert made == [1]
+
+
+def test_a_value_that_could_not_be_made_is_made_by_who_waited() -> None:
+    memory: Memory[int] = Memory(2)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def failing() -> int:
+        begun.set()
+        assert go_on.wait(5)
+        raise RecordingError("damaged")
+
+    told: list[Exception] = []
+
+    def ask() -> None:
+        try:
+            memory.get("key", failing)
+        except RecordingError as error:
+            told.append(error)
+
+    first = threading.Thread(target=ask)
+    first.start()
+    assert begun.wait(5)
+    found: list[int] = []
+    second = threading.Thread(target=lambda: found.append(memory.get("key", lambda: 2)))
+    second.start()
+    go_on.set()
+    first.join(5)
+    second.join(5)
+    assert len(told) == 1
+    assert found == [2]
+    assert memory.get("key", lambda: 3) == 2
+
+
+def test_sizes_count_arrays_once_wherever_they_hang() -> None:
+    pixels = np.zeros((1000, 1000), dtype=np.float32)
+    assert size_in_bytes(pixels) == 4 * MB
+    assert size_in_bytes(Value(pixels, {"again": [pixels, (pixels, None)]})) == about(4)
+    assert size_in_bytes({"a": pixels, "b": pixels.copy()}) == about(8)
+    assert size_in_bytes(FlatclothError("too small")) < 10_000
+    assert size_in_bytes(None) == 0
+
+
+def test_a_part_of_an_array_counts_as_all_that_it_keeps_alive() -> None:
+    pixels = np.zeros((1000, 1000), dtype=np.float32)
+    assert size_in_bytes(pixels[:10, ::2].T) == 4 * MB
+    assert size_in_bytes(pixels[:10].copy()) == 40_000
+
+
+def test_circles_of_references_are_no_trap() -> None:
+    circle: list[object] = [np.zeros(MB, dtype=np.uint8)]
+    circle.append(circle)
+    assert size_in_bytes(circle) == about(1)
+
+
+def test_what_is_wanted_is_made_ahead_and_errors_are_left_to_who_asks() -> None:
+    memory: Memory[int] = Memory(10)
+    threads = set()
+
+    def make(n: int) -> int:
+        def made() -> int:
+            threads.add(threading.current_thread().name)
+            if n == 1:
+                raise RecordingError("damaged")
+            return n
+
+        return memory.get(n, made)
+
+    ahead = ReadAhead(make)
+    ahead.want([])
+    ahead.wait()
+    ahead.want([0, 1, 2])
+    ahead.wait()
+    assert [key for key, _ in memory.items()] == [0, 2]
+    assert threads == {"flatcloth-ahead"}
+    ahead.want([3])
+    ahead.wait()
+    assert 3 in memory
+    assert not any(thread.name == "flatcloth-ahead" and thread.is_alive() for thread in _settled())
+
+
+def _settled() -> list[threading.Thread]:
+    for thread in threading.enumerate():
+        if thread.name == "flatcloth-ahead":
+            thread.join(5)
+    return threading.enumerate()
+
+
+def test_new_wishes_replace_old_ones() -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    made: list[int] = []
+
+    def make(n: int) -> None:
+        begun.set()
+        assert go_on.wait(5)
+        made.append(n)
+
+    ahead = ReadAhead(make)
+    ahead.want([0, 1, 2])
+    assert begun.wait(5)
+    ahead.want([7])
+    go_on.set()
+    ahead.wait()
+    assert made == [0, 7]

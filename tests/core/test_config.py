@@ -1,0 +1,69 @@
+"""The settings: written beside each result, read back strictly."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import pytest
+
+from flatcloth.core.config import AlignmentConfig, Config, FlatteningConfig, PlanningConfig
+from flatcloth.core.errors import ConfigError
+
+
+def test_a_configuration_survives_json() -> None:
+    config = Config(
+        flattening=FlatteningConfig(sampling_intervals_px=(24, 12, 6), pixel_size_m=0.0015),
+        planning=PlanningConfig(overlap_area_m2=0.05),
+    )
+    assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert Config.from_dict(Config().to_dict()) == Config()
+
+
+def test_missing_names_keep_their_defaults() -> None:
+    assert Config.from_dict({}) == Config()
+    assert Config.from_dict({"planning": {"z_angle_limit_deg": 45}}).planning == PlanningConfig(
+        z_angle_limit_deg=45.0
+    )
+
+
+def test_the_paper_s_numbers_are_the_defaults() -> None:
+    assert Config().flattening.sampling_intervals_px == (12, 6)
+    assert Config().planning.z_angle_limit_deg == 50.0
+    assert (Config().planning.rotation_min_deg, Config().planning.rotation_max_deg) == (10.0, 50.0)
+
+
+def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
+    read = Config.from_dict({"flattening": {"majorisations": 50.0, "pixel_size_m": 1}})
+    assert (type(read.flattening.majorisations), type(read.flattening.pixel_size_m)) == (int, float)
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ([], r"config: expected a table"),
+        (None, r"config: expected a table"),
+        ({"planing": {}}, r"config\.planing: no such setting; known are .*planning"),
+        ({"planning": 5}, r"config\.planning: expected a table"),
+        ({"planning": {"overlap_m2": 1}}, r"config\.planning\.overlap_m2: no such setting"),
+        ({"planning": {"overlap_area_m2": "0.1"}}, r"config\.planning\.overlap_area_m2: '0\.1' does not fit"),
+        ({"planning": {"overlap_area_m2": True}}, r"overlap_area_m2: True does not fit"),
+        ({"planning": {"overlap_area_m2": math.nan}}, r"overlap_area_m2: nan does not fit"),
+        ({"planning": {"overlap_area_m2": None}}, r"overlap_area_m2: None does not fit"),
+        ({"flattening": {"majorisations": 1.5}}, r"majorisations: 1\.5 does not fit"),
+        ({"flattening": {"majorisations": math.inf}}, r"majorisations: inf does not fit"),
+        ({"flattening": {"sampling_intervals_px": []}}, r"sampling_intervals_px: \[\] does not fit"),
+        ({"flattening": {"sampling_intervals_px": 12}}, r"sampling_intervals_px: 12 does not fit"),
+        ({"flattening": {"sampling_intervals_px": [12, "6"]}}, r"sampling_intervals_px: '6' does not fit"),
+    ],
+)
+def test_what_does_not_fit_is_named(values: Any, complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint):
+        Config.from_dict(values)
+
+
+def test_settings_cannot_be_changed_behind_the_session_s_back() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Config().alignment = AlignmentConfig()  # type: ignore[misc]

@@ -1,0 +1,183 @@
+"""Back-projection, rotation about the axis and Z-angles, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from flatcloth.core.geometry import (
+    Rigid3,
+    back_project,
+    camera_from_held,
+    height_m,
+    held_from_camera,
+    rotation_about,
+    z_angle_deg,
+)
+from flatcloth.core.types import Intrinsics, RotationAxis
+
+UPRIGHT = RotationAxis(point_m=np.array([0.02, -0.5, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+ANGLES_DEG = st.floats(-360, 360) | st.floats(-1e-7, 1e-7)
+LENGTHS = st.floats(-2, 2)
+VECTORS = st.tuples(LENGTHS, LENGTHS, LENGTHS).map(np.array)
+
+
+@st.composite
+def directions(draw: st.DrawFn) -> np.ndarray:
+    vector = draw(VECTORS)
+    length = np.linalg.norm(vector)
+    assume(length > 0.1)
+    return np.asarray(vector / length)
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> Rigid3:
+    angle = draw(st.floats(-math.pi, math.pi) | st.floats(-1e-9, 1e-9))
+    return Rigid3(rotation_about(draw(directions()), angle), draw(VECTORS))
+
+
+@st.composite
+def standing_axes(draw: st.DrawFn) -> RotationAxis:
+    """Axes that point up within 30 degrees, as a real camera may be tilted."""
+    tilt = np.array([draw(st.floats(-0.35, 0.35)), -1.0, draw(st.floats(-0.35, 0.35))])
+    return RotationAxis(point_m=draw(VECTORS), direction=tilt / np.linalg.norm(tilt))
+
+
+# --- Rigid3 ---------------------------------------------------------------------------------------
+
+
+@given(motions(), motions(), VECTORS)
+def test_composing_is_applying_one_after_the_other(a: Rigid3, b: Rigid3, x: np.ndarray) -> None:
+    np.testing.assert_allclose((a @ b).apply(x), a.apply(b.apply(x)), atol=1e-12)
+    np.testing.assert_allclose((a @ b).turn(x), a.turn(b.turn(x)), atol=1e-12)
+
+
+@given(motions(), VECTORS)
+def test_the_inverse_undoes_from_both_sides(a: Rigid3, x: np.ndarray) -> None:
+    np.testing.assert_allclose(a.inverse().apply(a.apply(x)), x, atol=1e-12)
+    np.testing.assert_allclose((a @ a.inverse()).apply(x), x, atol=1e-12)
+
+
+@given(motions(), VECTORS, VECTORS)
+def test_lengths_and_handedness_are_kept(a: Rigid3, x: np.ndarray, y: np.ndarray) -> None:
+    assert np.linalg.norm(a.apply(x) - a.apply(y)) == pytest.approx(np.linalg.norm(x - y), abs=1e-12)
+    np.testing.assert_allclose(a.turn(np.cross(x, y)), np.cross(a.turn(x), a.turn(y)), atol=1e-11)
+
+
+@given(motions(), VECTORS, VECTORS)
+def test_a_point_is_moved_and_its_normal_only_turned(a: Rigid3, x: np.ndarray, n: np.ndarray) -> None:
+    point, normal = a.apply_with_normal(x, n)
+    np.testing.assert_array_equal(point, a.apply(x))
+    np.testing.assert_allclose(normal, a.apply(n) - a.translation_m, atol=1e-12)
+
+
+# --- rotations ------------------------------------------------------------------------------------
+
+
+@given(directions(), st.floats(-7, 7), st.floats(-7, 7))
+def test_rotations_about_one_direction_add_their_angles(k: np.ndarray, a: float, b: float) -> None:
+    both = rotation_about(k, a) @ rotation_about(k, b)
+    np.testing.assert_allclose(both, rotation_about(k, a + b), atol=1e-12)
+    np.testing.assert_allclose(rotation_about(k, a) @ k, k, atol=1e-12)
+
+
+def test_the_right_hand_rule() -> None:
+    np.testing.assert_allclose(
+        rotation_about(np.array([0.0, 0.0, 1.0]), math.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15
+    )
+
+
+def test_a_positive_angle_moves_what_faces_the_camera_to_the_right_of_the_image() -> None:
+    nearest = UPRIGHT.point_m + np.array([0.0, 0.2, -0.1])
+    turned = camera_from_held(UPRIGHT, 10.0).apply(nearest)
+    assert turned[0] > nearest[0]
+    assert turned[1] == pytest.approx(nearest[1])
+
+
+@given(standing_axes(), ANGLES_DEG, VECTORS)
+def test_points_seen_in_any_view_coincide_in_the_held_frame(
+    axis: RotationAxis, angle_deg: float, x: np.ndarray
+) -> None:
+    seen = camera_from_held(axis, angle_deg).apply(x)
+    np.testing.assert_allclose(held_from_camera(axis, angle_deg).apply(seen), x, atol=1e-11)
+    # The held frame is the camera frame of view 0.
+    np.testing.assert_allclose(camera_from_held(axis, 0.0).apply(x), x, atol=1e-14)
+
+
+@given(standing_axes(), ANGLES_DEG, VECTORS)
+def test_turning_keeps_heights_and_distances_to_the_axis(
+    axis: RotationAxis, angle_deg: float, x: np.ndarray
+) -> None:
+    turned = camera_from_held(axis, angle_deg).apply(x)
+    assert height_m(turned, axis) == pytest.approx(float(height_m(x, axis)), abs=1e-11)
+    distance = np.linalg.norm(np.cross(turned - axis.point_m, axis.direction))
+    assert distance == pytest.approx(np.linalg.norm(np.cross(x - axis.point_m, axis.direction)), abs=1e-11)
+
+
+def test_height_is_zero_at_the_axis_point_and_grows_upwards() -> None:
+    assert height_m(UPRIGHT.point_m, UPRIGHT) == 0
+    assert height_m(UPRIGHT.point_m + np.array([0.3, -0.1, 0.2]), UPRIGHT) == pytest.approx(0.1)
+
+
+# --- Z-angle --------------------------------------------------------------------------------------
+
+
+def test_a_normal_that_faces_the_camera_has_zero_and_one_to_the_right_is_positive() -> None:
+    normals = np.array([[0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [1, 0, -1]], dtype=float)
+    np.testing.assert_allclose(z_angle_deg(normals, UPRIGHT), [0, 90, -90, 180, 45], atol=1e-12)
+
+
+@given(st.floats(-1.2, 1.2))
+def test_the_slope_up_or_down_does_not_matter(slope: float) -> None:
+    normal = np.array([math.sin(0.5), slope, -math.cos(0.5)])
+    assert z_angle_deg(normal, UPRIGHT) == pytest.approx(math.degrees(0.5))
+
+
+@given(standing_axes(), directions(), ANGLES_DEG)
+def test_turning_the_item_adds_the_rotation(axis: RotationAxis, normal: np.ndarray, angle_deg: float) -> None:
+    assume(np.linalg.norm(np.cross(normal, axis.direction)) > 0.05)
+    by_formula = z_angle_deg(normal, axis, angle_deg)
+    turned = camera_from_held(axis, angle_deg).turn(normal)
+    difference = (by_formula - z_angle_deg(turned, axis) + 180) % 360 - 180
+    assert difference == pytest.approx(0, abs=1e-8)
+    again = (by_formula - z_angle_deg(normal, axis) - angle_deg + 180) % 360 - 180
+    assert again == pytest.approx(0, abs=1e-8)
+    assert -180 < by_formula <= 180
+
+
+def test_a_normal_that_is_unknown_has_no_z_angle() -> None:
+    assert np.isnan(z_angle_deg(np.full(3, np.nan), UPRIGHT))
+
+
+def test_a_cylinder_shows_its_own_angle_at_every_point() -> None:
+    theta = np.radians(np.linspace(-80, 80, 17))
+    normals = np.stack([np.sin(theta), np.zeros(17), -np.cos(theta)], axis=1)
+    np.testing.assert_allclose(z_angle_deg(normals, UPRIGHT), np.degrees(theta), atol=1e-12)
+
+
+# --- back-projection ------------------------------------------------------------------------------
+
+
+def test_a_plane_back_projects_to_itself_and_unmeasured_pixels_to_nan() -> None:
+    camera = Intrinsics(width=5, height=4, fx=100.0, fy=120.0, cx=2.0, cy=1.5)
+    depth = np.full((4, 5), 0.8, dtype=np.float32)
+    depth[3, 4] = 0
+    cloud = back_project(depth, camera)
+    assert cloud.shape == (4, 5, 3)
+    assert cloud.dtype == np.float32
+    assert np.isnan(cloud[3, 4]).all()
+    np.testing.assert_allclose(cloud[0, 2], [0, -1.5 / 120 * 0.8, 0.8], rtol=1e-6)
+    np.testing.assert_allclose(cloud[2, 0], [-2 / 100 * 0.8, 0.5 / 120 * 0.8, 0.8], rtol=1e-6)
+
+
+def test_projecting_a_cloud_gives_its_pixels_back() -> None:
+    camera = Intrinsics(width=7, height=6, fx=90.0, fy=95.0, cx=3.2, cy=2.6)
+    depth = np.random.default_rng(5).uniform(0.5, 1.5, (6, 7)).astype(np.float32)
+    x, y, z = np.moveaxis(back_project(depth, camera), -1, 0)
+    rows, cols = np.mgrid[0:6, 0:7]
+    np.testing.assert_allclose(x / z * camera.fx + camera.cx, cols, atol=1e-4)
+    np.testing.assert_allclose(y / z * camera.fy + camera.cy, rows, atol=1e-4)

@@ -1,0 +1,102 @@
+"""Work in a process of its own: what it answers arrives, and its death is only an error."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flatcloth.core import subprocess_worker as child_module
+from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError, Message, serve
+from flatcloth.core.types import Progress
+
+
+def answer(question: Mapping[str, Any], progress: Progress) -> Message:
+    """What the child of these tests can do."""
+    match question["do"]:
+        case "double":
+            arrays = {
+                "a": np.arange(6.0).reshape(2, 3) * 2,
+                "b": np.array([True, False]),
+                "c": np.zeros((0, 3)),
+            }
+            progress(0.5, "half")
+            print("a library says something")  # noqa: T201
+            os.write(1, b"and so does another\n")
+            return Message({"said": question["say"]}, arrays)
+        case "refuse":
+            raise ValueError("a.bag: damaged. Copy it again.")
+        case "crash":
+            ctypes.string_at(0)
+        case "hang":
+            time.sleep(600)
+        case "eat":
+            return Message({}, {"all": np.ones(child_module.MEMORY_BYTES)})
+        case "leave":
+            os._exit(7)
+    raise KeyError("unforeseen")
+
+
+@pytest.fixture
+def child(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Child:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    return Child("test_subprocess_worker", tmp_path / "gone")
+
+
+def test_answers_arrive_with_their_arrays(child: Child) -> None:
+    told: list[tuple[float, str]] = []
+    for say in ("é\n", {"list": [1, None]}):
+        found = child.ask({"do": "double", "say": say}, lambda *step: told.append(step))
+        assert found.table == {"said": say}
+        np.testing.assert_array_equal(found.arrays["a"], [[0, 2, 4], [6, 8, 10]])
+        assert found.arrays["b"].tolist() == [True, False]
+        assert found.arrays["c"].shape == (0, 3)
+    assert told == [(0.5, "half")] * 2
+
+
+def test_a_known_error_is_told_and_the_child_lives_on(child: Child) -> None:
+    with pytest.raises(ChildError, match=r"^a\.bag: damaged\. Copy it again\.$"):
+        child.ask({"do": "refuse"})
+    assert child.ask({"do": "double", "say": 1}).table == {"said": 1}
+
+
+@pytest.mark.parametrize(
+    ("do", "said"),
+    [
+        ("crash", r"crashed \(SIGSEGV\)"),
+        ("leave", "ended with code 7"),
+        ("eat", "needs more than 1.2 GB of memory"),
+        ("unforeseen", r"failed \(KeyError: 'unforeseen'\)"),
+    ],
+)
+def test_the_death_of_a_child_is_an_error(child: Child, do: str, said: str) -> None:
+    with pytest.raises(ChildLostError, match=said):
+        child.ask({"do": do})
+    assert not child.close.alive
+    with pytest.raises(ChildLostError, match="ended over an earlier view"):
+        child.ask({"do": "double", "say": 1})
+
+
+def test_a_child_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, child: Child) -> None:
+    monkeypatch.setattr(child, "_patience_s", 0.3)
+    with pytest.raises(ChildLostError, match="does not come to an end"):
+        child.ask({"do": "hang"})
+    assert not child.close.alive
+
+
+def test_a_child_whose_parent_lets_go_of_it_ends(child: Child) -> None:
+    process = child._process
+    child.close()
+    child.close()  # twice does no harm
+    assert process.poll() is not None
+
+
+if __name__ == "__main__":
+    sys.exit(serve(answer, ValueError))

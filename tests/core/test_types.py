@@ -1,0 +1,116 @@
+"""The rigid motions of the plane, and the grid of a flattened view."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatcloth.core.types import FlattenedView, Rigid2, wrap_rad
+
+# Near the identity and far from it: both have failed in other libraries.
+ANGLES = st.floats(-math.pi, math.pi) | st.floats(-1e-9, 1e-9) | st.sampled_from([math.pi, -math.pi, 0.0])
+LENGTHS = st.floats(-3, 3) | st.floats(-1e-9, 1e-9)
+MOTIONS = st.builds(Rigid2, ANGLES, LENGTHS, LENGTHS)
+POINTS = st.tuples(LENGTHS, LENGTHS).map(np.array)
+
+
+def assert_same(a: Rigid2, b: Rigid2) -> None:
+    assert wrap_rad(a.theta_rad - b.theta_rad) == pytest.approx(0, abs=1e-12)
+    assert (a.u_m, a.v_m) == pytest.approx((b.u_m, b.v_m), abs=1e-12)
+
+
+@given(MOTIONS, MOTIONS, POINTS)
+def test_composing_is_applying_one_after_the_other(a: Rigid2, b: Rigid2, p: np.ndarray) -> None:
+    np.testing.assert_allclose((a @ b).apply(p), a.apply(b.apply(p)), atol=1e-12)
+
+
+@given(MOTIONS, MOTIONS, MOTIONS)
+def test_composing_is_associative(a: Rigid2, b: Rigid2, c: Rigid2) -> None:
+    assert_same((a @ b) @ c, a @ (b @ c))
+
+
+@given(MOTIONS)
+def test_the_identity_changes_nothing(a: Rigid2) -> None:
+    assert_same(a @ Rigid2(), a)
+    assert_same(Rigid2() @ a, a)
+
+
+@given(MOTIONS)
+def test_the_inverse_undoes_from_both_sides(a: Rigid2) -> None:
+    assert_same(a @ a.inverse(), Rigid2())
+    assert_same(a.inverse() @ a, Rigid2())
+    assert_same(a.inverse().inverse(), a)
+
+
+@given(MOTIONS, POINTS, POINTS)
+def test_distances_and_orientation_are_kept(a: Rigid2, p: np.ndarray, q: np.ndarray) -> None:
+    moved = a.apply(np.stack([p, q]))
+    assert np.linalg.norm(moved[0] - moved[1]) == pytest.approx(np.linalg.norm(p - q), abs=1e-12)
+    # Never a mirror: the oriented area of (origin, p, q) stays.
+    o = a.apply(np.zeros(2))
+    before = p[0] * q[1] - p[1] * q[0]
+    after = (moved[0] - o)[0] * (moved[1] - o)[1] - (moved[0] - o)[1] * (moved[1] - o)[0]
+    assert after == pytest.approx(before, abs=1e-11)
+
+
+def test_a_positive_angle_turns_u_towards_v() -> None:
+    np.testing.assert_allclose(Rigid2(math.pi / 2).apply(np.array([1.0, 0.0])), [0, 1], atol=1e-15)
+
+
+@given(ANGLES, POINTS)
+def test_a_turn_about_a_center_leaves_the_center_and_then_shifts(angle: float, center: np.ndarray) -> None:
+    np.testing.assert_allclose(Rigid2(angle).about(center).apply(center), center, atol=1e-12)
+    shifted = Rigid2(angle, 0.1, -0.2).about(center).apply(center)
+    np.testing.assert_allclose(shifted, center + np.array([0.1, -0.2]), atol=1e-12)
+
+
+def test_points_of_any_leading_shape_are_moved() -> None:
+    points = np.arange(24.0).reshape(2, 3, 4)[..., :2]
+    assert Rigid2(0.3, 1, 2).apply(points).shape == (2, 3, 2)
+
+
+@given(st.floats(-1e4, 1e4))
+def test_wrapping_keeps_the_direction_and_the_range(angle: float) -> None:
+    wrapped = wrap_rad(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+def test_half_a_turn_wraps_to_plus_pi() -> None:
+    assert wrap_rad(-math.pi) == math.pi
+    assert wrap_rad(math.pi) == math.pi
+
+
+def grid(rows: int = 4, cols: int = 6) -> FlattenedView:
+    valid = np.zeros((rows, cols), dtype=bool)
+    valid[1, 2:5] = True
+    return FlattenedView(
+        rgb=np.zeros((rows, cols, 3), np.uint8),
+        xyz_m=np.zeros((rows, cols, 3), np.float32),
+        normal=np.zeros((rows, cols, 3), np.float32),
+        z_angle_deg=np.zeros((rows, cols), np.float32),
+        valid=valid,
+        view_index=np.full((rows, cols), -1, np.int16),
+        source_rc=np.zeros((rows, cols, 2), np.float32),
+        pixel_size_m=0.002,
+        origin_uv_m=(-0.5, 0.25),
+    )
+
+
+def test_pixel_centres_lie_on_the_plane_by_origin_and_pixel_size() -> None:
+    view = grid()
+    assert view.shape == (4, 6)
+    assert view.area_m2 == pytest.approx(3 * 4e-6)
+    np.testing.assert_allclose(view.uv_from_rc(np.array([0, 0])), [-0.5, 0.25])
+    np.testing.assert_allclose(view.uv_from_rc(np.array([3, 5])), [-0.49, 0.256])
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1))
+def test_from_pixels_to_the_plane_and_back(rc: list[tuple[float, float]]) -> None:
+    view = grid()
+    np.testing.assert_allclose(view.rc_from_uv(view.uv_from_rc(np.array(rc))), rc, atol=1e-9)

@@ -1,0 +1,251 @@
+"""Reopened and skipped views on a real shape: what follows, what is asked again, what comes back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import Cylinder
+
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.outcome import outcome_of
+from flatcloth.recordings import open_recording
+from flatcloth.session.machine import (
+    Accept,
+    Command,
+    Document,
+    Nudge,
+    Phase,
+    Propose,
+    Reject,
+    Reopen,
+    SessionState,
+    Skip,
+    Start,
+    TakePart,
+    apply,
+)
+
+STEPS = tuple(float(a) for a in range(0, 360, 20))
+SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
+
+
+def integration(method: str, **options: object) -> Integration:
+    return Integration(Cylinder(**{**SHEET, **options}), method=method)  # type: ignore[arg-type]
+
+
+def done(made: Integration, state: SessionState, *commands: Command) -> SessionState:
+    """Give commands, and do all the work that they ask for."""
+    for command in commands:
+        state = apply(state, command)
+        while state.request is not None:
+            state = apply(state, made.answer(state.document, state.request))
+    return state
+
+
+def three_accepted(made: Integration) -> SessionState:
+    """Views 1, 2 and 3 laid one after the other on view 0."""
+    state = done(made, SessionState(len(STEPS)), Start(0))
+    for view in (1, 2, 3):
+        state = done(made, state, Propose(view), Accept(view))
+    assert [a.view_index for a in state.document.accepted] == [1, 2, 3]
+    return state
+
+
+def places(made: Integration, document: Document) -> dict[int, Rigid2]:
+    """Where each accepted view lies on the start view's plane."""
+    motions = made.canonical(document).current_from_view
+    start = motions[document.start_view or 0].inverse()
+    return {view: start @ motion for view, motion in motions.items()}
+
+
+def apart_m(one: Rigid2, other: Rigid2) -> float:
+    corners = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]])
+    return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None:
+    made = integration(method)
+    before = three_accepted(made)
+    after = done(made, before, Reopen(1), Accept(1))
+    assert after.document == before.document
+    assert made.canonical(after.document) is made.canonical(before.document)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
+    made = integration(method)
+    before = three_accepted(made)
+    after = done(made, before, Reopen(2), Reject(2))
+    assert after.phase is Phase.READY
+    assert [a.view_index for a in after.document.accepted] == [1, 3]
+    assert apart_m(places(made, after.document)[3], places(made, before.document)[3]) < 0.004
+
+
+def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_on() -> None:
+    made = integration("paper")
+    start = done(made, SessionState(len(STEPS)), Start(0))
+    state = done(made, start, Propose(1), Accept(1), Propose(2), Nudge(2, Rigid2(0, 1e-4, 0)), Accept(2))
+    fixed = state.document.accepted[1]
+    assert fixed.fixed
+    by = Rigid2(0.0, 0.002, 0.001)
+    moved = done(made, state, Reopen(1), Nudge(1, by), Accept(1))
+    assert moved.phase is Phase.READY
+    assert moved.document.accepted[1].current_from_new == fixed.current_from_new
+    assert apart_m(places(made, moved.document)[2], by @ places(made, state.document)[2]) < 1e-9
+    # Its predecessor gone, it stays where it was on the plane of the start view.
+    gone = done(made, state, Reopen(1), Reject(1))
+    (alone,) = gone.document.accepted or (gone.document.pending,)
+    assert alone is not None
+    assert alone.view_index == 2
+    assert apart_m(alone.current_from_new, places(made, state.document)[2]) < 1e-9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None:
+    made = integration(method)
+    before = three_accepted(made)
+    accepted = list(before.document.accepted)
+    # As if the operator had laid view 2 by hand, well, on a view 1 that is now moved far off.
+    accepted[1] = replace(accepted[1], fixed=True)
+    state = replace(before, document=replace(before.document, accepted=tuple(accepted)))
+    far = Rigid2(0.0, 0.0, 0.1 if method == "robust" else 0.0)
+    state = done(made, state, Reopen(1), Nudge(1, far), Accept(1) if method == "robust" else Skip(1))
+    if method == "paper":  # carried along, it still fits
+        assert [a.view_index for a in state.document.accepted] == [2, 3]
+        return
+    pending = state.document.pending
+    assert pending is not None
+    assert pending.view_index == 2
+    assert "No longer sure after the change: its score is" in pending.why
+    assert [w.decision.view_index for w in state.document.later] == [3]
+    assert made.proposal(state.document).view_index == 2  # it can be looked at
+
+
+def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = integration("robust")
+    before = three_accepted(made)
+
+    def nothing(*_: object) -> None:
+        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
+
+    monkeypatch.setattr(made._method, "propose", nothing)
+    state = done(made, before, Reopen(1), Reject(1))
+    pending = state.document.pending
+    assert pending is not None
+    assert (pending.view_index, pending.score) == (2, 0.0)
+    assert "no cloth in common" in pending.why
+    assert pending.current_from_new == before.document.accepted[1].current_from_new
+
+
+# --- skipped --------------------------------------------------------------------------------------
+
+
+def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
+    made = integration("robust", angles_deg=(0.0, 20.0, 40.0))
+    state = done(made, SessionState(3), Start(0), Propose())
+    asked = []
+    for _ in range(5):
+        pending = state.document.pending
+        assert pending is not None
+        asked.append(pending.view_index)
+        state = done(made, state, Skip(pending.view_index), Propose())
+    assert len(set(asked[:2])) == 2  # first the other one,
+    assert asked[2:] == [*asked[:2], asked[0]]  # then in the order in which they were put off
+    left = outcome_of(made, Run(made, state))["left"]
+    put_off = [s.view_index for s in state.document.skipped]
+    assert [(v["view_index"], v["reason"]) for v in left] == [(view, "skipped") for view in put_off]
+    end = Run(made, state).finish()
+    assert end.phase is Phase.FINISHED
+    assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
+
+
+def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
+    made = integration("robust")
+    waiting = apply(done(made, three_accepted(made), Reopen(2)), Reject(2))
+    assert waiting.request is not None
+    end = Run(made, waiting).finish()
+    assert end.phase is Phase.FINISHED
+    assert end.document.later == ()
+    assert 3 in end.document.used_views
+
+
+# --- by hand --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = integration(method)
+    state = done(made, SessionState(len(STEPS)), Start(0))
+
+    def nothing(*_: object) -> None:
+        raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
+
+    monkeypatch.setattr(made._method, "propose", nothing)
+    state = done(made, state, Propose(2))
+    pending = state.document.pending
+    assert pending is not None
+    assert pending.score == 0.0
+    assert pending.why.endswith("choose another view. It lies beside the shape to be moved.")
+    shape, overlay = made.canonical(state.document).view, made.overlay(state.document)
+    u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
+    u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]
+    assert u_new.max() < u_shape.min() or u_new.min() > u_shape.max()
+    assert made.proposal(state.document).placing.hypotheses == ()
+    # Dragged to where it belongs and accepted, it is part of the shape.
+    right = done(
+        integration(method), done(integration(method), SessionState(len(STEPS)), Start(0)), Propose(2)
+    )
+    assert right.document.pending is not None
+    by = right.document.pending.current_from_new @ pending.current_from_new.inverse()
+    moved = apply(state, Nudge(2, by))
+    assert made.score(moved.document).total > 0.5
+    placed = apply(moved, Accept(2))
+    assert placed.document.accepted[0].fixed
+    assert made.canonical(placed.document).view.area_m2 > 1.1 * shape.area_m2
+
+
+def test_a_view_that_is_laid_where_the_views_share_nothing_in_space_joins_the_shape_there() -> None:
+    made = integration("robust", angles_deg=(0.0, 150.0), span_deg=(-180.0, 180.0))
+    state = done(made, SessionState(2), Start(0), Propose(1))
+    pending = state.document.pending
+    assert pending is not None
+    shape, overlay = made.canonical(state.document).view, made.overlay(state.document)
+    u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
+    u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]
+    by = Rigid2(0.0, float(np.median(u_shape) + 0.15 - np.median(u_new)), 0.0)
+    placed = done(made, state, Nudge(1, by), Accept(1))
+    joined = made.canonical(placed.document)
+    assert joined.floating == ()
+    assert joined.view.area_m2 > 1.3 * shape.area_m2
+
+
+def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> None:
+    recording = open_recording(Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean")
+    made = Integration(recording)
+    state = done(made, SessionState(len(recording)), Start(), Propose())
+    pending = state.document.pending
+    assert pending is not None
+    waiting = [p.component for p in made.proposal(state.document).placing.parts if p.hypothesis is None]
+    assert waiting
+    plain = made.canonical(done(made, state, Accept(pending.view_index)).document)
+    assert plain.floating  # nothing seen connects it
+    # Reopened, and its piece laid on the right border of the shape.
+    state = done(made, state, Accept(pending.view_index), Reopen(pending.view_index))
+    shape, piece = made.canonical(state.document).view, made.part(pending.view_index, waiting[0])
+    border = max(shape.uv_from_rc(np.argwhere(shape.valid)).tolist())
+    edge = min(piece.uv_from_rc(np.argwhere(piece.valid)).tolist())
+    there = Rigid2(0.0, border[0] - edge[0] - 0.02, border[1] - edge[1])
+    placed = done(made, state, TakePart(pending.view_index, waiting[0], there), Accept(pending.view_index))
+    joined = made.canonical(placed.document)
+    assert joined.floating == ()
+    # The rest of the view lies where it lay: only the piece has come to the shape.
+    assert joined.view.area_m2 == pytest.approx(plain.view.area_m2 + plain.floating[0].area_m2, rel=0.01)

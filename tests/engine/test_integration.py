@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Cylinder
+
+from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
+from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.integration import Integration
+from flatcloth.session.machine import (
+    UNSURE,
+    Accept,
+    NothingMore,
+    Nudge,
+    Phase,
+    Propose,
+    Proposed,
+    Reject,
+    SessionState,
+    Side,
+    Start,
+    Undo,
+    apply,
+)
+
+STEPS = tuple(float(a) for a in range(0, 360, 20))
+# A sheet around the front half and more: both sides of the first view have an occluding edge.
+SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
+
+
+def integration(**options: object) -> Integration:
+    return Integration(Cylinder(**{**SHEET, **options}), method="paper")  # type: ignore[arg-type]
+
+
+def stepped(made: Integration, state: SessionState, command: Start | Propose) -> SessionState:
+    state = apply(state, command)
+    assert state.request is not None
+    return apply(state, made.answer(state.document, state.request))
+
+
+def started(made: Integration, view: int | None = None) -> SessionState:
+    return stepped(made, SessionState(len(made.recording)), Start(view))
+
+
+def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
+    made = integration(span_deg=(-20.0, 100.0))
+    # The cloth is centred at 40 deg: it faces the camera when the item is turned by -40 deg.
+    assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
+
+
+def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
+    made = integration()
+    state = Run(made, SessionState(len(STEPS))).finish()
+    assert state.phase is Phase.FINISHED
+    assert "occluding edge" in (state.document.finished or "")
+    assert {a.side for a in state.document.accepted} == {Side.LEFT, Side.RIGHT}
+    view = made.canonical(state.document).view
+    exact = np.radians(200) * 0.12 * 0.2
+    assert view.area_m2 == pytest.approx(exact, rel=0.08)
+    flat = Cylinder().flat_uv_m(view.xyz_m[view.valid].astype(float))
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    pair = np.random.default_rng(0).integers(0, len(uv), (2, 4000))
+    error = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
+    error -= np.linalg.norm(flat[pair[0]] - flat[pair[1]], axis=1)
+    assert np.percentile(np.abs(error), 95) < 0.004
+
+
+def test_undo_is_exact_and_costs_nothing() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    before = made.canonical(state.document)
+    pending = state.document.pending
+    assert pending is not None
+    state = apply(state, Accept(pending.view_index))
+    assert made.canonical(state.document).view.area_m2 > before.view.area_m2
+    state = apply(state, Undo())
+    assert made.canonical(state.document) is before
+    assert state.document.pending == pending
+
+
+def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    document = state.document
+    proposal = made.proposal(document)
+    assert proposal.plan is not None
+    assert proposal.plan.view_index == proposal.view_index
+    assert proposal.alignment.correspondence is not None
+    fresh, overlay = made.new_points(document), made.overlay(document)
+    assert fresh.shape == overlay.valid.shape
+    assert 0.1 < fresh.sum() / overlay.valid.sum() < 0.6
+    assert not (fresh & ~overlay.valid).any()
+    assert made.score(document).total == pytest.approx(proposal.alignment.score.total)
+
+
+def test_the_overlay_is_made_once_for_each_placement() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    before = made.overlay(state.document)
+    made.new_points(state.document)
+    assert made.overlay(state.document) is before
+    moved = apply(state, Nudge(state.document.pending.view_index, Rigid2(0.0, 0.01, 0.0)))  # type: ignore[union-attr]
+    assert made.overlay(moved.document) is not before
+    # Taken back, it lies where it was.
+    np.testing.assert_array_equal(made.overlay(apply(moved, Undo()).document).valid, before.valid)
+
+
+def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    before, score = made.overlay(state.document), made.score(state.document).total
+    view = state.document.pending.view_index  # type: ignore[union-attr]
+    state = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
+    after = made.overlay(state.document)
+    moved = np.array(after.origin_uv_m) - before.origin_uv_m
+    np.testing.assert_allclose(moved, [0.02, 0.03], atol=1e-9)
+    assert made.score(state.document).total < score
+    accepted = apply(state, Accept(view))
+    assert accepted.document.accepted[-1].fixed
+
+
+def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    again = integration().proposal(state.document)
+    assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
+
+
+def test_any_view_can_be_asked_for_by_hand() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose(2))
+    pending = state.document.pending
+    assert pending is not None
+    assert (pending.view_index, pending.side) == (2, Side.LEFT)
+    state = stepped(made, started(made, 0), Propose(17))
+    assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
+    assert made.proposal(state.document).plan is None
+
+
+def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
+    made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
+    state = stepped(made, started(made, 0), Propose())
+    assert state.phase is Phase.FINISHED
+    state = apply(started(made, 0), Propose(1))
+    with pytest.raises(FlatclothError, match="View 1"):
+        made.answer(state.document, state.request)  # type: ignore[arg-type]
+
+
+def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
+    made = integration()
+
+    def refuse(_made: Integration, state: SessionState) -> Reject:
+        return Reject(state.document.pending.view_index, UNSURE)  # type: ignore[union-attr]
+
+    state = Run(made, started(made, 0), policy=refuse).finish()
+    refused = [r.view_index for r in state.document.rejected]
+    assert len(refused) == len(set(refused)) >= 2
+    assert not state.document.accepted
+    assert state.phase is Phase.FINISHED
+
+
+def test_the_policy_goes_by_the_score() -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    assert isinstance(accept_by_score(made, state), Accept)
+    proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
+    low = apply(apply(started(made, 0), Propose()), proposed)
+    assert low.document.pending is None  # another token: ignored
+    request = apply(started(made, 0), Propose()).request
+    assert request is not None
+    low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
+    assert accept_by_score(made, low) == Reject(3, UNSURE)
+
+
+def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
+    def rotation(overlap_area_m2: float) -> float:
+        config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
+        made = Integration(Cylinder(**SHEET), config, "paper")  # type: ignore[arg-type]
+        return max(side.rotation_deg for side in made.plan(started(made, 0).document).sides)
+
+    assert rotation(0.005) > rotation(0.03)
+
+
+def test_the_work_can_be_cancelled_through_the_progress() -> None:
+    made = integration()
+
+    def cancel(_share: float, _text: str) -> None:
+        raise CancelledError
+
+    state = apply(SessionState(len(STEPS)), Start())
+    with pytest.raises(CancelledError):
+        made.answer(state.document, state.request, cancel)  # type: ignore[arg-type]
+
+
+def test_without_masks_or_axis_the_notes_say_so() -> None:
+    made = Integration(Cylinder(angles_deg=(0.0,), masks=False, rotation_axis=None, held_point_m=None))
+    assert made.axis.estimated
+    assert made.axis.point_m[2] == pytest.approx(0.73, abs=0.06)  # the nearest line of the cylinder
+    text = " ".join(made.notes)
+    for word in ("masks", "axis", "one view"):
+        assert word in text
+    state = started(made)
+    assert made.canonical(state.document).view.valid.any()
+    assert isinstance(made.answer(state.document, apply(state, Propose()).request), NothingMore)  # type: ignore[arg-type]
+
+
+def test_an_unknown_method_names_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="paper"):
+        Integration(Cylinder(), method="magic")
+
+
+def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
+    made = Integration(Cylinder(span_deg=(-1.0, 1.0), half_height_m=0.004))
+    with pytest.raises(FlatteningError, match=r"no view .*masks"):
+        started(made)
+
+
+def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
+    strict = Config(flattening=FlatteningConfig(max_folded_share=-1.0))  # everything counts as folded
+    made = Integration(Cylinder(**SHEET), strict, "paper")  # type: ignore[arg-type]
+    with pytest.raises(FlatteningError, match="without folds"):
+        started(made)
+    state = apply(started(made, 0), Propose(1))
+    with pytest.raises(FlatclothError, match=r"View 1: .*folded.*another view"):
+        made.answer(state.document, state.request)  # type: ignore[arg-type]
+
+
+def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
+    made = integration()
+    for view in (0, 3):
+        cloud = made.cloud(view)
+        offset = cloud.xyz_m - made.axis.point_m
+        np.testing.assert_allclose(np.hypot(offset[:, 0], offset[:, 2]), 0.12, atol=1e-4)
+        assert len(cloud.rgb) == len(cloud.xyz_m) == len(cloud.of_interest)
+    inside = np.degrees(np.arctan2(offset[:, 0], -offset[:, 2]))
+    assert np.abs(inside).max() <= 100.5

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import AXIS, Cylinder, box, frame, plane
+
+from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
+from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.evaluation import trimmed_fit
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.live import LivePlayer
+from flatcloth.flattening.flatten import flatten
+from flatcloth.flattening.surface import observe_item
+
+TURN = tuple(float(a) for a in range(0, 60, 5))
+
+
+def test_the_plane_stands_still_while_the_item_turns() -> None:
+    cylinder = Cylinder(angles_deg=TURN)
+    player = LivePlayer(Integration(cylinder))
+    drift = []
+    for view in range(len(TURN)):
+        shown = player.show(view)
+        assert (shown.view_index, shown.angle_deg) == (view, TURN[view])
+        flat = shown.view.uv_from_rc(np.argwhere(shown.view.valid))
+        true = cylinder.flat_uv_m(shown.view.xyz_m[shown.view.valid].astype(float))
+        error = np.linalg.norm(trimmed_fit(flat, true) - true, axis=1)
+        assert np.percentile(error, 95) < 1e-3
+        drift.append(np.median(flat - true, axis=0))
+    # A cold start would move by a turn's arc, 10 mm, from frame to frame.
+    assert np.linalg.norm(np.diff(drift, axis=0), axis=1).max() < 2e-3
+
+
+def test_a_view_without_cloth_is_an_error_and_the_next_one_starts_anew() -> None:
+    player = LivePlayer(Integration(Cylinder(angles_deg=(0.0, 180.0, 10.0), span_deg=(-60.0, 60.0))))
+    player.show(0)
+    with pytest.raises(FlatclothError, match="View 1"):
+        player.show(1)
+    assert player.show(2).view.valid.any()
+
+
+def test_only_the_finest_interval_is_used() -> None:
+    config = Config(flattening=FlatteningConfig(sampling_intervals_px=(24, 12, 6)))
+    shown = LivePlayer(Integration(Cylinder(), config)).show(0)
+    assert shown.view.area_m2 > 0.05
+    assert shown.flatten_ms > 0
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "delaunay"])
+def test_quality_tells_density_incidence_and_stretch(interpolation: str) -> None:
+    depth = plane(1.0, 0.0)  # seen at 45 deg on the optical axis
+    config = FlatteningConfig(interpolation=interpolation)
+    surface = observe_item(frame(depth, box(0.05, depth)), AXIS, SurfaceConfig())
+    view = flatten(surface, AXIS, config).view
+    assert view.quality is not None
+    assert np.isnan(view.quality[~view.valid]).all()
+    density, incidence, stretch = np.moveaxis(view.quality[view.valid], -1, 0)
+    center = np.linalg.norm(view.source_rc[view.valid] - 119.5, axis=1).argmin()
+    assert incidence[center] == pytest.approx(45.0, abs=0.3)
+    # 425 px at 0.85 m are 5 px a cm, foreshortened once by the cosine.
+    assert density[center] == pytest.approx(25.0 / np.sqrt(2), rel=0.01)
+    assert stretch.max() < 1e-4
+
+
+def test_stretch_shows_where_cloth_that_is_no_developable_sheet_had_to_give() -> None:
+    from scenes import rays
+
+    x, y = rays()
+    a, b = 1 + x * x + y * y, 0.85
+    depth = (b - np.sqrt(np.maximum(b * b - a * (b * b - 0.12**2), 0))) / a  # a sphere
+    mask = np.hypot(x, y) < 0.09
+    surface = observe_item(frame(np.where(mask, depth, 0), mask), AXIS, SurfaceConfig())
+    view = flatten(surface, AXIS, FlatteningConfig()).view
+    assert view.quality is not None
+    assert np.median(view.quality[view.valid][:, 2]) > 0.01
+
+
+def test_both_interpolations_agree_inside_and_the_smooth_one_reaches_further() -> None:
+    surface = observe_item(Cylinder()[0], AXIS, SurfaceConfig())
+    smooth = flatten(surface, AXIS, FlatteningConfig()).view
+    linear = flatten(surface, AXIS, FlatteningConfig(interpolation="delaunay")).view
+    assert smooth.area_m2 > 1.05 * linear.area_m2
+    at = np.argwhere(linear.valid)
+    rc = np.rint(smooth.rc_from_uv(linear.uv_from_rc(at))).astype(int)
+    both = smooth.valid[rc[:, 0], rc[:, 1]]
+    assert both.mean() > 0.99
+    off = linear.xyz_m[at[both, 0], at[both, 1]] - smooth.xyz_m[rc[both, 0], rc[both, 1]]
+    assert np.percentile(np.linalg.norm(off, axis=1), 95) < 1.5e-3

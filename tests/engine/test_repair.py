@@ -1,0 +1,122 @@
+"""Repair of a placement: pairs of points against closed forms, refinement from where it lies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import Cylinder
+
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.repair import apart_mm, fit_pairs
+from flatcloth.methods.base import AlignmentScore
+from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
+
+STEPS = tuple(float(a) for a in range(0, 360, 20))
+UNIT = st.floats(-1, 1)
+MOTIONS = st.builds(Rigid2, st.floats(-3, 3), UNIT, UNIT)
+POINTS = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [-0.1, 0.3]])
+
+
+def proposed(method: str) -> tuple[Integration, SessionState]:
+    made = Integration(Cylinder(angles_deg=STEPS, span_deg=(-100.0, 100.0)), method=method)
+    state = SessionState(len(STEPS))
+    for command in (Start(0), Propose(2)):
+        state = apply(state, command)
+        assert state.request is not None
+        state = apply(state, made.answer(state.document, state.request))
+    return made, state
+
+
+# --- pairs ----------------------------------------------------------------------------------------
+
+
+@given(motion=MOTIONS, count=st.integers(2, 4), weight=st.floats(0.1, 10))
+def test_pairs_that_a_motion_made_are_fitted_by_it_whatever_their_weights(
+    motion: Rigid2, count: int, weight: float
+) -> None:
+    new = POINTS[:count]
+    fit = fit_pairs(new, motion.apply(new), np.linspace(1.0, weight, count))
+    np.testing.assert_allclose(fit.by.apply(POINTS), motion.apply(POINTS), atol=1e-9)
+    np.testing.assert_allclose(fit.reached_m, 0.0, atol=1e-9)
+    np.testing.assert_allclose(fit.residual_m, np.linalg.norm(motion.apply(new) - new, axis=1), atol=1e-12)
+
+
+def test_two_pairs_of_other_lengths_share_the_misfit() -> None:
+    new, shape = np.array([[0.0, 0.0], [0.10, 0.0]]), np.array([[0.0, 0.05], [0.0, 0.17]])
+    fit = fit_pairs(new, shape, np.ones(2))
+    assert fit.by.theta_rad == pytest.approx(math.pi / 2)
+    np.testing.assert_allclose(fit.reached_m, 0.01, atol=1e-12)
+    assert fit.rms_m == pytest.approx(0.01)
+
+
+def test_a_heavier_pair_is_fitted_better_by_the_rule_of_the_lever() -> None:
+    new, shape = np.array([[0.0, 0.0], [0.10, 0.0]]), np.array([[0.0, 0.0], [0.12, 0.0]])
+    fit = fit_pairs(new, shape, np.array([3.0, 1.0]))
+    np.testing.assert_allclose(fit.reached_m, [0.005, 0.015], atol=1e-12)
+
+
+@given(
+    noise=st.lists(st.tuples(UNIT, UNIT), min_size=4, max_size=4), other=MOTIONS, weights=st.lists(
+        st.floats(0.1, 10), min_size=4, max_size=4)
+)  # fmt: skip
+def test_no_other_motion_fits_better(
+    noise: list[tuple[float, float]], other: Rigid2, weights: list[float]
+) -> None:
+    shape, weight = POINTS + 0.1 * np.array(noise), np.array(weights)
+
+    def cost(motion: Rigid2) -> float:
+        return float((weight * np.square(motion.apply(POINTS) - shape).sum(axis=1)).sum())
+
+    assert cost(fit_rigid2(POINTS, shape, weight)) <= cost(other) + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("new", "shape", "remedy"),
+    [
+        (np.zeros((1, 2)), np.zeros((1, 2)), "Two pairs of points or more"),
+        (np.zeros((0, 2)), np.zeros((0, 2)), "Two pairs of points or more"),
+        (np.zeros((2, 2)), POINTS[:2], "lie on each other; pick pairs further apart"),
+        (POINTS[:2], np.full((2, 2), 0.3), "lie on each other; pick pairs further apart"),
+    ],
+)
+def test_pairs_that_tell_too_little_are_refused(new: np.ndarray, shape: np.ndarray, remedy: str) -> None:
+    with pytest.raises(AlignmentError, match=remedy):
+        fit_pairs(new, shape, np.ones(len(new)))
+
+
+# --- refinement -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_refining_a_proposal_that_was_moved_brings_it_back(method: str) -> None:
+    made, state = proposed(method)
+    right = made.score(state.document).total
+    moved = apply(state, Nudge(2, Rigid2(0.04, 0.004, -0.005)))
+    reach = made.reach(moved.document)
+    assert reach.score.total == made.score(moved.document).total < right
+    assert reach.refined_score.total > right - 0.03
+    pending = moved.document.pending
+    assert pending is not None
+    back = apply(moved, Nudge(2, reach.refined @ pending.current_from_new.inverse(), "refine"))
+    assert back.undo[-1].name == "refine view 2"
+    assert back.document.pending is not None
+    corners = np.array([[0.0, 0.0], [0.1, 0.2]])
+    off = back.document.pending.current_from_new.apply(corners) - pending.proposed.apply(corners)
+    assert np.linalg.norm(off, axis=1).max() < 0.003
+    assert apply(back, Accept(2)).document.accepted[0].fixed
+
+
+def test_the_distance_that_is_told_is_that_of_the_method() -> None:
+    for method, part in (("robust", "place_median_mm"), ("paper", "height_rms_mm")):
+        made, state = proposed(method)
+        score = made.score(state.document)
+        assert apart_mm(score) == pytest.approx(score.parts[part])
+    assert apart_mm(AlignmentScore(0.0, {})) is None
+    assert apart_mm(AlignmentScore(0.0, {"place_median_mm": math.nan})) is None

@@ -1,0 +1,213 @@
+"""The stages of the method, computed beside a session: the same as the paper's method, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from scenes import Cylinder
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
+from flatcloth.core.types import RgbdFrame, Rigid2
+from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Parameters, Teaching, paper_config
+from flatcloth.flattening.minimisation import energy_of
+from flatcloth.session.machine import Document, Pending, Request
+
+ANGLES_DEG = tuple(10.0 * n for n in range(36))
+CLOTH = {"angles_deg": ANGLES_DEG, "span_deg": (-150.0, 60.0)}
+
+
+@dataclass
+class CountingCylinder(Cylinder):
+    """Remembers which of its views were read."""
+
+    read: list[int] = field(default_factory=list)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        self.read.append(view_index)
+        return super().__getitem__(view_index)
+
+
+@pytest.fixture(scope="module")
+def session() -> Integration:
+    return Integration(CountingCylinder(**CLOTH))
+
+
+@pytest.fixture(scope="module")
+def teaching(session: Integration) -> Teaching:
+    return Teaching(session)
+
+
+@pytest.fixture(scope="module")
+def paper(session: Integration, teaching: Teaching) -> Integration:
+    """The paper's method by itself, with the numbers of the lessons."""
+    return Integration(Cylinder(**CLOTH), paper_config(session.config, teaching.defaults), "paper")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"sampling_interval_px": 3}, "d, the sampling interval"),
+        ({"z_angle_limit_deg": 90.0}, "A_w, the measurement limit"),
+        ({"overlap_area_m2": 0.0}, "S_0, the desirable overlap"),
+        ({"overlap_area_m2": float("nan")}, "S_0, the desirable overlap"),
+    ],
+)
+def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
+    with pytest.raises(ConfigError, match=named):
+        replace(teaching.defaults, **change)
+
+
+def test_the_lessons_begin_with_the_numbers_of_the_session():
+    config = Config()
+    config = replace(config, planning=replace(config.planning, z_angle_limit_deg=40.0))
+    assert Teaching(Integration(Cylinder(), config)).defaults == Parameters(
+        sampling_interval_px=12, z_angle_limit_deg=40.0, overlap_area_m2=0.03
+    )
+
+
+def test_the_configuration_is_the_papers_with_the_learners_numbers():
+    base = Config()
+    given = Parameters(sampling_interval_px=16, z_angle_limit_deg=35.0, overlap_area_m2=0.01)
+    config = paper_config(base, given)
+    assert config.flattening.sampling_intervals_px == (16, 8)
+    assert config.flattening.interpolation == "delaunay"
+    assert config.flattening.least_core_samples == 0
+    assert (config.planning.z_angle_limit_deg, config.planning.overlap_area_m2) == (35.0, 0.01)
+    assert (config.surface, config.alignment) == (base.surface, base.alignment)
+
+
+def test_the_start_view_is_the_papers(teaching, session):
+    areas = session.observed_areas_m2()
+    assert areas[teaching.start_view()] == areas.max()
+
+
+def test_frames_are_read_once_for_the_session_and_the_lessons():
+    recording = CountingCylinder(**CLOTH)
+    session = Integration(recording)
+    session.flattening(0)
+    lessons = Teaching(session)
+    lessons.alignment(0, lessons.defaults)
+    assert recording.read.count(0) == 1
+
+
+def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
+    lesson = teaching.flattening(0, teaching.defaults)
+    for level, unused in zip(lesson.levels, lesson.unused_pairs, strict=True):
+        rc, d = level.points_rc, level.sampling_interval_px
+        used = {tuple(sorted(map(int, pair))) for pair in level.edges}
+        left_out = {tuple(sorted(map(int, pair))) for pair in unused}
+        place = {tuple(p): n for n, p in enumerate(rc.tolist())}
+        neighbours = {
+            tuple(sorted((n, place[r + dr, c + dc])))
+            for (r, c), n in place.items()
+            for dr, dc in ((0, d), (d, 0), (d, d), (d, -d))
+            if (r + dr, c + dc) in place
+        }
+        assert used.isdisjoint(left_out)
+        assert used | left_out == neighbours
+
+
+def test_the_states_lead_from_the_first_energy_to_the_last(teaching):
+    for level in teaching.flattening(0, teaching.defaults).levels:
+        local = np.searchsorted(level.state_members, level.edges)
+        energies = [energy_of(state, local, level.edge_length_m) for state in level.states]
+        assert len(level.states) == len(level.state_iterations) > 2
+        assert energies[0] == pytest.approx(level.energy[0])
+        assert energies[-1] == pytest.approx(level.energy[-1])
+        assert np.all(np.diff(energies) <= 0)
+
+
+def test_another_interval_is_another_flattening_and_comes_from_memory_the_second_time(teaching):
+    coarse = replace(teaching.defaults, sampling_interval_px=20)
+    lesson = teaching.flattening(0, coarse)
+    assert [level.sampling_interval_px for level in lesson.levels] == [20, 10]
+    assert teaching.flattening(0, replace(coarse, overlap_area_m2=0.02)).flattening is lesson.flattening
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_rotation_is_the_papers_whatever_the_method_of_the_session(paper, method):
+    lessons = Teaching(Integration(Cylinder(**CLOTH), method=method))
+    plan = lessons.planning(0, lessons.defaults).plan
+    expected = paper.plan(Document(start_view=0))
+    assert (plan.view_index, plan.side, plan.rotation_deg) == (
+        expected.view_index, expected.side, expected.rotation_deg
+    )  # fmt: skip
+    assert plan.view_index is not None
+
+
+def test_a_smaller_overlap_allows_a_larger_rotation(teaching):
+    much = replace(teaching.defaults, overlap_area_m2=0.035)
+    little = replace(teaching.defaults, overlap_area_m2=0.005)
+    by_overlap = [teaching.planning(0, p).plan.rotation_deg for p in (much, little)]
+    assert by_overlap[0] < by_overlap[1]
+
+
+def test_the_alignment_is_the_papers_step_by_step(teaching, paper):
+    lesson = teaching.alignment(0, teaching.defaults)
+    document = Document(start_view=0)
+    event = paper.answer(document, Request(0, "propose"))
+    pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
+    expected = paper.proposal(replace(document, pending=pending)).alignment
+    alignment = lesson.proposal.alignment
+    assert lesson.view_index == lesson.planned_view == event.view_index
+    assert alignment.initial == expected.initial
+    assert alignment.current_from_new == expected.current_from_new
+    assert alignment.score == expected.score
+
+
+def test_the_search_leads_from_the_initial_estimate_to_the_result(teaching):
+    lesson = teaching.alignment(0, teaching.defaults)
+    search, alignment = lesson.search, lesson.proposal.alignment
+    assert search.motions[0].apply(np.eye(2)) == pytest.approx(alignment.initial.apply(np.eye(2)))
+    assert search.motions[-1].apply(np.eye(2)) == pytest.approx(alignment.current_from_new.apply(np.eye(2)))
+    assert len(search.motions) == len(search.path) == len({tuple(p) for p in search.path})
+    assert search.path[0] == pytest.approx([0, 0, 0])
+    assert search.cost.shape == (search.turns_rad.size, search.shifts_m.size, search.shifts_m.size)
+    assert search.tried > search.cost.size
+    # The coarse search starts its detailed ones at its best places.
+    t, u, v = np.unravel_index(np.argmin(search.cost), search.cost.shape)
+    best = [search.turns_rad[t], search.shifts_m[u], search.shifts_m[v]]
+    assert any(np.allclose(start, best) for start in search.starts)
+
+
+def test_the_renewed_view_tells_which_view_shows_each_pixel(teaching):
+    lesson = teaching.alignment(0, teaching.defaults)
+    view, origin = lesson.renewed.view, lesson.origin
+    assert np.array_equal(origin > 0, view.valid)
+    from_new = np.isin(origin, (NEW, NEW_OF_BOTH))
+    assert np.array_equal(from_new, view.view_index == lesson.view_index)
+    assert np.array_equal(np.isin(origin, (KEPT, OLD_OF_BOTH)), view.view_index == 0)
+    assert all(np.any(origin == kind) for kind in (KEPT, NEW, NEW_OF_BOTH))
+    # The plane is that of the new view: what it alone shows lies where it lay.
+    assert lesson.renewed.current_from_view[lesson.view_index] == Rigid2()
+
+
+def test_an_overlap_that_leads_to_the_same_view_needs_no_new_search(teaching):
+    lesson = teaching.alignment(0, teaching.defaults)
+    nearby = replace(teaching.defaults, overlap_area_m2=1.0001 * teaching.defaults.overlap_area_m2)
+    assert teaching.alignment(0, nearby) is lesson
+    narrower = replace(teaching.defaults, z_angle_limit_deg=45.0)
+    assert teaching.alignment(0, narrower) is not lesson
+
+
+def test_a_recording_with_nothing_to_add_says_so():
+    lessons = Teaching(Integration(Cylinder()))
+    with pytest.raises(AlignmentError, match="no view is left"):
+        lessons.alignment(0, lessons.defaults)
+
+
+def test_a_lesson_can_be_given_up(session):
+    lessons = Teaching(session)
+
+    def stop(_share: float, _text: str) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        lessons.start_view(stop)
+    with pytest.raises(CancelledError):
+        lessons.alignment(0, lessons.defaults, stop)
+    assert lessons.alignment(0, lessons.defaults).view_index > 0

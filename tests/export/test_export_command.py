@@ -1,0 +1,131 @@
+"""The command ``export``, as its user calls it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from takeaway_sessions import write_cylinder, write_session
+
+from flatcloth.cli import main
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("command")
+    return write_session(folder / "session", write_cylinder(folder / "recording"))
+
+
+@pytest.fixture
+def session(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(written, tmp_path / "session"))
+
+
+@pytest.fixture
+def hand_eye(tmp_path: Path) -> Path:
+    path = tmp_path / "camera.json"
+    matrix = [[0, 0, 1, 0.5], [-1, 0, 0, 0], [0, -1, 0, 0.8], [0, 0, 0, 1]]
+    path.write_text(json.dumps({"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}))
+    return path
+
+
+def test_everything_is_written_and_the_session_stays_as_it_was(
+    session: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {p.name: p.read_bytes() for p in session.iterdir()}
+    out = tmp_path / "out"
+    options = {
+        "--html": out / "page.html",
+        "--report": out / "report.html",
+        "--figures": out / "figures",
+        "--animation": out / "growth.gif",
+        "--grasps": out / "grasps.json",
+        "--hand-eye": hand_eye,
+        "--rotation": "-40",
+    }
+    assert main(["export", str(session), *(str(x) for pair in options.items() for x in pair)]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert said.out.count("Written: ") == 5
+    assert {p.name for p in out.iterdir()} == {
+        "page.html",
+        "report.html",
+        "figures",
+        "growth.gif",
+        "grasps.json",
+    }
+    assert {p.name: p.read_bytes() for p in session.iterdir()} == before
+    grasps = json.loads((out / "grasps.json").read_text())
+    assert grasps["rotation_deg"] == -40.0
+    pose = grasps["grasps"][0]["poses"]
+    base_from_camera = np.array(grasps["base_from_camera"])
+    np.testing.assert_allclose(pose["base"]["matrix"], base_from_camera @ pose["camera"]["matrix"], atol=2e-6)
+
+
+def test_run_takes_a_hand_eye_transform(
+    session: Path, written: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = written.parent / "recording"
+    options = ["--out", str(session), "--method", "paper", "--hand-eye", str(hand_eye)]
+    assert main(["run", str(recording), *options]) == 0
+    grasps = json.loads((session / "grasps.json").read_text())
+    assert {"held", "camera", "base"} == set(grasps["grasps"][0]["poses"])
+    assert grasps["grasps"][0]["grip"]["opening_m"] == 0.06  # as the operator chose
+    hand_eye.write_text("{}")
+    assert main(["run", str(recording), *options]) == 2
+    assert "flatcloth-hand-eye/1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        ([], "give one or more of --html, --report, --figures, --animation, --grasps, --outline"),
+        (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
+        (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
+        (["--html", "{tmp}/file/page.html"], "cannot be written"),
+        (["--report", "{tmp}/file/report.html"], "cannot be written"),
+        (["--figures", "{tmp}/file"], "cannot be written there"),
+        (["--animation", "{tmp}/growth.webm"], "ends in .gif or .mp4"),
+        (["--grasps", "{tmp}/g.json", "--hand-eye", "{tmp}/none.json"], "none.json: cannot be read"),
+        (["--html", "{tmp}/page.html", "--recording", "{tmp}/none"], "no such file or folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    session: Path, tmp_path: Path, options: list[str], cause: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["export", str(session), *(option.format(tmp=tmp_path) for option in options)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("flatcloth: ")
+    assert cause in error
+    assert error.count("\n") == 1
+
+
+def test_a_folder_that_is_no_session_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(tmp_path), "--html", str(tmp_path / "page.html")]) == 2
+    assert "no session folder" in capsys.readouterr().err
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_rotation_is_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["export", str(tmp_path), "--grasps", "x.json", "--rotation", "nan"])
+    assert stop.value.code == 2
+    assert "is not an angle" in capsys.readouterr().err
+
+
+def test_the_example_of_the_documentation_reads_the_file(
+    session: Path, tmp_path: Path, hand_eye: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = (Path(__file__).parents[2] / "docs" / "grasps.md").read_text()
+    example = document.split("```python\n")[1].split("```")[0]
+    assert len([line for line in example.splitlines() if line.strip()]) <= 10
+    path = tmp_path / "grasps.json"
+    assert main(["export", str(session), "--grasps", str(path), "--hand-eye", str(hand_eye)]) == 0
+    capsys.readouterr()
+    exec(compile(example.replace("grasps.json", str(path)), "docs/grasps.md", "exec"), {})
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["middle", "edge", "gone"]

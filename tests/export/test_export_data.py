@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import sheet
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.types import RotationAxis
+from flatcloth.export.data import GraspFrames, export_shape, grasps_document, read_shape
+from flatcloth.grasping.grasps import Grip
+
+
+@dataclass(frozen=True)
+class Pick:
+    id: int
+    name: str
+    position_held_m: tuple[float, float, float]
+    normal_held: tuple[float, float, float]
+    view_index: int
+    source_rc: tuple[float, float]
+
+
+AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+FRAMES = GraspFrames(axis=AXIS, rotation_deg=0.0)
+PICK = Pick(4, "left <collar>", (0.02, 0.01, 0.001), (0.0, 0.0, -1.0), 1, (5.0, 10.0))
+
+
+def test_the_arrays_come_back_as_they_were_and_need_no_pickle(tmp_path: Path) -> None:
+    view = sheet(1, 0, 40, 12.0)
+    export_shape(view, [], tmp_path, FRAMES)
+    back = read_shape(tmp_path / "flattened.npz")
+    for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc"):
+        original, read = getattr(view, name), getattr(back, name)
+        assert read.dtype == original.dtype
+        np.testing.assert_array_equal(read, original)
+    assert (back.pixel_size_m, back.origin_uv_m) == (view.pixel_size_m, view.origin_uv_m)
+    with np.load(tmp_path / "flattened.npz", allow_pickle=False) as data:
+        assert str(data["format"]) == "flatcloth-flattened/1"
+
+
+def test_the_picture_is_transparent_off_the_cloth(tmp_path: Path) -> None:
+    view = sheet(1, 0, 40, 12.0)
+    valid = view.valid.copy()
+    valid[:, :10] = False
+    export_shape(replace(view, valid=valid), [], tmp_path, FRAMES)
+    image = cv2.imread(str(tmp_path / "flattened.png"), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    assert image.shape == (20, 40, 4)
+    assert (image[:, :10, 3] == 0).all()
+    assert (image[:, 10:, 3] == 255).all()
+
+
+def test_the_cloud_is_a_readable_ply_of_all_valid_pixels(tmp_path: Path) -> None:
+    view = sheet(1, 0, 40, 12.0)
+    export_shape(view, [], tmp_path, FRAMES)
+    head, body = (tmp_path / "cloud.ply").read_bytes().split(b"end_header\n", 1)
+    assert b"element vertex 800" in head
+    record = np.dtype([("x", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3), ("uv", "<f4", 2)])
+    points = np.frombuffer(body, record)
+    np.testing.assert_array_equal(points["x"], view.xyz_m[view.valid])
+    np.testing.assert_array_equal(points["rgb"], view.rgb[view.valid])
+    np.testing.assert_allclose(points["uv"], points["x"][:, :2], atol=1e-6)
+
+
+def test_picks_are_written_with_their_place_in_space_and_on_the_plane(tmp_path: Path) -> None:
+    export_shape(sheet(1, 0, 40, 12.0), [PICK], tmp_path, FRAMES)
+    document = json.loads((tmp_path / "grasps.json").read_text())
+    assert document["format"] == "flatcloth-grasps/1"
+    assert document["frame"] == "held"
+    (grasp,) = document["grasps"]
+    assert grasp["name"] == PICK.name
+    assert grasp["position_m"] == list(PICK.position_held_m)
+    assert (grasp["flattened"]["row"], grasp["flattened"]["col"]) == (5, 10)
+    assert grasp["flattened"]["distance_m"] == pytest.approx(0.001, abs=1e-6)
+
+
+def matrix(pose: dict[str, object]) -> np.ndarray:
+    return np.array(pose["matrix"])
+
+
+def test_a_pose_is_given_in_held_camera_and_robot_frame(tmp_path: Path) -> None:
+    base = Rigid3(rotation_about(np.array([1.0, 0, 0]), -2.0), np.array([0.4, -0.2, 0.9]))
+    frames = GraspFrames(
+        axis=AXIS, rotation_deg=70.0, grips={4: Grip(opening_m=0.055)}, base_from_camera=base
+    )
+    document = grasps_document(sheet(1, 0, 40, 12.0), [PICK], frames)
+    assert document["rotation_deg"] == 70.0
+    assert document["rotation_axis"]["direction"] == [0.0, -1.0, 0.0]
+    (grasp,) = document["grasps"]
+    held, camera, robot = (matrix(grasp["poses"][name]) for name in ("held", "camera", "base"))
+    np.testing.assert_allclose(held[:3, 3], PICK.position_held_m, atol=1e-6)
+    np.testing.assert_allclose(held[:3, 2], [0, 0, 1], atol=1e-6)  # into the cloth
+    np.testing.assert_allclose(held[3], [0, 0, 0, 1])
+    turn = camera_from_held(AXIS, 70.0)
+    np.testing.assert_allclose(camera[:3, :3], turn.rotation @ held[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(camera[:3, 3], turn.apply(held[:3, 3]), atol=1e-6)
+    np.testing.assert_allclose(robot, np.array(document["base_from_camera"]) @ camera, atol=2e-6)
+    assert grasp["grip"]["opening_m"] == 0.055
+    assert grasp["grip"]["axis_from"] == "outline"
+    assert grasp["uncertainty"]["position_m"] == pytest.approx(0.0, abs=1e-6)
+    for pose in grasp["poses"].values():
+        assert np.linalg.norm(pose["quaternion_wxyz"]) == pytest.approx(1.0, abs=1e-6)
+        assert pose["position_m"] == [row[3] for row in pose["matrix"][:3]]
+
+
+def test_without_a_hand_eye_transform_there_is_no_robot_frame() -> None:
+    document = grasps_document(sheet(1, 0, 40, 12.0), [PICK], FRAMES)
+    assert document["base_from_camera"] is None
+    assert set(document["grasps"][0]["poses"]) == {"held", "camera"}
+
+
+def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> None:
+    nowhere = Pick(5, "lost", (0.5, 0.5, 0.5), (0.0, 0.0, -1.0), 1, (5.0, 10.0))
+    blind = Pick(6, "blind", (0.02, 0.01, 0.0), (float("nan"),) * 3, 1, (5.0, 10.0))
+    export_shape(sheet(1, 0, 40, 12.0), [nowhere, blind], tmp_path, FRAMES)
+    text = (tmp_path / "grasps.json").read_text()
+    assert "NaN" not in text
+    lost, unseen = json.loads(text)["grasps"]
+    assert lost["uncertainty"] == dict.fromkeys(("position_m", "normal_deg", "axis_deg", "placement_m"))
+    assert lost["grip"]["axis_from"] == "level"
+    assert (unseen["poses"], unseen["grip"], unseen["normal"]) == (None, None, [None, None, None])
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(FlatclothError, match="choose another folder"):
+        export_shape(sheet(1, 0, 4, 0.0), [], blocked / "out", FRAMES)
+
+
+@pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04truncated"])
+def test_a_damaged_export_is_one_clear_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "flattened.npz"
+    path.write_bytes(content)
+    with pytest.raises(FlatclothError, match=r"flattened\.npz: .*export it again"):
+        read_shape(path)
+
+
+def test_another_format_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "flattened.npz"
+    np.savez(path, format=np.str_("flatcloth-flattened/9"))
+    with pytest.raises(FlatclothError, match="flatcloth-flattened/9"):
+        read_shape(path)

@@ -1,0 +1,87 @@
+"""The grips that an operator chose are kept beside the session, and never lost to a bad file or disk."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.grasping.grasps import Grip
+from flatcloth.grasping.grips import GripBook, read_grips
+
+SIDEWAYS = Grip(axis_held=(0.6, 0.8, 0.0), opening_m=0.05)
+
+
+def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
+    book = GripBook(tmp_path)
+    assert book.get(3) == Grip()
+    book.set(3, SIDEWAYS)
+    book.set(10, Grip(opening_m=0.02))
+    again = GripBook(tmp_path)
+    assert dict(again.grips) == {3: SIDEWAYS, 10: Grip(opening_m=0.02)}
+    again.forget(3)
+    again.forget(99)  # of a pick that never had one
+    assert read_grips(tmp_path) == {10: Grip(opening_m=0.02)}
+
+
+def test_in_memory_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    book = GripBook()
+    book.set(1, SIDEWAYS)
+    assert book.get(1) == SIDEWAYS
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("opening_m", [0.0, -0.04, 5.0, math.nan, math.inf])
+def test_an_opening_that_no_gripper_has_is_refused_and_changes_nothing(
+    tmp_path: Path, opening_m: float
+) -> None:
+    book = GripBook(tmp_path)
+    with pytest.raises(FlatclothError, match="A gripper opens 5 to 300 mm"):
+        book.set(1, Grip(opening_m=opening_m))
+    assert book.get(1) == Grip()
+    assert not (tmp_path / "grips.json").exists()
+
+
+def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
+    book = GripBook(tmp_path)
+    book.set(1, SIDEWAYS)
+    (tmp_path / ".grips.json.partial").mkdir()  # where the draft would be written
+    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*was not changed"):
+        book.set(1, Grip())
+    assert book.get(1) == SIDEWAYS
+    assert read_grips(tmp_path) == {1: SIDEWAYS}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "[" * 99999,
+        '{"format": "flatcloth-grips/9", "grips": {}}',
+        '{"format": "flatcloth-grips/1"}',
+        '{"format": "flatcloth-grips/1", "grips": {"x": {"axis_held": null, "opening_m": 0.04}}}',
+        '{"format": "flatcloth-grips/1", "grips": {"1": {"axis_held": null, "opening_m": 9}}}',
+        '{"format": "flatcloth-grips/1", "grips": {"1": {"axis_held": [0, 0, 0], "opening_m": 0.04}}}',
+        '{"format": "flatcloth-grips/1", "grips": {"1": {"axis_held": [NaN, 0, 1], "opening_m": 0.04}}}',
+        '{"format": "flatcloth-grips/1", "grips": {"1": {"axis_held": [1, 0], "opening_m": 0.04}}}',
+    ],
+)
+def test_a_damaged_file_is_one_clear_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / "grips.json").write_text(text)
+    with pytest.raises(FlatclothError, match=r"grips\.json: is damaged .*Delete it") as caught:
+        GripBook(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_file_is_plain_and_in_order(tmp_path: Path) -> None:
+    book = GripBook(tmp_path)
+    book.set(10, Grip())
+    book.set(3, SIDEWAYS)
+    content = json.loads((tmp_path / "grips.json").read_text())
+    assert content["format"] == "flatcloth-grips/1"
+    assert list(content["grips"]) == ["3", "10"]

@@ -1,0 +1,254 @@
+"""Figures: drawings as SVG and PNG alike, their scales, and the files of a session."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from takeaway_sessions import cylinder_session
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import FlattenedView
+from flatcloth.export.curves import plan_of, side_of
+from flatcloth.export.figures import all_figures, maps, of_decision, write_figures
+from flatcloth.export.report import report
+from flatcloth.export.session import OpenedSession
+from flatcloth.methods.base import Plan
+from flatcloth.rendering.charts import Frame, nice_below, ticks
+from flatcloth.rendering.drawing import Drawing, text_width
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, cropped, laid_on
+from flatcloth.session.machine import Document
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
+    return cylinder_session(tmp_path_factory.mktemp("figures"))
+
+
+def pixels(drawing: Drawing, scale: float = 1.0) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(drawing.png(scale))))
+
+
+# --- drawings -------------------------------------------------------------------------------------
+
+
+def test_lines_and_areas_are_painted_where_they_are_drawn() -> None:
+    drawing = Drawing(40, 30)
+    drawing.box(10, 5, 10, 20, "#ff0000")
+    drawing.line(np.array([(30.0, 0.0), (30.0, 30.0)]), "#0000ff", 4)
+    image = pixels(drawing)
+    assert image.shape == (30, 40, 3)
+    np.testing.assert_array_equal(image[15, 15], [255, 0, 0])
+    np.testing.assert_allclose(image[15, 30], [0, 0, 255], atol=20)
+    np.testing.assert_array_equal(image[2, 2], [255, 255, 255])
+    assert pixels(drawing, 3.0).shape == (90, 120, 3)
+
+
+def test_a_line_is_broken_where_a_value_is_missing() -> None:
+    drawing = Drawing(40, 10)
+    x = np.arange(0.0, 41.0, 4.0)
+    y = np.full(x.size, 5.0)
+    y[5] = math.nan
+    drawing.line(np.stack([x, y], axis=1), "#000000", 2)
+    found = ElementTree.fromstring(drawing.svg()).findall(f"{SVG}polyline")
+    assert [len(line.attrib["points"].split()) for line in found] == [5, 5]
+    assert (pixels(drawing)[5, 20] > 200).all()
+    assert (pixels(drawing)[5, 4] < 80).all()
+
+
+def test_a_picture_is_painted_pixel_by_pixel_and_is_transparent_where_it_is() -> None:
+    drawing = Drawing(20, 20)
+    rgba = np.zeros((2, 2, 4), dtype=np.uint8)
+    rgba[0, 0] = (10, 20, 30, 255)
+    drawing.picture(rgba, 0, 0, 20, 20)
+    image = pixels(drawing)
+    np.testing.assert_array_equal(image[5, 5], [10, 20, 30])
+    np.testing.assert_array_equal(image[15, 15], [255, 255, 255])
+
+
+def test_text_is_escaped_and_read_aloud() -> None:
+    drawing = Drawing(200, 40, about='shape "<1>"')
+    drawing.text(5, 20, "a <b> & c\u00b2 \u2212")
+    root = ElementTree.fromstring(drawing.svg())
+    assert root.attrib["aria-label"] == 'shape "<1>"'
+    assert "".join(root.find(f"{SVG}text").itertext()) == "a <b> & c\u00b2 \u2212"
+
+
+@pytest.mark.parametrize(
+    ("anchor", "low", "high"), [("start", 100, 190), ("middle", 60, 140), ("end", 10, 100)]
+)
+def test_text_stands_at_its_anchor(anchor: str, low: int, high: int) -> None:
+    drawing = Drawing(200, 40)
+    drawing.text(100, 25, "12 cm\u00b2 \u2212 3", 14, anchor=anchor)
+    columns = np.flatnonzero((pixels(drawing) < 128).all(axis=2).any(axis=0))
+    assert low <= columns.min() <= columns.max() <= high
+
+
+def test_signs_that_the_font_lacks_are_set_otherwise() -> None:
+    one, other = Drawing(60, 30), Drawing(60, 30)
+    one.text(5, 20, "\u22125")
+    other.text(5, 20, "-5")
+    np.testing.assert_array_equal(pixels(one), pixels(other))
+    assert text_width("cm\u00b2", 12) > 0
+
+
+# --- scales ---------------------------------------------------------------------------------------
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+def test_ticks_are_round_few_and_within(low: float, span: float) -> None:
+    high = low + span
+    if not high - low > 1e-7 * max(abs(low), abs(high)):
+        return
+    found = [value for value, _ in ticks(low, high)]
+    assert 1 <= len(found) <= 7
+    assert low - 1e-6 * span <= found[0] <= found[-1] <= high + 1e-6 * span
+
+
+def test_ticks_are_written_with_the_digits_they_need() -> None:
+    assert [label for _, label in ticks(0, 10)] == ["0", "2", "4", "6", "8", "10"]
+    assert [label for _, label in ticks(-0.1, 0.1)][:2] == ["\u22120.10", "\u22120.05"]
+    assert ticks(3.0, 3.0) == [(3.0, "3")]
+    assert ticks(math.nan, 1.0) == []
+
+
+@given(st.floats(1e-9, 1e9))
+def test_a_scale_bar_is_round_and_fits(value: float) -> None:
+    nice = nice_below(value)
+    assert 0.39 * value <= nice <= value * (1 + 1e-9)
+    assert f"{nice:.0e}"[0] in "125"
+
+
+def test_a_frame_places_values_upwards_and_powers_evenly() -> None:
+    frame = Frame(left=10, top=20, width=100, height=50, x_range=(0, 10), y_range=(1e-4, 1), log_y=True)
+    placed = frame.place(np.array([0.0, 5.0, 10.0]), np.array([1e-4, 1e-2, 1.0]))
+    np.testing.assert_allclose(placed, [[10, 70], [60, 45], [110, 20]])
+
+
+# --- pictures of the plane ------------------------------------------------------------------------
+
+
+def view_of(valid: np.ndarray, origin_px: tuple[int, int], grey: int) -> FlattenedView:
+    shape = valid.shape
+    return FlattenedView(
+        rgb=np.full((*shape, 3), grey, np.uint8), xyz_m=np.zeros((*shape, 3), np.float32),
+        normal=np.zeros((*shape, 3), np.float32), z_angle_deg=np.zeros(shape, np.float32), valid=valid,
+        view_index=np.zeros(shape, np.int16), source_rc=np.zeros((*shape, 2), np.float32),
+        pixel_size_m=0.002, origin_uv_m=(0.002 * origin_px[0], 0.002 * origin_px[1]),
+    )  # fmt: skip
+
+
+def test_a_proposal_lies_on_the_shape_where_it_belongs() -> None:
+    shape = view_of(np.ones((10, 12), bool), (0, 0), 100)
+    overlay = view_of(np.ones((6, 8), bool), (-4, 3), 200)  # four columns of it lie beyond the shape
+    fresh = np.zeros((6, 8), bool)
+    fresh[:, :4] = True
+    picture = laid_on(shape, overlay, fresh)
+    assert picture.rgba.shape == (10, 16, 4)
+    assert picture.origin_uv_m == pytest.approx((-0.008, 0.0))
+    np.testing.assert_array_equal(picture.rgba[3, 5, :3], OUTLINE_RGB)
+    np.testing.assert_array_equal(picture.rgba[5, 6, :3], [200, 200, 200])  # common to both: as it was seen
+    tinted = np.rint(0.55 * 200 + 0.45 * np.array(NEW_RGB)).astype(int)
+    np.testing.assert_allclose(picture.rgba[5, 2, :3], tinted, atol=1)  # what it adds
+    assert picture.rgba[0, 0, 3] == 0
+    assert (picture.rgba[9, 12, :3] > 150).all()  # the shape, pale
+
+
+def test_a_picture_loses_its_empty_rim() -> None:
+    valid = np.zeros((30, 40), bool)
+    valid[10:15, 20:30] = True
+    picture = cropped(np.zeros((30, 40, 4), np.uint8), view_of(valid, (0, 0), 0), margin_px=2)
+    assert picture.rgba.shape == (9, 14, 4)
+    assert picture.origin_uv_m == pytest.approx((0.036, 0.016))
+
+
+# --- the figures of a session ---------------------------------------------------------------------
+
+
+def test_every_figure_is_written_twice_and_the_same_each_time(session: OpenedSession, tmp_path: Path) -> None:
+    files = write_figures(session, tmp_path / "one")
+    names = {path.stem for path in files}
+    assert {
+        f"map-{n}" for n in ("color", "height", "z-angle", "source", "stretch", "incidence", "density")
+    } < names
+    assert {"curves-view-0", "curves-view-1", "curves-view-2"} < names
+    assert {"growth", "energy", "decision-01-view-1-overlay", "decision-03-view-2-plan"} < names
+    assert "decision-02-view-1-plan" not in names  # the operator chose that view: no plan is behind it
+    assert {path.suffix for path in files} == {".png", ".svg"}
+    assert len(files) == 2 * len(names)
+    again = write_figures(session, tmp_path / "two")
+    assert [p.read_bytes() for p in files] == [p.read_bytes() for p in again]
+    for path in files:
+        if path.suffix == ".svg":
+            assert ElementTree.fromstring(path.read_text()).attrib["aria-label"]
+        else:
+            with Image.open(path) as image:
+                assert image.width > 300
+
+
+def test_figures_tell_what_happened(session: OpenedSession) -> None:
+    made = {figure.name: figure for figure in all_figures(session)}
+    refused = made["decision-01-view-1-overlay"].drawing
+    assert "rejected, bad depth, score 0." in refused.about
+    assert "taken back" in refused.about
+    text = "".join(ElementTree.fromstring(made["growth"].drawing.svg()).itertext())
+    for step in session.growth.steps:
+        assert f"{step.angle_deg:g}\u00b0" in text
+    assert f"{1e4 * session.growth.view.area_m2:.0f} cm\u00b2" in made["map-color"].caption
+    assert re.search(r"A_0 = .?\d+\u00b0", made["decision-03-view-2-plan"].drawing.svg())
+
+
+def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
+    (shape,) = maps(session, ("color",))
+    text = [t.text for t in ElementTree.fromstring(shape.drawing.svg()).iter(f"{SVG}tspan")]
+    assert {"1", "2"} <= set(text)
+    assert "3" not in text  # it does not lie on the shape
+
+
+def test_a_decision_by_hand_has_its_picture_only(session: OpenedSession) -> None:
+    kinds = [[f.name.rsplit("-", 1)[1] for f in of_decision(session, d)] for d in session.story.decisions]
+    assert kinds == [["overlay"], ["overlay"], ["overlay", "plan"]]
+
+
+def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedSession) -> None:
+    class Otherwise:
+        """The integration of the session, with plans that know no sides."""
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(session.integration, name)
+
+        def plan(self, document: Document) -> Plan:
+            return replace(session.integration.plan(document), sides=(), reason="967 cm2 new")
+
+    other = OpenedSession(session.story, Otherwise())  # type: ignore[arg-type]
+    assert [f.name for f in of_decision(other, session.story.decisions[2])] == ["decision-03-view-2-overlay"]
+    text = report(other)
+    assert "967 cm2 new" in text
+    assert "h(u) and A_z(u) of view 2" in text
+
+
+def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session: OpenedSession) -> None:
+    class Stuck:
+        def plan(self, _document: Document) -> Plan:
+            raise FlatclothError("nothing to plan")
+
+    stuck = OpenedSession(session.story, Stuck())  # type: ignore[arg-type]
+    assert plan_of(stuck, session.story.decisions[2]) is None
+    assert side_of(None, session.story.decisions[2]) is None
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(session: OpenedSession, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FlatclothError, match=r"file/in: figures cannot be written there .*another folder"):
+        write_figures(session, tmp_path / "file" / "in")

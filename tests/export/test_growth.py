@@ -1,0 +1,128 @@
+"""How a shape grew, on an exact cylinder; and opening a session for export."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import Cylinder, sheet
+from takeaway_sessions import cylinder_session, write_cylinder
+
+from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.types import FlattenedView
+from flatcloth.export.growth import at_step, grow, motion_between
+from flatcloth.export.session import OpenedSession, of_page, open_session
+from flatcloth.session.axis_file import write_axis
+from flatcloth.session.machine import Document
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
+    return cylinder_session(tmp_path_factory.mktemp("growth"))
+
+
+def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
+    growth = session.growth
+    assert [s.view_index for s in growth.steps] == [0, 1, 2]
+    assert [s.order for s in growth.steps] == [0, 1, 2]
+    pixel_m2 = growth.view.pixel_size_m**2
+    for step in growth.steps:
+        exact = session.integration.canonical(at_step(session.story.document, step.order)).view
+        assert step.area_m2 == pytest.approx(exact.area_m2)
+        # On the grid of the whole shape it is the same area, but for a pixel at the rim here and there.
+        assert growth.shown_after(step.order).sum() * pixel_m2 == pytest.approx(exact.area_m2, rel=0.02)
+    assert (growth.shown_after(2) == growth.view.valid).all()
+    assert sum(s.added_m2 for s in growth.steps) == pytest.approx(growth.view.area_m2)
+
+
+def test_steps_grow_into_the_part_that_was_out_of_sight(session: OpenedSession) -> None:
+    growth = session.growth
+    around = Cylinder().flat_uv_m(growth.view.xyz_m.astype(np.float64))[..., 0]  # arc on the cylinder
+    means = [float(around[growth.first_step == step].mean()) for step in range(3)]
+    # The item turns so that what faces the camera moves right: each view adds cloth further left.
+    assert means[0] > means[1] > means[2]
+
+
+def test_source_steps_are_the_views_of_the_pixels(session: OpenedSession) -> None:
+    growth = session.growth
+    for step in growth.steps:
+        assert (growth.view.view_index[growth.source_step == step.order] == step.view_index).all()
+    assert (growth.source_step[~growth.view.valid] == -1).all()
+    assert (growth.first_step <= growth.source_step).all()
+
+
+def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> None:
+    start, first, second = session.growth.steps
+    assert start.decision is None
+    assert first.decision is not None
+    assert (first.decision.number, first.decision.verdict) == (2, "accepted")  # not the refusal before
+    assert second.decision is not None
+    assert second.decision.number == 3
+
+
+def test_shapes_that_share_too_little_have_no_motion() -> None:
+    one, other = sheet(1, 0, 40, 0.0), sheet(2, 0, 40, 0.0)
+    assert motion_between(one, other) is None
+    nothing = FlattenedView(**{**one.__dict__, "valid": np.zeros_like(one.valid)})
+    assert motion_between(nothing, one) is None
+    moved = replace(one, origin_uv_m=(0.5, -0.1))
+    motion = motion_between(one, moved)
+    assert motion is not None
+    np.testing.assert_allclose(motion.apply(np.zeros(2)), [0.5, -0.1], atol=1e-9)
+
+
+def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:
+    with pytest.raises(FlatclothError, match="no start view yet; there is nothing to export"):
+        grow(session.integration, replace(session.story, document=Document()))
+
+
+# --- opening --------------------------------------------------------------------------------------
+
+
+def test_a_recording_that_moved_is_named(tmp_path: Path) -> None:
+    cylinder_session(tmp_path)
+    shutil.move(tmp_path / "recording", tmp_path / "elsewhere")
+    with pytest.raises(RecordingError, match=r"cannot be opened.*--recording") as caught:
+        open_session(tmp_path / "session")
+    assert "\n" not in str(caught.value)
+    assert open_session(tmp_path / "session", tmp_path / "elsewhere").growth.view.valid.any()
+    with pytest.raises(RecordingError, match="nowhere"):
+        open_session(tmp_path / "session", tmp_path / "nowhere")
+    other = write_cylinder(tmp_path / "other", name="another")
+    with pytest.raises(JournalError, match="about another recording"):
+        open_session(tmp_path / "session", other)
+
+
+def test_a_method_of_another_version_is_told(tmp_path: Path) -> None:
+    cylinder_session(tmp_path)
+    path = tmp_path / "session" / "session.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "method": "magic"}))
+    with pytest.raises(ConfigError, match="magic"):
+        open_session(tmp_path / "session")
+
+
+def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) -> None:
+    made = cylinder_session(tmp_path)
+    own = made.integration.axis
+    write_axis(made.story.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
+    before = {p.name: p.read_bytes() for p in made.story.folder.iterdir()}
+    opened = open_session(made.story.folder)
+    np.testing.assert_allclose(opened.frames().axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
+    assert opened.growth.view.valid.any()
+    assert {p.name: p.read_bytes() for p in made.story.folder.iterdir()} == before
+
+
+def test_a_session_in_memory_cannot_be_exported(session: OpenedSession) -> None:
+    with pytest.raises(FlatclothError, match="not kept on disk"):
+        of_page(session.integration, object())
+
+
+def test_poses_are_given_where_the_item_stands_unless_a_rotation_is_named(session: OpenedSession) -> None:
+    last = session.integration.recording.angles_deg[session.growth.steps[-1].view_index]
+    assert session.frames().rotation_deg == last
+    assert session.frames(rotation_deg=12.5).rotation_deg == 12.5
+    assert session.frames().grips[1].opening_m == 0.06

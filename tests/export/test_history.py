@@ -1,0 +1,247 @@
+"""A session's story is read from its folder, without touching it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_recordings import MemoryRecording
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.types import Rigid2
+from flatcloth.export.history import Decision, Story, read_story
+from flatcloth.grasping.grasps import Grip
+from flatcloth.grasping.grips import GripBook
+from flatcloth.session.journal import SessionFolder
+from flatcloth.session.machine import (
+    Accept,
+    Followed,
+    Nudge,
+    Propose,
+    Proposed,
+    Redo,
+    Reject,
+    Reopen,
+    Restart,
+    Skip,
+    Start,
+    Started,
+    Undo,
+)
+
+RECORDING = MemoryRecording(name="a <b>")
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+def opened(place: Path) -> SessionFolder:
+    return SessionFolder.open(place, RECORDING, Config(), "paper")
+
+
+class Play:
+    """Writes a session; proposals are answered at once with a score of 0.1 times the view."""
+
+    def __init__(self, folder: SessionFolder) -> None:
+        self.folder = folder
+
+    def start(self) -> None:
+        self.folder.record(Start())
+        self._answer(0)
+
+    def propose(self, view: int, by_hand: bool = False) -> None:
+        self.folder.record(Propose(view if by_hand else None))
+        self._answer(view)
+
+    def restart(self) -> None:
+        self.folder.record(Restart())
+        self._answer(0)
+
+    def _answer(self, view: int) -> None:
+        request = self.folder.state.request
+        assert request is not None
+        if request.kind == "start":
+            self.folder.record(Started(request.token, view))
+        else:
+            self.folder.record(Proposed(request.token, view, Rigid2(), score=0.1 * view))
+
+
+def told(story: Story) -> list[tuple[int, str, bool]]:
+    return [(d.view_index, d.verdict, d.stands) for d in story.decisions]
+
+
+def test_the_decisions_are_told_in_their_order(place: Path) -> None:
+    folder = opened(place)
+    play = Play(folder)
+    play.start()
+    play.propose(1)
+    folder.record(Accept(1))
+    play.propose(3, by_hand=True)
+    folder.record(Reject(3, "bad depth"))
+    play.propose(2)
+    folder.record(Nudge(2, Rigid2(0.1)))
+    folder.record(Accept(2))
+    folder.close()
+    story = read_story(place)
+    assert told(story) == [(1, "accepted", True), (3, "rejected", True), (2, "accepted", True)]
+    first, second, third = story.decisions
+    assert [d.number for d in story.decisions] == [1, 2, 3]
+    assert (first.reason, second.reason) == ("", "bad depth")
+    assert [d.score for d in story.decisions] == pytest.approx([0.1, 0.3, 0.2])
+    assert [d.by_hand for d in story.decisions] == [False, True, False]
+    assert [d.moved for d in story.decisions] == [False, False, True]
+    assert all(isinstance(d, Decision) and d.time.startswith("20") for d in story.decisions)
+    assert third.before.pending is not None
+    assert third.before.pending.view_index == 2
+    assert [a.view_index for a in third.before.accepted] == [1]
+    assert [a.view_index for a in story.document.accepted] == [1, 2]
+    assert (story.recording_name, story.n_views, story.method) == ("a <b>", len(RECORDING), "paper")
+
+
+def test_what_was_taken_back_does_not_stand_until_it_is_done_again(place: Path) -> None:
+    folder = opened(place)
+    play = Play(folder)
+    play.start()
+    play.propose(1, by_hand=True)
+    folder.record(Reject(1))
+    folder.record(Undo())
+    folder.record(Accept(1))  # of the same proposal: it still was chosen by hand
+    play.propose(2)
+    folder.record(Accept(2))
+    folder.record(Undo())
+    assert told(read_story(place)) == [(1, "rejected", False), (1, "accepted", True), (2, "accepted", False)]
+    assert read_story(place).decisions[1].by_hand
+    folder.record(Redo())
+    assert told(read_story(place))[-1] == (2, "accepted", True)
+    play.restart()
+    assert not any(d.stands for d in read_story(place).decisions)
+    folder.record(Undo())
+    assert [d.stands for d in read_story(place).decisions] == [False, True, True]
+    folder.close()
+
+
+def test_picks_are_as_the_operator_left_them(place: Path) -> None:
+    folder = opened(place)
+    for name in ("one", "two", "three"):
+        folder.add_pick(name, np.ones(3), np.array([0.0, 0, np.nan]), 2, (3.0, 4.5))
+    folder.rename_pick(3, "collar")
+    folder.delete_pick(1)
+    folder.close()
+    GripBook(place).set(3, Grip(opening_m=0.1))
+    story = read_story(place)
+    assert [(p.id, p.name) for p in story.picks] == [(2, "two"), (3, "collar")]
+    assert story.picks[0].source_rc == (3.0, 4.5)
+    assert np.isnan(story.picks[0].normal_held[2])
+    assert story.grips == {3: Grip(opening_m=0.1)}
+
+
+def test_reading_neither_locks_nor_changes_a_session_that_is_open(place: Path) -> None:
+    folder = opened(place)
+    Play(folder).start()
+    folder.record(Propose())  # a computation runs: resuming would give it up, reading must not
+    with (place / "journal.jsonl").open("ab") as file:
+        file.write(b'{"line": 4, "half')  # as if read while a line is being written
+    before = {p.name: (p.read_bytes(), os.stat(p).st_mtime_ns) for p in place.iterdir()}
+    story = read_story(place)
+    assert story.document.start_view == 0
+    assert {p.name: (p.read_bytes(), os.stat(p).st_mtime_ns) for p in place.iterdir()} == before
+    folder.close()
+
+
+def test_a_session_without_a_journal_has_not_begun(place: Path) -> None:
+    opened(place).close()
+    (place / "journal.jsonl").unlink()
+    story = read_story(place)
+    assert story.document.start_view is None
+    assert story.decisions == ()
+
+
+def test_a_damaged_journal_names_its_line(place: Path) -> None:
+    folder = opened(place)
+    Play(folder).start()
+    folder.close()
+    journal = place / "journal.jsonl"
+    for bad in (
+        b"nonsense\n",
+        b'{"line": 9, "kind": "undo", "time": ""}\n',
+        b'{"line": 3, "kind": "redo"}\n',
+    ):
+        text = journal.read_bytes()
+        journal.write_bytes(text + bad)
+        with pytest.raises(JournalError, match=r"journal\.jsonl: line 3 is damaged") as caught:
+            read_story(place)
+        assert "\n" not in str(caught.value)
+        journal.write_bytes(text)
+
+
+def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match=r"no session folder.*--out or --session"):
+        read_story(tmp_path / "nowhere")
+    (tmp_path / "session.json").mkdir()
+    with pytest.raises(JournalError, match="cannot be read"):
+        read_story(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "[" * 99999, '{"format": "flatcloth-session/2"}', '{"format": "flatcloth-session/1"}']
+)
+def test_a_header_that_cannot_be_understood_is_one_clear_line(place: Path, text: str) -> None:
+    opened(place).close()
+    (place / "session.json").write_text(text)
+    with pytest.raises(JournalError, match=r"session\.json") as caught:
+        read_story(place)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("recording", {}), ("recording", 3), ("config", {"planning": {"magic": 1}}), ("versions", None)],
+)
+def test_a_header_with_wrong_parts_is_one_clear_line(place: Path, key: str, value: object) -> None:
+    opened(place).close()
+    header = json.loads((place / "session.json").read_text())
+    header[key] = value
+    (place / "session.json").write_text(json.dumps(header))
+    with pytest.raises(JournalError, match="cannot be understood"):
+        read_story(place)
+
+
+def test_damaged_grips_are_told(place: Path) -> None:
+    opened(place).close()
+    (place / "grips.json").write_text("{}")
+    with pytest.raises(FlatclothError, match=r"grips\.json: is damaged"):
+        read_story(place)
+
+
+def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None:
+    folder = opened(place)
+    play = Play(folder)
+    play.start()
+    for view in (1, 2):
+        play.propose(view)
+        folder.record(Accept(view, 0.75))
+    play.propose(3)
+    folder.record(Skip(3))
+    folder.record(Reopen(1))
+    folder.record(Reject(1))
+    request = folder.state.request
+    assert request is not None
+    folder.record(Followed(request.token, 2, Rigid2(), 0.1, holds=False, why="It does not fit."))
+    folder.record(Accept(2))
+    folder.close()
+    decisions = read_story(place).decisions
+    told = [(d.view_index, d.verdict, d.stands, d.by_hand) for d in decisions]
+    assert told == [
+        (1, "accepted", False, False),
+        (2, "accepted", False, False),
+        (3, "skipped", True, False),
+        (1, "rejected", True, True),
+        (2, "accepted", True, True),
+    ]
+    assert decisions[0].score == 0.75

@@ -1,0 +1,216 @@
+"""The offline page as a file: one script, its own data, nothing from elsewhere, no text that escapes."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from takeaway_sessions import NAME, PICKS, cylinder_session
+
+from flatcloth.core.resources import static_folder
+from flatcloth.export.bundle import BundleError, bundle
+from flatcloth.export.page import page
+from flatcloth.export.session import OpenedSession
+
+
+class Parts(HTMLParser):
+    """The elements of a page, with the text of scripts and styles."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None], str]] = []
+        self.open = False
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs), ""))
+        self.open = True
+
+    def handle_endtag(self, tag: str) -> None:
+        self.open = False
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.found[-1][0] in ("script", "style", "title"):
+            tag, attributes, text = self.found[-1]
+            self.found[-1] = (tag, attributes, text + data)
+
+    def one(self, tag: str, **attributes: str) -> tuple[dict[str, str | None], str]:
+        wanted = {k.replace("_", "-"): v for k, v in attributes.items()}
+        (found,) = [(a, t) for name, a, t in self.found if name == tag and wanted.items() <= a.items()]
+        return found
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
+    return cylinder_session(tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="module")
+def text(session: OpenedSession) -> str:
+    return page(session)
+
+
+@pytest.fixture(scope="module")
+def parts(text: str) -> Parts:
+    return Parts(text)
+
+
+@pytest.fixture(scope="module")
+def story(parts: Parts) -> dict:
+    return json.loads(parts.one("script", id="story")[1])
+
+
+@pytest.fixture(scope="module")
+def data(parts: Parts) -> bytes:
+    return zlib.decompress(base64.b64decode(parts.one("script", id="arrays")[1]), 31)
+
+
+def array(story: dict, data: bytes, name: str) -> np.ndarray:
+    where = story["arrays"][name]
+    dtype = np.dtype(where["kind"]).newbyteorder("<")
+    assert where["start"] % dtype.itemsize == 0  # a browser's arrays begin at multiples of their element
+    return np.frombuffer(data, dtype, where["count"], where["start"])
+
+
+def test_the_same_session_gives_the_same_page(session: OpenedSession, text: str) -> None:
+    assert page(OpenedSession(session.story, session.integration)) == text
+
+
+def test_nothing_is_loaded_from_anywhere(parts: Parts, text: str) -> None:
+    for tag, attributes, _ in parts.found:
+        for name in ("src", "href", "action", "srcset", "poster"):
+            address = attributes.get(name)
+            assert address is None or address.startswith("data:"), (tag, name)
+    assert "@import" not in text
+    shown = re.sub(r"[A-Za-z0-9+/=]{200,}", "", text)  # without what is packed
+    assert set(re.findall(r"https?://[\w.-]+", shown)) <= {"http://www.w3.org"}
+
+
+def test_the_policy_allows_the_pages_own_script_and_style_and_nothing_else(parts: Parts) -> None:
+    policy = parts.one("meta", http_equiv="Content-Security-Policy")[0]["content"]
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    for kind, content in (
+        ("script", parts.one("script", type="module")[1]),
+        ("style", parts.one("style")[1]),
+    ):
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert "unsafe" not in policy
+
+
+def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text: str, story: dict) -> None:
+    assert story["recording"]["name"] == NAME
+    assert [p["name"] for p in story["picks"]] == list(PICKS)
+    assert parts.one("title")[1] == f"{NAME} \u00b7 flatcloth"
+    assert "<b>" not in text
+    assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 3
+
+
+def test_the_cloth_comes_back_as_it_was(session: OpenedSession, story: dict, data: bytes) -> None:
+    growth = session.growth
+    grid, view = story["grid"], growth.view
+    first = array(story, data, "first").reshape(grid["rows"], grid["cols"])
+    row, col = grid["corner_rc"]
+    window = np.s_[row : row + grid["rows"], col : col + grid["cols"]]
+    np.testing.assert_array_equal(first, growth.first_step[window])
+    assert (first >= 0).sum() == view.valid.sum() == story["count"]
+    cloth = first >= 0
+    xyz = np.array(story["bounds"]["low"]) + story["bounds"]["step"] * array(story, data, "xyz").reshape(
+        -1, 3
+    )
+    np.testing.assert_allclose(xyz, view.xyz_m[window][cloth], atol=1e-5)
+    normal = array(story, data, "normal").reshape(-1, 3) / 127
+    np.testing.assert_allclose(normal, view.normal[window][cloth], atol=0.005)
+    np.testing.assert_allclose(
+        array(story, data, "z_angle") / 10, view.z_angle_deg[window][cloth], atol=0.051
+    )
+    rc = array(story, data, "source_rc").reshape(-1, 2) / 10
+    np.testing.assert_allclose(rc, view.source_rc[window][cloth], atol=0.051)
+    np.testing.assert_allclose(grid["origin_uv_m"], view.uv_from_rc(np.array([row, col])))
+    around = array(story, data, "around_xyz").reshape(-1, 3)
+    assert len(around) == sum(a["count"] for a in story["around"])
+    assert len(array(story, data, "around_rgb")) == around.size
+    color = next(layer for layer in story["layers"] if layer["name"] == "color")
+    image = np.asarray(Image.open(io.BytesIO(data[color["start"] : color["start"] + color["count"]])))
+    np.testing.assert_array_equal(image[..., :3][cloth], view.rgb[window][cloth])
+
+
+def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession, story: dict) -> None:
+    assert [s["view_index"] for s in story["steps"]] == [0, 1, 2]
+    assert story["steps"][0]["told"] == "the start view"
+    assert sum(s["added_cm2"] for s in story["steps"]) == pytest.approx(story["steps"][-1]["area_cm2"])
+    assert [(d["verdict"], d["stands"], d["step"]) for d in story["decisions"]] == [
+        ("rejected", False, None), ("accepted", True, 1), ("accepted", True, 2),
+    ]  # fmt: skip
+    middle, edge, gone = story["picks"]
+    assert middle["grip"]["opening_m"] == 0.06
+    assert np.array(middle["gripper_m"]).shape == (6, 2, 3)
+    assert middle["uv_m"] is not None
+    assert edge["grip"]["outline_distance_m"] < 0.004
+    assert (gone["uv_m"], gone["rc"], gone["grip"]["axis_from"]) == (None, None, "level")
+
+
+def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> None:
+    script = parts.one("script", type="module")[1]
+    ids = {attributes.get("id") for _, attributes, _ in parts.found}
+    asked = set(re.findall(r'\$\("([\w-]+)"\)', script))
+    assert asked
+    assert asked <= ids
+    assert {"canvas", "stage"} <= ids  # asked for by the canvas that the operator page has too
+
+
+# --- joining modules ------------------------------------------------------------------------------
+
+
+def test_modules_are_joined_in_the_order_in_which_they_need_each_other(tmp_path: Path) -> None:
+    (tmp_path / "a.js").write_text("export const SIZE = 3;\nexport function twice(x) { return 2 * x; }\n")
+    (tmp_path / "b.js").write_text(
+        'import { SIZE } from "/static/a.js";\nexport class Box { size = SIZE; }\n'
+    )
+    (tmp_path / "main.js").write_text(
+        'import { Box } from "/static/b.js";\nimport {\n  SIZE as n,\n  twice,\n} from "/static/a.js";\n'
+        "export default_ = new Box(twice(n));\n".replace("export default_", "const made")
+    )
+    joined = bundle(tmp_path, "main.js")
+    assert not re.search(r"^\s*(?:import|export)\b", joined, re.MULTILINE)
+    assert joined.count("const module_a = ") == 1
+    assert joined.index("module_a = ") < joined.index("module_b = ") < joined.index("const made")
+    assert "const { SIZE: n, twice } = module_a;" in joined
+    assert "return { SIZE, twice };" in joined
+
+
+@pytest.mark.parametrize(
+    ("source", "cause"),
+    [
+        ('import thing from "/static/a.js";', "import thing"),
+        ('import * as a from "/static/a.js";', "import \\* as a"),
+        ('import "/static/a.js";', "import"),
+        ('import { a } from "./a.js";', "import { a }"),
+        ("export default 3;", "export default"),
+        ("export { x };", "export { x }"),
+        ('import { a } from "/static/missing.js";', "missing.js: cannot be read"),
+        ('import { a } from "/static/main.js";', "imports itself"),
+    ],
+)
+def test_forms_that_are_not_joined_are_told_and_not_broken(tmp_path: Path, source: str, cause: str) -> None:
+    (tmp_path / "main.js").write_text(source + "\n")
+    (tmp_path / "a.js").write_text("export const a = 1;\n")
+    with pytest.raises(BundleError, match=cause):
+        bundle(tmp_path, "main.js")
+
+
+def test_the_pages_own_script_can_stand_in_a_page() -> None:
+    script = bundle(static_folder(), "offline.js")
+    assert "</script" not in script.lower()
+    assert "<!--" not in script

@@ -1,0 +1,193 @@
+"""The report to print, and the animation of the growth."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+from scenes import AXIS
+from takeaway_sessions import NAME, PICKS, cylinder_session
+
+from flatcloth.core.config import Config, PlanningConfig
+from flatcloth.core.errors import FlatclothError
+from flatcloth.export.animation import frames, write_animation
+from flatcloth.export.files import write_text
+from flatcloth.export.report import differences, report
+from flatcloth.export.session import OpenedSession
+from flatcloth.rendering.points import Camera, camera_around, paint_points
+from flatcloth.session.machine import Document
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
+    return cylinder_session(tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture(scope="module")
+def text(session: OpenedSession) -> str:
+    return report(session)
+
+
+def words(text: str) -> str:
+    """The text that a reader sees."""
+    body = re.sub(r"<(style|svg)\b.*?</\1>", "", text, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", body)))
+
+
+# --- the report -----------------------------------------------------------------------------------
+
+
+def test_the_report_tells_recording_decisions_and_picks(session: OpenedSession, text: str) -> None:
+    seen = words(text)
+    assert f"{1e4 * session.growth.view.area_m2:.0f} cm\u00b2 from 3 views" in seen
+    assert "0 (0\u00b0), 1 (30\u00b0), 2 (60\u00b0)" in seen
+    assert "2 accepted, 1 rejected, 1 of them taken back" in seen
+    assert re.search(r"1\. View 1 \(30\u00b0\): rejected , bad depth, score 0\.\d\d, taken back", seen)
+    assert re.search(r"2\. View 1 \(30\u00b0\): accepted , score 0\.\d\d chosen by hand", seen)
+    assert re.search(r"3\. View 2 \(60\u00b0\): accepted , score 0\.\d\d left: A = \d+ deg", seen)
+    assert "Not finished" in seen
+    for name in PICKS:
+        assert name in seen
+    assert "(outline) 60 mm" in seen
+    assert "(level)" in seen
+    assert text.count('<section class="decision') == 3
+    assert text.count('<section class="decision gone">') == 1
+    assert text.count("<img ") == 3
+
+
+def test_texts_stay_texts_and_nothing_is_loaded(text: str) -> None:
+    assert NAME in words(text)
+    assert not re.search(r"<b>|<i>|</script", text.replace('<b class="', ""))
+    addresses = re.findall(r'(?:src|href)="([^"]{0,30})', text)
+    assert addresses
+    assert all(address.startswith("data:image/png;base64,") for address in addresses)
+    assert "<script" not in text
+
+
+def test_it_is_laid_out_for_paper_and_the_same_each_time(session: OpenedSession, text: str) -> None:
+    assert "@page { size: A4" in text
+    assert "break-inside: avoid" in text
+    assert report(OpenedSession(session.story, session.integration)) == text
+
+
+def test_settings_that_differ_are_listed_with_their_defaults(session: OpenedSession) -> None:
+    assert differences(Config()) == []
+    changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
+    assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.03)]
+    story = replace(session.story, config=changed)
+    assert "planning.overlap_area_m2 0.05 0.03" in words(report(OpenedSession(story, session.integration)))
+
+
+def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
+    document = Document(start_view=0, finished="One view <only>.")
+    story = replace(session.story, document=document, decisions=(), picks=(), config=Config())
+    seen = words(report(OpenedSession(story, session.integration)))
+    assert "Nothing was decided" in seen
+    assert "No grasp point was picked" in seen
+    assert "One view <only>." in seen
+    assert "All settings have their defaults." in seen
+
+
+# --- painting points ------------------------------------------------------------------------------
+
+
+def camera() -> Camera:
+    return Camera(axis=AXIS, width=100, height=80, focal_px=100.0, center_px=(50.0, 40.0))
+
+
+def test_the_nearest_point_is_on_top_unless_it_is_set_back() -> None:
+    points = np.array([[0.0, 0, 0.8], [0.0, 0, 0.9]])
+    colors = np.array([[200, 0, 0], [0, 200, 0]], dtype=np.uint8)
+    for behind_m, expected in ((np.zeros(2), colors[0]), (np.array([0.2, 0.0]), colors[1])):
+        image = np.zeros((80, 100, 3), dtype=np.uint8)
+        paint_points(image, camera(), 0.0, points, colors, 0.01, behind_m)
+        np.testing.assert_array_equal(image[40, 50], expected)
+    image = np.zeros((80, 100, 3), dtype=np.uint8)
+    unseen = np.array([[np.nan, 0, 0.8], [0, 0, -0.8], [9.0, 9.0, 0.8]])
+    paint_points(image, camera(), 0.0, unseen, np.full((3, 3), 255, np.uint8), 0.01, np.zeros(3))
+    assert not image.any()
+
+
+def test_the_item_is_seen_turned_and_whole() -> None:
+    front = np.array([[0.0, 0.0, AXIS.point_m[2] - 0.1]])
+    x = [float(camera().project(front, angle)[0][0, 0]) for angle in (0.0, 90.0, -90.0)]
+    assert x[0] == pytest.approx(50.0)
+    assert x[1] > 60.0  # what faces the camera moves to the right
+    assert x[2] < 40.0
+    points = np.random.default_rng(0).uniform([-0.2, -0.5, 0.7], [0.2, 0.3, 1.0], (500, 3))
+    around = camera_around(points, AXIS, 300, 400)
+    for angle in np.arange(0.0, 360.0, 30.0):
+        places, _ = around.project(points, angle)
+        assert ((places > -8) & (places < (308, 408))).all()
+
+
+# --- the animation --------------------------------------------------------------------------------
+
+
+def test_a_gif_holds_every_step_and_lasts(session: OpenedSession, tmp_path: Path) -> None:
+    write_animation(session, tmp_path / "in" / "growth.gif")
+    shown = list(frames(session))
+    with Image.open(tmp_path / "in" / "growth.gif") as image:
+        played = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
+        assert image.info["loop"] == 0
+        assert image.size == shown[0].image.size
+    assert played == [frame.duration_ms for frame in shown]
+    assert sum(duration >= 900 for duration in played) == 4  # three steps, and the whole at the end
+    write_animation(session, tmp_path / "again.gif")
+    assert (tmp_path / "again.gif").read_bytes() == (tmp_path / "in" / "growth.gif").read_bytes()
+
+
+def test_what_a_step_adds_is_tinted_while_it_is_held(session: OpenedSession) -> None:
+    held = [frame.image for frame in frames(session) if frame.duration_ms == 900]
+    last = [frame.image for frame in frames(session)][-1]
+
+    def orange(image: Image.Image) -> int:
+        rgb = np.asarray(image).astype(int)[:430, 410:]  # the flattened side
+        return int(((rgb[..., 0] - rgb[..., 2]) > 50).sum())
+
+    assert orange(held[0]) > 10_000  # all of the start view
+    assert 500 < orange(held[1]) < orange(held[0])
+    assert orange(last) < 100  # the cylinder is grey
+
+
+def test_an_mp4_plays_as_long_as_the_gif(session: OpenedSession, tmp_path: Path) -> None:
+    path = tmp_path / "growth.MP4"
+    session = OpenedSession(replace(session.story, document=Document(start_view=0)), session.integration)
+    write_animation(session, path)
+    video = cv2.VideoCapture(str(path))
+    count = 0
+    while video.read()[0]:
+        count += 1
+    seconds = count / video.get(cv2.CAP_PROP_FPS)
+    video.release()
+    assert seconds == pytest.approx(sum(f.duration_ms for f in frames(session)) / 1000, rel=0.15)
+
+
+def test_another_kind_of_animation_is_refused_before_the_work(session: OpenedSession, tmp_path: Path) -> None:
+    with pytest.raises(FlatclothError, match=r"growth\.avi: an animation ends in \.gif or \.mp4"):
+        write_animation(session, tmp_path / "growth.avi")
+
+
+@pytest.mark.parametrize("name", ["growth.gif", "growth.mp4"])
+def test_a_place_that_cannot_be_written_is_one_clear_line(
+    session: OpenedSession, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(FlatclothError, match=rf"{name}: cannot be written .*another file"):
+        write_animation(session, tmp_path / name)
+
+
+def test_texts_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "page.html"
+    write_text(path, "first \u00b2")
+    write_text(path, "second")
+    assert path.read_text() == "second"
+    assert [p.name for p in path.parent.iterdir()] == ["page.html"]
+    with pytest.raises(FlatclothError, match=r"below: cannot be written"):
+        write_text(path / "below", "third")

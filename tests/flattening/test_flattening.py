@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import AXIS, CAMERA, Cylinder, box, frame, plane, rays
+
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.errors import FlatteningError
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import RgbdFrame
+from flatcloth.engine.evaluation import trimmed_fit
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.minimisation import aligned_to, energy_of, minimise
+from flatcloth.flattening.surface import observe_surface
+
+CONFIG = FlatteningConfig()
+
+
+def flattened(shown: RgbdFrame, config: FlatteningConfig = CONFIG, **options: float) -> Flattening:
+    return flatten(observe_surface(shown, AXIS, SurfaceConfig()), AXIS, config, **options)
+
+
+def lattice(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Exact square lattice with all eight neighbours."""
+    points = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2) * 0.01
+    offset = points[:, None] - points[None]
+    near = np.triu(np.linalg.norm(offset, axis=-1) < 0.0145, 1)
+    edges = np.argwhere(near).astype(np.int32)
+    return points, edges, np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+
+
+def test_the_minimum_of_exact_lengths_is_exact() -> None:
+    points, edges, lengths = lattice(9, 14)
+    start = points * [0.6, 1.1] + np.random.default_rng(1).normal(0, 0.001, points.shape)
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-9)
+    np.testing.assert_allclose(trimmed_fit(found.uv_m, points), points, atol=1e-6)
+    assert found.energy[-1] < 1e-10 * found.energy[0]
+
+
+def test_a_thin_bent_strip_is_straightened() -> None:
+    points, edges, lengths = lattice(3, 60)
+    bend = points[:, 0] / 0.15
+    radius = 0.15 - 0.8 * points[:, 1]
+    start = np.stack([radius * np.sin(bend), -radius * np.cos(bend)], axis=1)
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-6)
+    assert np.linalg.norm(trimmed_fit(found.uv_m, points) - points, axis=1).max() < 1e-4
+
+
+def test_energy_never_rises_and_states_lead_from_start_to_result() -> None:
+    points, edges, lengths = lattice(8, 8)
+    start = points * [0.5, 0.9]
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-7, record=True)
+    assert (np.diff(found.energy) <= 1e-12 * found.energy[0]).all()
+    assert found.energy[0] == pytest.approx(energy_of(start, edges, lengths))
+    assert len(found.states) == len(found.state_iterations) > 2
+    np.testing.assert_allclose(found.states[-1], found.uv_m, atol=1e-12)
+
+
+def test_centroid_and_direction_of_the_start_are_kept() -> None:
+    points, edges, lengths = lattice(6, 9)
+    found = minimise(points + 5.0, edges, lengths, majorisations=6, energy_tolerance=1e-6)
+    np.testing.assert_allclose(found.uv_m, points + 5.0, atol=1e-9)
+    turned = aligned_to(points @ np.array([[0.0, 1.0], [-1.0, 0.0]]), points)
+    np.testing.assert_allclose(turned, points, atol=1e-12)
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.9, 0.0), (-0.4, 0.6)])
+def test_a_plane_keeps_its_distances(slope: tuple[float, float]) -> None:
+    depth = plane(*slope)
+    view = flattened(frame(depth, box(0.08, depth))).view
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    xyz = view.xyz_m[view.valid].astype(float)
+    pair = np.random.default_rng(0).integers(0, len(uv), (2, 5000))
+    flat = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
+    space = np.linalg.norm(xyz[pair[0]] - xyz[pair[1]], axis=1)
+    assert np.percentile(np.abs(flat - space), 99) < 2e-5
+    assert np.abs(flat - space).max() < 1e-3
+
+
+def test_a_cylinder_unrolls_to_its_arc_length() -> None:
+    cylinder = Cylinder()
+    view = flattened(cylinder[0]).view
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    true = cylinder.flat_uv_m(view.xyz_m[view.valid].astype(float))
+    error = np.linalg.norm(trimmed_fit(uv, true) - true, axis=1)
+    assert np.sqrt(np.mean(error**2)) < 0.4e-3
+    # Wider than the chord: it is unrolled, not projected.
+    assert np.ptp(uv[:, 0]) > 1.25 * 2 * 0.12 * np.sin(np.radians(60))
+
+
+def test_the_view_is_not_mirrored_and_keeps_the_image_directions() -> None:
+    view = flattened(Cylinder()[0]).view
+    rows, cols = np.nonzero(view.valid)
+    source = view.source_rc[view.valid]
+    assert np.corrcoef(cols, source[:, 1])[0, 1] > 0.9
+    assert np.corrcoef(rows, source[:, 0])[0, 1] > 0.99
+
+
+def test_every_pixel_is_linked_to_its_image_pixel_and_held_point() -> None:
+    cylinder = Cylinder(angles_deg=(0.0, 40.0))
+    view = flattened(cylinder[1]).view
+    k, source = CAMERA, view.source_rc[view.valid]
+    camera = held_from_camera(AXIS, 40.0).inverse().apply(view.xyz_m[view.valid])
+    np.testing.assert_allclose(camera[:, 0] / camera[:, 2] * k.fx + k.cx, source[:, 1], atol=1e-3)
+    np.testing.assert_allclose(camera[:, 1] / camera[:, 2] * k.fy + k.cy, source[:, 0], atol=1e-3)
+    offset = view.xyz_m[view.valid] - AXIS.point_m
+    np.testing.assert_allclose(np.hypot(offset[:, 0], offset[:, 2]), 0.12, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(view.normal[view.valid], axis=1), 1.0, atol=1e-5)
+    assert set(np.unique(view.view_index)) == {-1, 1}
+    for array in (view.xyz_m, view.normal, view.z_angle_deg, view.source_rc):
+        assert np.isnan(array[~view.valid]).all()
+
+
+def test_colors_come_from_the_linked_pixel() -> None:
+    shown = Cylinder()[0]
+    view = flattened(shown).view
+    source = np.rint(view.source_rc[view.valid]).astype(int)
+    exact = shown.color[source[:, 0], source[:, 1], 0].astype(int)
+    assert np.mean(np.abs(view.rgb[view.valid][:, 0] - exact) <= 3) > 0.75
+
+
+def test_holes_and_necklines_stay_open() -> None:
+    depth = plane()
+    x, y = rays()
+    mask = box(0.1, depth)
+    hole = np.hypot(x * 0.85, y * 0.85) < 0.03
+    neck = (np.abs(x * 0.85) < 0.03) & (y * 0.85 < -0.05)
+    view = flattened(frame(depth, mask & ~hole & ~neck)).view
+    place = view.xyz_m[view.valid]
+    assert np.hypot(place[:, 0], place[:, 1]).min() > 0.029
+    assert not ((np.abs(place[:, 0]) < 0.028) & (place[:, 1] < -0.052)).any()
+    assert view.area_m2 == pytest.approx(0.04 - np.pi * 0.03**2 - 0.06 * 0.05, rel=0.06)
+
+
+def test_separate_parts_are_flattened_each_on_its_own_largest_first() -> None:
+    depth = plane()
+    x, _ = rays()
+    mask = box(0.1, depth)
+    mask &= (x * 0.85 < 0.02) | (x * 0.85 > 0.05)
+    result = flattened(frame(depth, mask))
+    areas = [part.view.area_m2 for part in result.components]
+    assert len(areas) == 2
+    assert areas[0] == pytest.approx(0.12 * 0.2, rel=0.06)
+    assert areas[1] == pytest.approx(0.05 * 0.2, rel=0.1)
+    assert len(flattened(frame(depth, mask), min_area_m2=0.015).components) == 1
+
+
+def test_the_pixel_size_is_metric_and_free_to_choose() -> None:
+    depth = plane()
+    shown = frame(depth, box(0.08, depth))
+    coarse = flattened(shown, FlatteningConfig(pixel_size_m=0.004)).view
+    fine = flattened(shown, FlatteningConfig(pixel_size_m=0.001)).view
+    assert coarse.pixel_size_m == 0.004
+    assert coarse.area_m2 == pytest.approx(fine.area_m2, rel=0.04)
+
+
+def test_flattening_is_deterministic() -> None:
+    first, second = (flattened(Cylinder()[0]) for _ in range(2))
+    np.testing.assert_array_equal(first.levels[-1].uv_m, second.levels[-1].uv_m)
+    np.testing.assert_array_equal(first.view.xyz_m, second.view.xyz_m)
+
+
+def test_the_intermediates_of_both_levels_are_kept() -> None:
+    result = flattened(Cylinder()[0], record=True)
+    assert [level.sampling_interval_px for level in result.levels] == [12, 6]
+    for level in result.levels:
+        n = len(level.points_rc)
+        assert level.initial_uv_m.shape == level.uv_m.shape == (n, 2)
+        assert level.edges.max() < n
+        assert level.edge_length_m.min() > 0
+        assert level.energy[-1] <= level.energy[0]
+        assert level.states
+        assert level.states[0].shape == (len(level.state_members), 2)
+    assert result.triangles.max() < len(result.levels[-1].points_rc)
+
+
+def test_too_little_cloth_is_said() -> None:
+    depth = plane()
+    speck = np.zeros(depth.shape, dtype=bool)
+    speck[100:104, 100:104] = True
+    with pytest.raises(FlatteningError, match=r"View 3: .*too small.*another view"):
+        flattened(frame(depth, speck, view_index=3))

@@ -1,0 +1,345 @@
+"""From a flattened pixel to the point in space and back, on a small exact surface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import held_from_camera, rotation_about
+from flatcloth.core.types import FlattenedView, RotationAxis
+from flatcloth.grasping.grasps import (
+    OPENING_M,
+    GraspPose,
+    Grip,
+    axis_by_hand,
+    grasp_at,
+    grasp_pose,
+    pixel_of_point,
+    point_on_ray,
+    quaternion_wxyz,
+)
+from flatcloth.grasping.surroundings import nearest_outline
+
+AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 1.0]), direction=np.array([0.0, -1.0, 0.0]))
+RADIUS_M, SIZE_M = 0.2, 0.01
+ROWS, COLS = 21, 41
+
+
+def cylinder() -> FlattenedView:
+    """The front of a cylinder about the axis, unrolled: column by column 10 mm of its girth."""
+    origin = (-SIZE_M * (COLS // 2), -SIZE_M * (ROWS // 2))
+    rows, cols = np.mgrid[0:ROWS, 0:COLS]
+    u, v = origin[0] + SIZE_M * cols, origin[1] + SIZE_M * rows
+    theta = u / RADIUS_M
+    normal = np.stack([np.sin(theta), np.zeros_like(theta), -np.cos(theta)], axis=-1)
+    xyz = AXIS.point_m + RADIUS_M * normal
+    xyz[..., 1] = v
+    valid = np.ones((ROWS, COLS), dtype=bool)
+    valid[:5, :] = False
+    valid[10, 20] = False  # a hole in the middle
+    return FlattenedView(
+        rgb=np.zeros((ROWS, COLS, 3), np.uint8),
+        xyz_m=np.where(valid[..., None], xyz, np.nan).astype(np.float32),
+        normal=np.where(valid[..., None], normal, np.nan).astype(np.float32),
+        z_angle_deg=np.where(valid, np.degrees(theta), np.nan).astype(np.float32),
+        valid=valid,
+        view_index=np.where(valid, 7, -1).astype(np.int16),
+        source_rc=np.stack([rows, cols], axis=-1).astype(np.float32) * 2,
+        pixel_size_m=SIZE_M,
+        origin_uv_m=origin,
+    )
+
+
+def empty() -> FlattenedView:
+    view = cylinder()
+    return FlattenedView(**{**view.__dict__, "valid": np.zeros_like(view.valid)})
+
+
+def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
+    u_m, v_m = 0.10, 0.03
+    grasp = grasp_at(cylinder(), (u_m, v_m), AXIS, 0.0)
+    theta = u_m / RADIUS_M
+    np.testing.assert_allclose(
+        grasp.position_held_m,
+        [RADIUS_M * math.sin(theta), v_m, 1 - RADIUS_M * math.cos(theta)],
+        atol=1e-7,
+    )
+    np.testing.assert_allclose(grasp.normal_held, [math.sin(theta), 0, -math.cos(theta)], atol=1e-7)
+    assert grasp.rc == (13, 30)
+    assert grasp.uv_m == pytest.approx((u_m, v_m))
+    assert grasp.z_angle_deg == pytest.approx(math.degrees(theta), rel=1e-6)
+    assert (grasp.view_index, grasp.source_rc) == (7, (26.0, 60.0))
+    assert grasp.miss_m == 0
+
+
+def test_the_camera_frame_turns_with_the_item() -> None:
+    at_rest = grasp_at(cylinder(), (0.0, 0.05), AXIS, 0.0)
+    np.testing.assert_allclose(at_rest.position_camera_m, at_rest.position_held_m, atol=1e-15)
+    turned = grasp_at(cylinder(), (0.0, 0.05), AXIS, 90.0)
+    np.testing.assert_array_equal(turned.position_held_m, at_rest.position_held_m)
+    # What faced the camera faces the right of the image after a quarter turn.
+    np.testing.assert_allclose(turned.position_camera_m, [RADIUS_M, 0.05, 1.0], atol=1e-7)
+    np.testing.assert_allclose(turned.normal_camera, [1, 0, 0], atol=1e-7)
+    assert turned.angle_deg == 90.0
+
+
+def test_a_place_inside_a_pixel_is_no_miss_and_one_beside_the_cloth_tells_how_far() -> None:
+    view = cylinder()
+    assert grasp_at(view, (0.104, 0.026), AXIS, 0.0).rc == (13, 30)
+    assert grasp_at(view, (0.104, 0.026), AXIS, 0.0).miss_m == 0
+    off = grasp_at(view, (0.05, -0.08), AXIS, 0.0)  # above the upper edge, which lies at v = -0.05
+    assert off.rc == (5, 25)
+    assert off.miss_m == pytest.approx(0.03)
+    far = grasp_at(view, (9.0, 0.0), AXIS, 0.0)
+    assert far.rc == (10, 40)
+    assert far.miss_m == pytest.approx(8.8)
+
+
+def test_a_click_into_a_hole_takes_the_cloth_beside_it() -> None:
+    grasp = grasp_at(cylinder(), (0.001, 0.0), AXIS, 0.0)
+    assert grasp.rc == (10, 21)
+    assert grasp.miss_m == pytest.approx(0.009)
+
+
+def test_every_valid_pixel_gives_itself() -> None:
+    view = cylinder()
+    for row, col in zip(*np.nonzero(view.valid), strict=True):
+        u_m, v_m = view.uv_from_rc(np.array([row, col]))
+        assert grasp_at(view, (float(u_m), float(v_m)), AXIS, 0.0).rc == (row, col)
+
+
+def test_nothing_flattened_and_places_that_are_no_places_are_refused() -> None:
+    with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
+        grasp_at(empty(), (0.0, 0.0), AXIS, 0.0)
+    with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
+        pixel_of_point(empty(), np.zeros(3))
+    for place in ((math.nan, 0.0), (0.0, math.inf)):
+        with pytest.raises(FlatclothError, match="not a finite point"):
+            grasp_at(cylinder(), place, AXIS, 0.0)
+
+
+def test_a_point_in_space_finds_its_pixel() -> None:
+    view = cylinder()
+    for rc in ((5, 0), (12, 33), (20, 40)):
+        found, distance_m = pixel_of_point(view, view.xyz_m[rc])
+        assert (found, distance_m) == (rc, 0)
+    outward = view.xyz_m[12, 33] + 0.004 * view.normal[12, 33]
+    found, distance_m = pixel_of_point(view, outward)
+    assert found == (12, 33)
+    assert distance_m == pytest.approx(0.004, rel=1e-4)
+
+
+def test_a_ray_meets_the_front_of_the_cloth_and_not_its_back() -> None:
+    points = np.array([[0.0, 0, 1.2], [0.0, 0, 0.8], [0.3, 0, 0.8], [math.nan, 0, 0.5], [0.0, 0, -0.5]])
+    assert point_on_ray(points, np.zeros(3), np.array([0.0, 0.0, 2.0])) == 1
+    assert point_on_ray(points, np.zeros(3), np.array([0.3, 0.0, 0.8])) == 2
+    assert point_on_ray(points, np.zeros(3), np.array([0.0, 1.0, 0.0])) is None
+    assert point_on_ray(np.zeros((0, 3)), np.zeros(3), np.array([0.0, 0.0, 1.0])) is None
+
+
+def test_among_points_of_one_layer_the_one_nearest_to_the_ray_is_met() -> None:
+    points = np.array([[0.004, 0, 0.800], [0.001, 0, 0.805]])
+    assert point_on_ray(points, np.zeros(3), np.array([0.0, 0.0, 1.0])) == 1
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+
+def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
+    grasp = grasp_at(view, (u_m, v_m), AXIS, 0.0)
+    pose = grasp_pose(view, grasp.position_held_m, grasp.normal_held, AXIS, grip)
+    assert pose is not None
+    return pose
+
+
+def test_a_pose_stands_on_the_cloth_and_looks_into_it() -> None:
+    pose = picked(cylinder(), 0.10, 0.03)
+    theta = 0.10 / RADIUS_M
+    turn = pose.held_from_grasp.rotation
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    np.testing.assert_allclose(turn[:, 2], [-math.sin(theta), 0, math.cos(theta)], atol=1e-6)
+    np.testing.assert_allclose(
+        pose.held_from_grasp.translation_m,
+        [RADIUS_M * math.sin(theta), 0.03, 1 - RADIUS_M * math.cos(theta)],
+        atol=1e-7,
+    )
+    assert pose.opening_m == OPENING_M
+
+
+@pytest.mark.parametrize(
+    ("place", "direction", "distance_m"),
+    [
+        ((0.03, -0.04), (1.0, 0.0), 0.01),  # near the upper edge, which has the cloth below it
+        ((0.03, 0.08), (-1.0, 0.0), 0.02),  # near the lower edge
+        ((0.19, 0.03), (0.0, 1.0), 0.01),  # near the right one
+        ((-0.19, 0.03), (0.0, -1.0), 0.01),
+    ],
+)
+def test_the_axis_lies_along_the_nearest_outline_with_the_cloth_on_its_right(
+    place: tuple[float, float], direction: tuple[float, float], distance_m: float
+) -> None:
+    pose = picked(cylinder(), *place)
+    theta = place[0] / RADIUS_M
+    along = np.array([math.cos(theta), 0, math.sin(theta)])  # u in space
+    assert pose.axis_from == "outline"
+    np.testing.assert_allclose(pose.direction_uv, direction, atol=1e-6)
+    expected = direction[0] * along + direction[1] * np.array([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], expected, atol=2e-3)
+    # y points from the outline into the cloth: the fingers close across the outline.
+    into = -direction[1] * along + direction[0] * np.array([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 1], into, atol=2e-3)
+    assert pose.outline_distance_m == pytest.approx(distance_m)
+    assert pose.uncertainty.axis_deg < 1e-3
+
+
+def test_a_hole_and_another_piece_of_cloth_are_no_outline() -> None:
+    view = cylinder()
+    beside_the_hole = nearest_outline(view, (10, 21))
+    assert beside_the_hole is not None
+    assert beside_the_hole.distance_m == pytest.approx(0.05)
+    valid = view.valid.copy()
+    valid[:, 30:] = False
+    valid[12, 33:36] = True  # a shred of three pixels, nearer to (12, 29) than the upper edge
+    shred = FlattenedView(**{**view.__dict__, "valid": valid})
+    outline = nearest_outline(shred, (12, 29))
+    assert outline is not None
+    assert outline.distance_m == 0.0
+    np.testing.assert_allclose(outline.direction, [0, 1], atol=1e-6)
+    lonely = np.zeros_like(valid)
+    lonely[12, 33] = True
+    assert nearest_outline(FlattenedView(**{**view.__dict__, "valid": lonely}), (12, 33)) is None
+
+
+def test_a_slanted_outline_gives_its_slant_and_a_corner_is_told_to_be_unsure() -> None:
+    fine = flat_sheet(rows=120, cols=120)
+    rows, cols = np.mgrid[0:120, 0:120]
+    slanted = FlattenedView(**{**fine.__dict__, "valid": rows > 30 + 0.5 * cols})
+    outline = nearest_outline(slanted, (70, 60))
+    assert outline is not None
+    angle_deg = math.degrees(math.atan2(outline.direction[1], outline.direction[0]))
+    assert angle_deg == pytest.approx(math.degrees(math.atan(0.5)), abs=1.5)
+    assert outline.spread_deg < 6
+    corner = nearest_outline(fine, (2, 2))
+    assert corner is not None
+    assert corner.spread_deg > 15
+
+
+def flat_sheet(rows: int, cols: int, noise_m: float = 0.0) -> FlattenedView:
+    """A plane before the camera, 2 mm a pixel, with noise in depth."""
+    v, u = np.mgrid[0:rows, 0:cols] * 0.002
+    depth = 0.8 + noise_m * np.random.default_rng(5).standard_normal(u.shape)
+    return FlattenedView(
+        rgb=np.zeros((rows, cols, 3), np.uint8),
+        xyz_m=np.stack([u, v, depth], axis=-1).astype(np.float32),
+        normal=np.broadcast_to(np.float32([0, 0, -1]), (rows, cols, 3)).copy(),
+        z_angle_deg=np.zeros((rows, cols), np.float32),
+        valid=np.ones((rows, cols), bool),
+        view_index=np.zeros((rows, cols), np.int16),
+        source_rc=np.zeros((rows, cols, 2), np.float32),
+        pixel_size_m=0.002,
+        origin_uv_m=(0.0, 0.0),
+    )
+
+
+@pytest.mark.parametrize("noise_m", [0.0005, 0.002])
+def test_the_uncertainty_is_the_scatter_of_the_depth_nearby(noise_m: float) -> None:
+    told = [picked(flat_sheet(60, 60, noise_m), u, 0.06).uncertainty.position_m for u in (0.03, 0.06, 0.09)]
+    assert np.mean(told) == pytest.approx(noise_m, rel=0.2)
+    assert picked(flat_sheet(60, 60), 0.06, 0.06).uncertainty.position_m < 1e-7
+
+
+def test_curved_cloth_is_not_taken_for_noise_but_its_normals_spread() -> None:
+    about = picked(cylinder(), 0.10, 0.03).uncertainty
+    assert about.position_m < 5e-5
+    assert 1.0 < about.normal_deg < 8.0
+
+
+def test_the_axis_by_hand_is_a_direction_in_space_that_stays_when_the_plane_turns() -> None:
+    view = flat_sheet(60, 60)
+    here = np.array([0.06, 0.06, 0.8])
+    axis = axis_by_hand(view, here, 30.0)
+    np.testing.assert_allclose(axis, [math.cos(math.radians(30)), 0.5, 0], atol=1e-6)
+    turned = FlattenedView(  # the same sheet, laid down a quarter turn further
+        **{
+            **view.__dict__,
+            **{name: np.rot90(getattr(view, name)).copy() for name in ("xyz_m", "normal", "valid")},
+        }
+    )
+    pose = picked_at(turned, here, Grip(axis_held=axis))
+    assert pose.axis_from == "hand"
+    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], axis, atol=1e-6)
+    np.testing.assert_allclose(pose.direction_uv, [0.5, -math.cos(math.radians(30))], atol=1e-5)
+    assert math.isnan(pose.uncertainty.axis_deg)
+
+
+def picked_at(view: FlattenedView, position_m: np.ndarray, grip: Grip | None = None) -> GraspPose:
+    pose = grasp_pose(view, position_m, np.array([0.0, 0.0, -1.0]), AXIS, grip)
+    assert pose is not None
+    return pose
+
+
+def test_an_axis_that_is_no_axis_is_refused() -> None:
+    view = flat_sheet(60, 60)
+    with pytest.raises(FlatclothError, match="not a number"):
+        axis_by_hand(view, np.array([0.06, 0.06, 0.8]), math.nan)
+    with pytest.raises(FlatclothError, match="too little cloth"):
+        axis_by_hand(view, np.array([0.06, 0.06, 0.9]), 0.0)
+    # One that points along the approach cannot be laid across it: the outline serves instead.
+    assert (
+        picked_at(view, np.array([0.01, 0.06, 0.8]), Grip(axis_held=(0.0, 0.0, 1.0))).axis_from == "outline"
+    )
+
+
+def test_a_pick_that_is_not_on_the_shape_has_a_level_axis_and_no_uncertainty() -> None:
+    pose = picked_at(flat_sheet(60, 60), np.array([0.06, 0.06, 0.9]))
+    assert (pose.axis_from, pose.direction_uv, pose.outline_distance_m) == ("level", None, None)
+    assert pose.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+    assert math.isnan(pose.uncertainty.position_m)
+    assert grasp_pose(empty(), np.zeros(3), np.array([0.0, 0.0, -1.0]), AXIS) is not None
+    from_above = grasp_pose(empty(), np.zeros(3), AXIS.direction, AXIS)
+    assert from_above is not None
+    assert from_above.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("normal", [[math.nan, 0, 0], [0, 0, 0]])
+def test_without_a_normal_there_is_no_pose(normal: list[float]) -> None:
+    assert grasp_pose(flat_sheet(60, 60), np.array([0.06, 0.06, 0.8]), np.array(normal), AXIS) is None
+
+
+def test_the_pose_in_the_camera_frame_turns_with_the_item() -> None:
+    pose = picked(cylinder(), 0.10, 0.03)
+    for angle_deg in (0.0, 40.0, -170.0):
+        moved = pose.camera_from_grasp(AXIS, angle_deg)
+        back = held_from_camera(AXIS, angle_deg) @ moved
+        np.testing.assert_allclose(back.rotation, pose.held_from_grasp.rotation, atol=1e-12)
+        np.testing.assert_allclose(back.translation_m, pose.held_from_grasp.translation_m, atol=1e-12)
+
+
+def test_the_gripper_is_drawn_outside_with_its_fingers_across_the_axis() -> None:
+    pose = picked(cylinder(), 0.10, 0.03, Grip(opening_m=0.07))
+    lines = (pose.gripper_m() - pose.held_from_grasp.translation_m) @ pose.held_from_grasp.rotation
+    assert lines.shape == (6, 2, 3)
+    tips = lines[:2, 0]
+    np.testing.assert_allclose(tips, [[0, -0.035, 0], [0, 0.035, 0]], atol=1e-12)
+    assert lines[..., 2].max() == pytest.approx(0.0, abs=1e-12)  # nothing of it lies behind the cloth
+
+
+def test_the_place_on_the_plane_is_as_sure_as_the_view_says() -> None:
+    assert math.isnan(picked(flat_sheet(60, 60), 0.06, 0.06).uncertainty.placement_m)
+
+    placed = replace(flat_sheet(60, 60), placement_std_m=np.full((60, 60), 0.004, np.float32))
+    assert picked(placed, 0.06, 0.06).uncertainty.placement_m == pytest.approx(0.004)
+
+
+def test_quaternions_are_those_of_the_rotation() -> None:
+    half = math.sqrt(0.5)
+    assert quaternion_wxyz(np.eye(3)) == (1.0, 0.0, 0.0, 0.0)
+    quarter_about_z = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert quaternion_wxyz(quarter_about_z) == pytest.approx((half, 0, 0, half))
+    for angle in (0.3, 3.0, -3.0):  # beyond half a turn the other sign would name the same rotation
+        assert quaternion_wxyz(rotation_about(np.array([0.6, 0.8, 0.0]), angle))[0] >= 0

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import numpy as np
+from scenes import Cylinder, placement_error_m, sheet, views
+
+from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.methods.paper.merging import begin, place, renew
+from flatcloth.session.machine import Side
+
+
+def row_of_views(view: FlattenedView) -> list[int]:
+    return view.view_index[10].tolist()
+
+
+def test_next_to_the_occluding_edge_the_added_view_wins_though_it_is_steeper() -> None:
+    old, new = sheet(0, 0, 40, 5.0), sheet(1, -20, 40, 30.0)
+    merged = renew(begin(old, 0), {0: old}, new, 1, Rigid2(), Side.LEFT)
+    # Common are columns 0..19: in their left half the added view, right of it the smaller Z-angle.
+    assert row_of_views(merged.view) == [1] * 30 + [0] * 30
+    right = renew(begin(new, 1), {1: new}, old, 0, Rigid2(), Side.RIGHT)
+    assert row_of_views(right.view) == [1] * 20 + [0] * 40
+
+
+def test_elsewhere_the_smaller_absolute_z_angle_wins() -> None:
+    old = sheet(0, 0, 40, -30.0)
+    flatter, steeper = sheet(1, 0, 40, 5.0), sheet(1, 0, 40, 45.0)
+    assert set(row_of_views(renew(begin(old, 0), {0: old}, flatter, 1, Rigid2(), None).view)) == {1}
+    assert set(row_of_views(renew(begin(old, 0), {0: old}, steeper, 1, Rigid2(), None).view)) == {0}
+
+
+def test_the_renewed_view_has_the_frame_of_the_added_one() -> None:
+    old, new = sheet(0, 0, 40, 5.0), sheet(1, 0, 40, 5.0)
+    current_from_new = Rigid2(0.3, 0.02, -0.01)
+    merged = renew(begin(old, 0), {0: old}, new, 1, current_from_new, Side.LEFT)
+    assert merged.current_from_view[1] == Rigid2()
+    np.testing.assert_allclose(
+        (merged.current_from_view[0] @ current_from_new).apply(np.array([[0.1, 0.2]])),
+        [[0.1, 0.2]],
+        atol=1e-12,
+    )
+
+
+def test_attributes_follow_the_exact_motion_however_many_views_are_added() -> None:
+    start = sheet(0, 0, 60, 0.0, rows=60)
+    canonical, sources = begin(start, 0), {0: start}
+    random = np.random.default_rng(3)
+    for n in range(1, 9):
+        # Steep far-off scraps: every pixel of the start stays, carried through eight turned frames.
+        scrap = sheet(n, 500, 4, 60.0)
+        sources[n] = scrap
+        motion = Rigid2(random.uniform(-0.3, 0.3), random.uniform(-0.02, 0.02), random.uniform(-0.02, 0.02))
+        canonical = renew(canonical, sources, scrap, n, motion, Side.LEFT)
+    view = canonical.view
+    kept = view.view_index == 0
+    assert kept.sum() > 0.95 * 3600
+    expected = canonical.current_from_view[0].inverse().apply(view.uv_from_rc(np.argwhere(kept)))
+    inner = (np.abs(expected - 0.059) < 0.055).all(axis=1)
+    np.testing.assert_allclose(view.xyz_m[kept][inner, :2], expected[inner], atol=1e-6)
+
+
+def test_merging_is_pure() -> None:
+    old, new = sheet(0, 0, 40, 5.0), sheet(1, -20, 40, 30.0)
+    before = begin(old, 0)
+    first = renew(before, {0: old}, new, 1, Rigid2(0.1), Side.LEFT)
+    second = renew(before, {0: old}, new, 1, Rigid2(0.1), Side.LEFT)
+    np.testing.assert_array_equal(first.view.view_index, second.view.view_index)
+    np.testing.assert_array_equal(first.view.xyz_m, second.view.xyz_m)
+    assert before.view is old
+
+
+def test_placing_by_the_identity_changes_nothing() -> None:
+    view = sheet(2, -3, 17, 12.0)
+    placed = place(view, Rigid2())
+    assert placed.origin_uv_m == view.origin_uv_m
+    np.testing.assert_array_equal(placed.valid, view.valid)
+    np.testing.assert_allclose(placed.xyz_m, view.xyz_m, atol=1e-7)
+    np.testing.assert_array_equal(placed.rgb, view.rgb)
+
+
+def test_a_cylinder_grows_to_the_union_of_its_views() -> None:
+    current, new = views(0.0, 40.0)
+    cylinder = Cylinder()
+    flat = [cylinder.flat_uv_m(v.xyz_m[v.valid].astype(float)) for v in (current, new)]
+    uv = [v.uv_from_rc(np.argwhere(v.valid)) for v in (current, new)]
+    shift = (uv[0] - flat[0]).mean(axis=0) - (uv[1] - flat[1]).mean(axis=0)
+    motion = Rigid2(0.0, float(shift[0]), float(shift[1]))
+    assert placement_error_m(current, new, motion) < 0.004
+    merged = renew(begin(current, 0), {0: current}, new, 1, motion, Side.LEFT).view
+    width = np.ptp(merged.uv_from_rc(np.argwhere(merged.valid))[:, 0])
+    np.testing.assert_allclose(width, np.ptp(np.concatenate(flat)[:, 0]), atol=0.008)
+    assert merged.area_m2 > 1.2 * current.area_m2
+    # Every pixel still shows the cloth at its own place.
+    again = cylinder.flat_uv_m(merged.xyz_m[merged.valid].astype(float))
+    drift = merged.uv_from_rc(np.argwhere(merged.valid)) - again
+    assert np.linalg.norm(drift - np.median(drift, axis=0), axis=1).max() < 0.005

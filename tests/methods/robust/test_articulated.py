@@ -1,0 +1,189 @@
+"""Strips and necks: wide parts are told apart, turned as directions say, and known to be unsure."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from flatcloth.core.config import JointConfig, UncertaintyConfig
+from flatcloth.methods.robust.articulated import Hinged, bodies, limp, nearest_body, swung
+from flatcloth.methods.robust.observations import _offsets
+from flatcloth.methods.robust.uncertainty import _layer_rims, placement_std_m, undetermined
+
+CONFIG = JointConfig()
+STEP_M = 0.008
+
+
+def grid(rows: int, cols: int, corner: tuple[float, float]) -> np.ndarray:
+    r, c = np.mgrid[:rows, :cols]
+    return np.stack([c.ravel(), r.ravel()], axis=1) * STEP_M + np.array(corner)
+
+
+def plates(neck: int, gap: float = 0.064) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two plates of 12 x 12 nodes, ``neck`` nodes of a strip's width between them: places, pairs, plate."""
+    left, right = grid(12, 12, (0.0, 0.0)), grid(12, 12, (0.088 + gap, 0.0))
+    strip = grid(neck, round(gap / STEP_M) - 1, (0.096, 0.04))
+    uv = np.concatenate([left, right, strip])
+    plate = np.repeat([0, 1, 2], [len(left), len(right), len(strip)])
+    edges = cKDTree(uv).query_pairs(1.5 * STEP_M, output_type="ndarray").astype(np.int32)
+    return uv, edges, plate
+
+
+def sheet(uv: np.ndarray, edges: np.ndarray, noise_m: float = 0.0) -> Hinged:
+    """The pairs as one view sees them that looks along the normal."""
+    z = uv @ np.array([1.0, 1j])
+    along = z[edges[:, 1]] - z[edges[:, 0]]
+    length = np.abs(along) + noise_m * np.random.default_rng(0).standard_normal(len(edges))
+    return Hinged(
+        edges=edges,
+        member=edges,
+        n_members=len(uv),
+        length_m=length,
+        weight=np.ones(len(edges)),
+        offset=np.stack([along, along], axis=1),
+    )
+
+
+def turned_about(uv: np.ndarray, which: np.ndarray, center: np.ndarray, degrees: float) -> np.ndarray:
+    a = np.radians(degrees)
+    rotation = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    result = uv.copy()
+    result[which] = center + (uv[which] - center) @ rotation
+    return result
+
+
+def test_plates_on_a_strip_are_two_parts_and_the_strip_is_none() -> None:
+    uv, edges, plate = plates(neck=2)
+    body = bodies(uv, edges, CONFIG)
+    assert len(set(body[plate == 0])) == len(set(body[plate == 1])) == 1
+    assert body[0] != body[plate == 1][0]
+    assert (body[plate == 2] == -1).any()
+    assert limp(body, edges).any()
+    nearest = nearest_body(uv, edges, body)
+    assert (nearest >= 0).all()
+    assert set(nearest[plate == 0]) == {body[0]}
+
+
+def test_plates_that_are_joined_all_along_are_one_part() -> None:
+    uv, edges, _ = plates(neck=2, gap=STEP_M)
+    body = bodies(uv, edges, CONFIG)
+    assert set(body) == {0}
+
+
+def test_parts_that_overlap_on_the_plane_stay_apart() -> None:
+    uv, edges, plate = plates(neck=2)
+    folded = uv.copy()
+    folded[plate == 1] -= (0.1, 0.0)
+    body = bodies(folded, edges, CONFIG)
+    assert set(body[plate == 0]).isdisjoint(body[plate == 1])
+
+
+@pytest.mark.parametrize("degrees", [-25.0, 8.0])
+def test_a_hinge_turns_to_where_directions_say(degrees: float) -> None:
+    uv, edges, plate = plates(neck=1)
+    body = bodies(uv, edges, CONFIG)
+    start = turned_about(uv, body == body[plate == 1][0], np.array([0.15, 0.04]), degrees)
+    found = swung(start, sheet(uv, edges), CONFIG)
+    assert np.abs(found[plate == 0] - uv[plate == 0]).max() < 1e-6
+    assert np.linalg.norm(found - uv, axis=1).max() < 5e-4
+
+
+def test_a_sheet_without_strips_is_left_alone() -> None:
+    uv = grid(12, 12, (0.0, 0.0))
+    edges = cKDTree(uv).query_pairs(1.5 * STEP_M, output_type="ndarray").astype(np.int32)
+    assert swung(uv, sheet(uv, edges), CONFIG) is uv
+
+
+def test_contradicted_pairs_do_not_stop_it() -> None:
+    uv, edges, plate = plates(neck=2)
+    seen = sheet(uv, edges)
+    seen.weight[:] = np.where((plate[edges] == 2).all(axis=1), 0.0, 1.0)
+    assert np.isfinite(swung(uv, seen, CONFIG)).all()
+
+
+def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
+    radius, turn, height = 0.03, 0.6, 0.004
+    points = np.array([[0.0, 0.0, -radius], [radius * np.sin(turn), height, -radius * np.cos(turn)]])
+    normal = np.array([[0.0, 0.0, -1.0], [np.sin(turn), 0.0, -np.cos(turn)]])
+    true = np.hypot(radius * turn, height)
+    offset = _offsets(np.array([[0, 1]], dtype=np.int32), points, normal, np.array([true]), 0.01)
+    assert offset[0, 0] == pytest.approx(radius * turn + 1j * height, abs=1e-6)
+    assert abs(offset[0, 1]) == pytest.approx(true)
+
+
+class _Nodes:
+    def __init__(self, uv: np.ndarray) -> None:
+        self.xyz_m = np.pad(uv, ((0, 0), (0, 1)))
+
+    def __len__(self) -> int:
+        return len(self.xyz_m)
+
+
+def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
+    """What the sureness reads of a joint shape; the start view saw the first plate."""
+    length = np.linalg.norm(uv[edges[:, 1]] - uv[edges[:, 0]], axis=1)
+    return cast(
+        Any,
+        SimpleNamespace(
+            nodes=_Nodes(uv),
+            links=SimpleNamespace(edges=edges, length_m=length, std_m=np.full(len(edges), 3e-4)),
+            placed=np.ones(len(uv), dtype=bool),
+            uv_m=uv,
+            weight=np.ones(len(edges)),
+            sightings=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
+        ),
+    )
+
+
+def std_of_far_plate(neck: int, gap: float) -> tuple[float, np.ndarray]:
+    uv, edges, plate = plates(neck, gap)
+    shape = shape_of(uv, edges, plate)
+    config = UncertaintyConfig()
+    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
+    assert np.median(std[plate == 0]) < 0.003
+    return float(np.median(std[plate == 1])), undetermined(shape, std, config, CONFIG)[plate == 1]
+
+
+def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
+    wide_m, wide_floats = std_of_far_plate(neck=2, gap=STEP_M)
+    strip_m, _ = std_of_far_plate(neck=2, gap=0.064)
+    string_m, string_floats = std_of_far_plate(neck=1, gap=0.12)
+    assert wide_m < 0.005 < strip_m < string_m
+    assert not wide_floats.any()
+    assert string_m > UncertaintyConfig().most_std_m
+    assert string_floats.all()
+
+
+def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
+    uv, edges, plate = plates(2, STEP_M)
+    shape, config = shape_of(uv, edges, plate), UncertaintyConfig()
+    corner = int(uv.sum(axis=1).argmax())
+    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
+    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner], config, CONFIG)
+    assert held_here[corner] > 2.0 * held_far[corner]
+    assert min(held_far.min(), held_here.min()) >= config.least_m
+
+
+def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
+    depth = np.full((40, 60), 0.80, dtype=np.float32)
+    depth[:, 30:] = 0.86  # another layer, farther
+    usable = np.zeros(depth.shape, dtype=bool)
+    usable[5:35, 5:29] = True
+    depth[:5] = 0.0  # nothing is measured above
+    surface = cast(
+        Any,
+        SimpleNamespace(
+            frame=SimpleNamespace(depth_m=depth),
+            usable=usable,
+            xyz_m=np.where(usable, depth, np.float32(np.nan))[..., None].repeat(3, axis=2),
+            inverse_depth=np.where(depth > 0, 1.0, 0.0),
+        ),
+    )
+    rims = _layer_rims(surface, UncertaintyConfig())
+    assert rims[20, 26:29].all()  # beside the other layer
+    assert not rims[20, :25].any()  # inside, and at an outline beyond which is no other cloth
+    assert not rims[5:8, 5:24].any()

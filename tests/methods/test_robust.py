@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Cylinder
+
+from flatcloth.core.resources import sample_recordings
+from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.engine.headless import CONTRADICTS, Run, accept_by_score
+from flatcloth.engine.integration import Integration
+from flatcloth.recordings import open_recording
+from flatcloth.session.machine import (
+    UNSURE,
+    Accept,
+    Nudge,
+    Phase,
+    Propose,
+    Proposed,
+    Reject,
+    SessionState,
+    Start,
+    Undo,
+    apply,
+)
+
+STEPS = tuple(float(a) for a in range(0, 360, 20))
+SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
+
+
+def integration(**options: object) -> Integration:
+    return Integration(Cylinder(**{**SHEET, **options}))  # type: ignore[arg-type]
+
+
+def stepped(made: Integration, state: SessionState, command: Start | Propose) -> SessionState:
+    state = apply(state, command)
+    assert state.request is not None
+    return apply(state, made.answer(state.document, state.request))
+
+
+def errors_m(view: FlattenedView) -> np.ndarray:
+    """Errors of the distances between random pixels of the result, against the cylinder unrolled."""
+    flat = Cylinder().flat_uv_m(view.xyz_m[view.valid].astype(float))
+    uv = view.uv_from_rc(np.argwhere(view.valid))
+    pair = np.random.default_rng(0).integers(0, len(uv), (2, 4000))
+    error = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
+    return np.abs(error - np.linalg.norm(flat[pair[0]] - flat[pair[1]], axis=1))
+
+
+@pytest.fixture(scope="module")
+def finished() -> tuple[Integration, SessionState, Run]:
+    made = integration()
+    run = Run(made, SessionState(len(STEPS)))
+    return made, run.finish(), run
+
+
+def test_the_whole_sheet_comes_out_to_a_millimetre(finished: tuple[Integration, SessionState, Run]) -> None:
+    made, state, _ = finished
+    view = made.canonical(state.document).view
+    assert state.phase is Phase.FINISHED
+    assert view.area_m2 == pytest.approx(np.radians(200) * 0.12 * 0.2, rel=0.05)
+    assert np.percentile(errors_m(view), 95) < 0.001
+
+
+def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, SessionState, Run]) -> None:
+    made, state, _ = finished
+    view = made.canonical(state.document).view
+    assert view.placement_std_m is not None
+    assert np.isfinite(view.placement_std_m[view.valid]).all()
+    assert np.isnan(view.placement_std_m[~view.valid]).all()
+    assert np.median(view.placement_std_m[view.valid]) < 0.005
+    # Far from the start view's middle more may have gone wrong than near it.
+    start = made.recording.angles_deg[state.document.start_view or 0]
+    turn = np.abs(view.z_angle_deg - np.array(made.recording.angles_deg)[view.view_index] + start)
+    near, far = view.valid & (turn < 20), view.valid & (turn > 80)
+    assert view.placement_std_m[near].mean() < view.placement_std_m[far].mean()
+
+
+def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
+    made = Integration(open_recording(str(sample_recordings()["trousers-waist-d435"])))
+    document = Run(made, SessionState(len(made.recording))).finish().document
+    view = made.canonical(document).view
+    assert np.abs(view.uv_from_rc(np.argwhere(view.valid))).max() < 2.0
+
+
+def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionState, Run]) -> None:
+    _, state, run = finished
+    accepted = [d.view_index for d in run.decisions if d.accepted]
+    assert accepted == [a.view_index for a in state.document.accepted]
+    assert all(d.score >= 0.5 for d in run.decisions if d.accepted)
+    assert all(d.reason for d in run.decisions if not d.accepted)
+
+
+def test_undo_is_exact() -> None:
+    made = integration()
+    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose())
+    before = made.canonical(state.document)
+    pending = state.document.pending
+    assert pending is not None
+    after = apply(state, Accept(pending.view_index))
+    assert made.canonical(after.document).view.area_m2 > before.view.area_m2
+    assert made.canonical(apply(after, Undo()).document) is before
+
+
+def test_the_shape_depends_on_the_decisions_alone() -> None:
+    shapes = []
+    for _ in range(2):
+        made = integration()
+        state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+        shapes.append(made.canonical(apply(state, Accept(2)).document).view)
+    np.testing.assert_array_equal(shapes[0].xyz_m, shapes[1].xyz_m)
+
+
+def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
+    made = integration()
+    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    pending = state.document.pending
+    assert pending is not None
+    placing = made.proposal(state.document).placing
+    assert placing.hypotheses[0].score.total == pytest.approx(pending.score)
+    assert pending.score > 0.9
+    assert 0 < placing.margin <= 1
+    assert placing.hypotheses[0].undetermined == ()
+    assert placing.cameras.startswith("Angles and axis hold as recorded")
+    assert {"place_agreement", "color_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
+            "twice_share", "other_cloth_share"} <= set(placing.alignment.score.parts)  # fmt: skip
+
+
+@pytest.mark.parametrize("by", [Rigid2(0, 0.03, 0), Rigid2(0, 0, 0.03), Rigid2(0.3, 0, 0)])
+def test_a_wrong_placement_scores_low_and_is_refused(by: Rigid2) -> None:
+    made = integration()
+    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    moved = apply(state, Nudge(2, by))
+    assert made.score(moved.document).total < 0.5 < made.score(state.document).total
+    assert accept_by_score(made, moved) == Reject(2, UNSURE)
+    assert accept_by_score(made, state) == Accept(2)
+
+
+def test_a_view_that_contradicts_the_others_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = integration()
+    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    assert made.robust is not None
+    monkeypatch.setattr(made.robust, "contradiction", lambda _: 0.5)
+    assert accept_by_score(made, state) == Reject(2, CONTRADICTS)
+
+
+def test_a_view_of_other_cloth_is_told_apart() -> None:
+    made = integration(span_deg=(-60.0, 60.0))
+    state = stepped(made, SessionState(len(STEPS)), Start(0))
+    state = apply(state, Propose(9))  # the back: nothing of the side of interest
+    assert state.request is not None
+    with pytest.raises(Exception, match="View 9"):
+        made.answer(state.document, state.request)
+
+
+def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
+    made = integration()
+    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    moved = apply(apply(state, Nudge(2, Rigid2(0, 0.05, 0))), Accept(2))
+    right = apply(state, Accept(2))
+    shifted, straight = made.canonical(moved.document).view, made.canonical(right.document).view
+    assert shifted.area_m2 != pytest.approx(straight.area_m2, rel=0.02)
+
+
+def test_the_plan_promises_new_cloth_and_says_so() -> None:
+    made = integration()
+    state = stepped(made, SessionState(len(STEPS)), Start(0))
+    plan = made.plan(state.document)
+    assert plan.view_index is not None
+    assert plan.prospects[0].view_index == plan.view_index
+    assert plan.prospects[0].new_m2 > 0.01
+    assert "cm2 new" in plan.reason
+
+
+def test_the_shape_is_made_of_few_views(finished: tuple[Integration, SessionState, Run]) -> None:
+    _, state, _ = finished
+    assert len(state.document.used_views) <= 14
+
+
+def test_a_proposal_event_carries_the_confidence() -> None:
+    made = integration()
+    state = apply(stepped(made, SessionState(len(STEPS)), Start(0)), Propose())
+    assert state.request is not None
+    event = made.answer(state.document, state.request)
+    assert isinstance(event, Proposed)
+    assert 0.5 < event.score <= 1.0

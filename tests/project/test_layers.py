@@ -1,0 +1,109 @@
+"""What the import contracts of pyproject.toml cannot say: where heavy libraries load, who reads the truth."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+NEVER_AT_START = {"open3d", "pyrealsense2", "libusb_package", "rosbags", "OpenEXR"}
+
+
+@dataclass(frozen=True)
+class Import:
+    file: Path
+    line: int
+    target: str
+    at_start: bool
+    for_types: bool
+
+    def __str__(self) -> str:
+        return f"{self.file.relative_to(ROOT)}:{self.line} imports {self.target}"
+
+
+def sources() -> list[Path]:
+    return sorted((ROOT / "flatcloth").rglob("*.py")) + [p for p in [ROOT / "app.py"] if p.exists()]
+
+
+def unit(file: Path) -> str:
+    """Return the part of the house a file belongs to: a module or a subpackage."""
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    name = parts[1] if len(parts) > 1 else parts[0]
+    return "" if name == "__init__" else name
+
+
+def imports(file: Path) -> Iterator[Import]:
+    tree = ast.parse(file.read_text())
+
+    def walk(node: ast.AST, at_start: bool, for_types: bool) -> Iterator[Import]:
+        for child in ast.iter_child_nodes(node):
+            inside = at_start and not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            typed = for_types or (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test))
+            if isinstance(child, ast.Import):
+                for alias in child.names:
+                    yield Import(file, child.lineno, alias.name, at_start, for_types)
+            elif isinstance(child, ast.ImportFrom):
+                assert child.level == 0, f"{file}: relative import"
+                for alias in child.names:
+                    yield Import(file, child.lineno, f"{child.module}.{alias.name}", at_start, for_types)
+            else:
+                yield from walk(child, inside, typed)
+
+    yield from walk(tree, at_start=True, for_types=False)
+
+
+ALL = [found for file in sources() for found in imports(file)]
+
+
+def test_the_import_contracts_are_kept() -> None:
+    command = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    checked = subprocess.run([sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_open3d_and_realsense_are_imported_only_where_they_are_used() -> None:
+    early = [f for f in ALL if f.target.split(".")[0] in NEVER_AT_START and f.at_start and not f.for_types]
+    assert [str(f) for f in early] == []
+
+
+def test_the_truth_is_read_by_the_evaluation_only() -> None:
+    readers = {
+        unit(f.file) for f in ALL if f.target.startswith("flatcloth.recordings.truth") and not f.for_types
+    }
+    assert readers <= {"recordings", "engine", "commands"}
+
+
+def test_nothing_is_pickled() -> None:
+    pickling = {"pickle", "marshal", "shelve", "joblib", "dill"}
+    assert [str(f) for f in ALL if f.target.split(".")[0] in pickling] == []
+    loads = [
+        f"{file}:{node.lineno}"
+        for file in sources()
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.keyword) and node.arg == "allow_pickle" and ast.unparse(node.value) != "False"
+    ]
+    assert loads == []
+
+
+def test_the_reader_of_imports_sees_what_it_must(tmp_path: Path) -> None:
+    source = tmp_path / "x.py"
+    source.write_text(
+        "import open3d\n"
+        "from typing import TYPE_CHECKING\n"
+        "if TYPE_CHECKING:\n    import viser\n"
+        "class A:\n    def f(self):\n        from pyrealsense2 import pipeline\n"
+        "try:\n    import cv2\nexcept ImportError:\n    pass\n"
+    )
+    found = {f.target: (f.at_start, f.for_types) for f in imports(source)}
+    assert found == {
+        "open3d": (True, False),
+        "typing.TYPE_CHECKING": (True, False),
+        "viser": (True, True),
+        "pyrealsense2.pipeline": (False, False),
+        "cv2": (True, False),
+    }

@@ -1,0 +1,287 @@
+"""Reading recording folders that are as they should be."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_image, write_recording
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.resources import sample_recordings, static_folder
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import fingerprint
+from flatcloth.recordings.files import images
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "tiny")
+
+
+def test_the_header_is_read(folder: Path) -> None:
+    recording = open_recording(folder)
+    assert (recording.name, recording.description) == ("tiny", "a few pixels")
+    assert recording.location == str(folder.resolve())
+    assert len(recording) == 3
+    assert recording.angles_deg == (0.0, 10.0, 20.0)
+    assert recording.has_masks
+    assert (recording.intrinsics.width, recording.intrinsics.height) == (WIDTH, HEIGHT)
+    axis, held = recording.rotation_axis, recording.held_point_m
+    assert axis is not None
+    assert axis.point_m.tolist() == [0.0, -0.1, 0.85]
+    assert axis.direction.tolist() == [0.0, -1.0, 0.0]
+    assert not axis.estimated
+    assert held is not None
+    assert held.tolist() == [0.0, -0.1, 0.85]
+
+
+def test_a_frame_is_rgb_with_depth_in_metres_and_a_boolean_mask(folder: Path) -> None:
+    frame = open_recording(folder)[1]
+    assert (frame.view_index, frame.angle_deg) == (1, 10.0)
+    assert frame.color.dtype == np.uint8
+    assert frame.color[3, 4].tolist() == [200, 0, 10]
+    assert frame.depth_m.dtype == np.float32
+    assert frame.depth_m.shape == (HEIGHT, WIDTH)
+    assert frame.depth_m[0, 0] == 0
+    assert frame.depth_m[5, 5] == np.float32(0.851)
+    assert frame.mask is not None
+    assert frame.mask.dtype == np.bool_
+    assert not frame.mask[:2].any()
+    assert frame.mask[2:].all()
+
+
+def test_views_can_be_iterated_in_order_and_do_not_count_from_the_end(folder: Path) -> None:
+    recording = open_recording(folder)
+    assert [frame.view_index for frame in recording] == [0, 1, 2]  # type: ignore[attr-defined]
+    with pytest.raises(IndexError):
+        recording[-1]
+    with pytest.raises(IndexError):
+        recording[3]
+
+
+def test_axis_held_point_masks_and_texts_are_optional(folder: Path) -> None:
+    content = header()
+    for key in ("rotation_axis", "held_point_m", "name", "description", "truth"):
+        del content[key]
+    for view in content["views"]:
+        del view["mask"], view["truth"]
+    write_header(folder, content)
+    recording = open_recording(folder)
+    assert recording.rotation_axis is None
+    assert recording.held_point_m is None
+    assert not recording.has_masks
+    assert (recording.name, recording.description) == (folder.name, "")
+    assert recording[0].mask is None
+
+
+def test_a_missing_truth_image_does_not_keep_a_recording_from_opening(folder: Path) -> None:
+    (folder / "truth" / "1.png").unlink()
+    assert len(open_recording(folder)) == 3
+
+
+def test_an_axis_that_points_down_is_the_same_turn_about_the_upward_axis(folder: Path) -> None:
+    upward = open_recording(folder)
+    content = header()
+    content["rotation_axis"]["direction"] = [0.0, 1.0, 0.0]
+    for view in content["views"]:
+        view["angle_deg"] *= -1
+    write_header(folder, content)
+    downward = open_recording(folder)
+    assert downward.angles_deg == upward.angles_deg
+    assert str(downward.angles_deg[0]) == "0.0"
+    point = np.array([0.1, 0.2, 0.9])
+    assert downward.rotation_axis is not None
+    assert upward.rotation_axis is not None
+    np.testing.assert_allclose(
+        camera_from_held(downward.rotation_axis, downward.angles_deg[2]).apply(point),
+        camera_from_held(upward.rotation_axis, upward.angles_deg[2]).apply(point),
+        atol=1e-12,
+    )
+
+
+def test_a_direction_that_is_unit_up_to_rounding_is_made_exactly_unit(folder: Path) -> None:
+    content = header()
+    content["rotation_axis"]["direction"] = [0.0, -0.9998, 0.0141]
+    write_header(folder, content)
+    axis = open_recording(folder).rotation_axis
+    assert axis is not None
+    assert np.linalg.norm(axis.direction) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_the_json_file_itself_opens_its_folder(folder: Path) -> None:
+    assert open_recording(folder / "recording.json").location == str(folder)
+
+
+def test_a_byte_order_mark_and_repeated_keys_are_harmless(folder: Path) -> None:
+    text = (folder / "recording.json").read_text()
+    text = text.replace('"name": "tiny"', '"name": "other", "name": "tiny"')
+    (folder / "recording.json").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert open_recording(folder).name == "tiny"
+
+
+def test_texts_become_one_printable_line(folder: Path) -> None:
+    content = header()
+    content["name"] = "two\nlines \u001b[31m"
+    write_header(folder, content)
+    assert open_recording(folder).name == "two lines [31m"
+
+
+def test_a_link_that_stays_inside_the_folder_is_followed(folder: Path) -> None:
+    (folder / "color" / "0.png").unlink()
+    (folder / "color" / "0.png").symlink_to(folder / "color" / "1.png")
+    assert open_recording(folder)[0].color[0, 0].tolist() == [200, 0, 10]
+
+
+def test_a_whole_folder_may_be_reached_through_a_link(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(folder)
+    assert len(open_recording(tmp_path / "link")) == 3
+
+
+def test_a_transparent_color_image_loses_its_alpha(folder: Path) -> None:
+    bgra = np.full((HEIGHT, WIDTH, 4), (1, 2, 3, 0), dtype=np.uint8)
+    write_image(folder / "color" / "0.png", bgra)
+    assert open_recording(folder)[0].color[0, 0].tolist() == [3, 2, 1]
+
+
+def test_the_orientation_tag_of_a_photograph_does_not_turn_the_pixels(folder: Path) -> None:
+    square = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    square[: HEIGHT // 2] = 255
+    jpeg = cv2.imencode(".jpg", square)[1].tobytes()
+    # An APP1 segment that says "turned upside down" (orientation 3).
+    tiff = b"II*\0\x08\0\0\0" + b"\x01\0" + b"\x12\x01\x03\0\x01\0\0\0\x03\0\0\0" + b"\0\0\0\0"
+    payload = b"Exif\0\0" + tiff
+    segment = b"\xff\xe1" + (len(payload) + 2).to_bytes(2, "big") + payload
+    path = folder / "color" / "0.png"
+    path.write_bytes(jpeg[:2] + segment + jpeg[2:])
+    assert cv2.imread(str(path))[0, 0, 0] < 50  # OpenCV's default would turn it
+    assert open_recording(folder)[0].color[0, 0, 0] > 200
+
+
+def test_hundreds_of_views_open(folder: Path) -> None:
+    content = header()
+    view = content["views"][0]
+    content["views"] = [{**view, "angle_deg": 0.5 * i} for i in range(720)]
+    write_header(folder, content)
+    assert len(open_recording(folder)) == 720
+
+
+def test_headers_agree_with_opencv(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 255, (9, 13, 3), dtype=np.uint8)
+    for name, image, expected in (
+        ("a.png", pixels, ("png", 13, 9, 3, 8)),
+        ("a.jpg", pixels, ("jpeg", 13, 9, 3, 8)),
+        ("gray.jpg", pixels[..., 0], ("jpeg", 13, 9, 1, 8)),
+        ("deep.png", pixels[..., 0].astype(np.uint16), ("png", 13, 9, 1, 16)),
+    ):
+        write_image(tmp_path / name, image)
+        found = images.read_header(tmp_path / name)
+        assert (found.kind, found.width, found.height, found.channels, found.bits) == expected
+
+
+def test_progressive_jpegs_are_read(folder: Path) -> None:
+    image = np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    (folder / "color" / "0.png").write_bytes(data)
+    assert abs(int(open_recording(folder)[0].color[5, 5, 0]) - 90) < 3
+
+
+def test_the_bundled_recordings_open_and_their_views_are_whole() -> None:
+    samples = sample_recordings()
+    assert {"shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435"} <= set(samples)
+    for name, folder in samples.items():
+        recording = open_recording(name)
+        assert (recording.name, Path(recording.location)) == (name, folder)
+        assert len(recording) == 36
+        frame = recording[35]
+        assert frame.mask is not None
+        # The side of interest was measured nearly everywhere it is seen.
+        assert (frame.depth_m[frame.mask] > 0).mean() > 0.9
+
+
+def test_opening_imports_no_image_library_and_no_sensor_library() -> None:
+    code = (
+        "import sys; from flatcloth.recordings import open_recording; open_recording('shirt-sleeve-clean');"
+        "print([m for m in ('cv2', 'open3d', 'pyrealsense2', 'viser') if m in sys.modules])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_operator_page_is_found() -> None:
+    assert static_folder().is_dir()
+
+
+def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.avi").write_bytes(b"RIFF")
+    (tmp_path / "empty").mkdir()
+    for source, cause in (
+        (tmp_path / "camera.avi", "not a recording"),
+        (tmp_path / "empty", "has no recording.json"),
+        (tmp_path / "nowhere", "no such file or folder"),
+        ("no\0where", "no such file or folder"),
+        ("~nobody-of-that-name/x", "cannot be opened"),
+        ("x" * 5000, "cannot be opened"),
+    ):
+        with pytest.raises(RecordingError, match=cause) as caught:
+            open_recording(source)
+        assert "reads a recording folder" in str(caught.value)
+        assert "\n" not in str(caught.value)
+    # A folder of recordings names one of them.
+    with pytest.raises(RecordingError, match=r"for example .*tiny"):
+        open_recording(tmp_path)
+
+
+def test_a_kind_is_told_by_its_content_and_its_reader_imported_only_then(tmp_path: Path) -> None:
+    (tmp_path / "camera.mcap").write_text("text")
+    with pytest.raises(RecordingError, match="not a recording"):
+        open_recording(tmp_path / "camera.mcap")
+    folder = write_recording(tmp_path / "native")
+    (folder / "rgb.txt").touch()
+    (folder / "depth.txt").touch()  # what recording.json says counts
+    assert len(open_recording(folder)) == 3
+    code = (
+        "import sys; from flatcloth.recordings import open_recording\n"
+        f"open_recording({str(folder)!r})[0]\n"
+        "print([m for m in ('rosbags', 'OpenEXR', 'pyrealsense2', 'sqlite3') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_fingerprint_survives_a_move_and_notices_another_recording(folder: Path, tmp_path: Path) -> None:
+    original = fingerprint(open_recording(folder))
+    moved = folder.rename(tmp_path / "moved")
+    assert fingerprint(open_recording(moved)) == original
+    content = header()
+    content["views"][2]["angle_deg"] = 21.0
+    write_header(moved, content)
+    assert fingerprint(open_recording(moved)) != original
+
+
+def test_a_jpeg_header_is_found_behind_fill_bytes_and_comments(tmp_path: Path) -> None:
+    jpeg = cv2.imencode(".jpg", np.zeros((8, 9, 3), dtype=np.uint8))[1].tobytes()
+    out = io.BytesIO()
+    out.write(jpeg[:2] + b"\xff\xff\xfe\x00\x06note" + jpeg[2:])
+    (tmp_path / "a.jpg").write_bytes(out.getvalue())
+    found = images.read_header(tmp_path / "a.jpg")
+    assert (found.width, found.height) == (9, 8)
+
+
+def test_a_black_mask_means_that_the_view_shows_nothing_of_the_side(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "black")
+    write_image(folder / "mask/1.png", np.zeros((HEIGHT, WIDTH), dtype=np.uint8))
+    mask = open_recording(folder)[1].mask
+    assert mask is not None
+    assert not mask.any()

@@ -1,0 +1,388 @@
+"""Everything that can be wrong with a recording folder is one clear line, never a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_image, write_recording
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings import open_recording
+
+NAN, INFINITY = float("nan"), float("inf")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "tiny")
+
+
+def refused(folder: Path, cause: str, file: str = "recording.json") -> str:
+    """Open and read everything; return the one-line message, which must name file and cause."""
+    with pytest.raises(RecordingError, match=cause) as caught:
+        read_everything(folder)
+    message = str(caught.value)
+    assert message.startswith(str(folder / file) + ": ")
+    assert "\n" not in message
+    assert message.endswith(".")
+    return message
+
+
+def read_everything(folder: Path) -> None:
+    recording = open_recording(folder)
+    for view_index in range(len(recording)):
+        recording[view_index]
+
+
+def put(*path: Any) -> Callable[[dict[str, Any]], None]:
+    """Return a change of the header: the last argument is the value, those before it the way to it."""
+    *way, last, value = path
+
+    def change(content: dict[str, Any]) -> None:
+        place: Any = content
+        for key in way:
+            place = place[key]
+        place[last] = value
+
+    return change
+
+
+def remove(*path: Any) -> Callable[[dict[str, Any]], None]:
+    *way, last = path
+
+    def change(content: dict[str, Any]) -> None:
+        place: Any = content
+        for key in way:
+            place = place[key]
+        del place[last]
+
+    return change
+
+
+HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
+    (put("format", "flatcloth-recording/2"), "format flatcloth-recording/2 is unknown"),
+    (put("format", "rosbag"), "format is rosbag"),
+    (put("format", 1), "format is 1"),
+    (remove("format"), "format is null"),
+    (put("name", 5), "name is a number"),
+    (put("description", ["x"]), "description is a list of 1"),
+    (remove("intrinsics"), "intrinsics is missing"),
+    (put("intrinsics", [1, 2]), "intrinsics is a list of 2"),
+    (remove("intrinsics", "fx"), "intrinsics.fx is missing"),
+    (put("intrinsics", "fx", NAN), "intrinsics.fx is not a finite number"),
+    (put("intrinsics", "fy", INFINITY), "intrinsics.fy is not a finite number"),
+    (put("intrinsics", "fy", 10**400), "intrinsics.fy is not a finite number"),
+    (put("intrinsics", "fx", 0), "intrinsics.fx is 0"),
+    (put("intrinsics", "fx", -20), "intrinsics.fx is -20"),
+    (put("intrinsics", "fx", 1e6), "intrinsics.fx is 1e"),
+    (put("intrinsics", "fy", 60), "differ too much"),
+    (put("intrinsics", "cx", 1e4), "intrinsics.cx is 10000"),
+    (put("intrinsics", "cy", "6"), "intrinsics.cy is text"),
+    (put("intrinsics", "cy", True), "intrinsics.cy is true or false"),
+    (put("intrinsics", "width", 0), "intrinsics.width is 0"),
+    (put("intrinsics", "width", 16.5), "intrinsics.width is 16.5"),
+    (put("intrinsics", "width", 10**9), "intrinsics.width is 1e"),
+    (put("intrinsics", "height", -12), "intrinsics.height is -12"),
+    (put("intrinsics", "distortion_model", "fisheye"), "distortion_model fisheye is unknown"),
+    (put("intrinsics", "distortion_model", None), "distortion_model null is unknown"),
+    (put("intrinsics", "distortion_model", {}), "distortion_model {} is unknown"),
+    (put("intrinsics", "distortion", "none"), "distortion is no list"),
+    (put("intrinsics", "distortion", [0.1]), "distortion has numbers, but distortion_model is none"),
+    (put("intrinsics", "distortion_model", "brown_conrady"), "distortion has 0 numbers"),
+    (put("depth_scale_m", 0), "no depth"),
+    (remove("depth_scale_m"), "no depth"),
+    (put("depth_scale_m", NAN), "depth_scale_m is not a finite number"),
+    (put("depth_scale_m", -0.001), "depth_scale_m is -0.001"),
+    (put("depth_scale_m", 1), "depth_scale_m is 1"),
+    (put("depth_scale_m", "0.001"), "depth_scale_m is text"),
+    (put("rotation_axis", "up"), "rotation_axis is text"),
+    (remove("rotation_axis", "point_m"), "rotation_axis.point_m is missing"),
+    (put("rotation_axis", "point_m", [0, 0]), "rotation_axis.point_m is a list of 2"),
+    (put("rotation_axis", "point_m", 1, NAN), r"rotation_axis.point_m\[1\] is not a finite number"),
+    (put("rotation_axis", "point_m", [0, 0, 850.0]), "more than 100 m away"),
+    (put("rotation_axis", "direction", [0, -2, 0]), "direction has length 2"),
+    (put("rotation_axis", "direction", [0, 0, 0]), "direction has length 0"),
+    (put("rotation_axis", "direction", [1e308, 1e308, 0]), "direction has length"),
+    (put("rotation_axis", "direction", [0, 0, 1]), "camera looks along"),
+    (put("held_point_m", [1, 2]), "held_point_m is a list of 2"),
+    (put("held_point_m", [0, INFINITY, 1]), r"held_point_m\[1\] is not a finite number"),
+    (remove("views"), "views is not a list, or is empty"),
+    (put("views", []), "views is not a list, or is empty"),
+    (put("views", {"0": {}}), "views is not a list, or is empty"),
+    (put("views", 1, None), r"views\[1\] is missing"),
+    (put("views", [{}] * 10_001), "10001 views"),
+    (put("views", 1, "angle_deg", NAN), r"views\[1\].angle_deg is not a finite number"),
+    (put("views", 1, "angle_deg", "10"), r"views\[1\].angle_deg is text"),
+    (put("views", 1, "angle_deg", 1e9), r"views\[1\].angle_deg is 1e"),
+    (remove("views", 1, "angle_deg"), r"views\[1\].angle_deg is missing"),
+    (put("views", 2, "angle_deg", 10.0), r"views\[2\] has the angle of views\[1\]"),
+    (put("views", 2, "angle_deg", -350.005), r"views\[2\] has the angle of views\[1\]"),
+    (put("views", 2, "angle_deg", 359.995), r"views\[2\] has the angle of views\[0\]"),
+    (remove("views", 2, "depth"), r"views\[2\] has no depth image"),
+    (put("views", 2, "depth", None), r"views\[2\] has no depth image"),
+    (remove("views", 2, "color"), r"views\[2\].color is null"),
+    (put("views", 2, "color", ""), r"views\[2\].color is"),
+    (put("views", 2, "color", 7), r"views\[2\].color is 7"),
+    (put("views", 2, "color", "a\0b"), "printable characters"),
+    (put("views", 2, "color", "a\nb"), "printable characters"),
+    (put("views", 2, "color", "\ud800"), "printable characters"),
+    (put("views", 2, "color", "x" * 2000), "printable characters"),
+    (put("views", 2, "color", "/etc/hostname"), "inside the folder"),
+    (put("views", 2, "color", "../tiny/color/2.png"), "inside the folder"),
+    (put("views", 2, "color", "color/../../other.png"), "inside the folder"),
+    (put("views", 2, "color", "color\\2.png"), "inside the folder"),
+    (put("views", 2, "color", "C:/color/2.png"), "inside the folder"),
+    (put("views", 2, "truth", "../truth.png"), "inside the folder"),
+    (remove("views", 2, "mask"), r"views\[2\] has no mask, but other views have one"),
+]
+
+
+@pytest.mark.parametrize(("change", "cause"), HEADER_FAULTS, ids=[cause for _, cause in HEADER_FAULTS])
+def test_a_fault_in_the_header_is_named(
+    folder: Path, change: Callable[[dict[str, Any]], None], cause: str
+) -> None:
+    content = header()
+    change(content)
+    write_header(folder, content)
+    refused(folder, cause)
+
+
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (b"", "not valid JSON"),
+        (b"{", "not valid JSON"),
+        (b'{"format": 1' + b"0" * 5000 + b"}", "not valid JSON"),
+        (b"\xff\xfe{}", "not UTF-8"),
+        (b"[" * 100_000, "nested too deeply"),
+        (b"[]", "the file is a list of 0"),
+        (b"null", "the file is missing"),
+        (b'"text"', "the file is text"),
+        (b" " * 16_000_001, "larger than 16 MB"),
+    ],
+    ids=["empty", "cut", "digits", "utf-16", "deep", "list", "null", "text", "huge"],
+)
+def test_a_file_that_is_no_header_is_refused(folder: Path, data: bytes, cause: str) -> None:
+    (folder / "recording.json").write_bytes(data)
+    refused(folder, cause)
+
+
+def test_a_header_that_is_a_folder_is_refused(folder: Path) -> None:
+    (folder / "recording.json").unlink()
+    (folder / "recording.json").mkdir()
+    refused(folder, "missing")
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+        max_leaves=5,
+    ),
+    st.data(),
+)
+def test_any_value_anywhere_in_the_header_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, value: Any, data: st.DataObject
+) -> None:
+    folder = write_recording(tmp_path_factory.mktemp("any") / "tiny")
+    content = header()
+    place: Any = content
+    while True:
+        key = data.draw(st.sampled_from(list(place) if isinstance(place, dict) else list(range(len(place)))))
+        if not isinstance(place[key], dict | list) or not place[key] or data.draw(st.booleans()):
+            break
+        place = place[key]
+    place[key] = value
+    write_header(folder, content)
+    complaint = ""
+    try:
+        recording = open_recording(folder)
+    except RecordingError as error:
+        complaint = str(error)
+    else:
+        assert all(np.isfinite(recording.angles_deg))
+    assert "\n" not in complaint
+
+
+# --- images ---------------------------------------------------------------------------------------
+
+GRAY = np.full((HEIGHT, WIDTH), 100, dtype=np.uint8)
+COLOR = np.full((HEIGHT, WIDTH, 3), 100, dtype=np.uint8)
+DEPTH = np.full((HEIGHT, WIDTH), 850, dtype=np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("file", "pixels", "cause"),
+    [
+        ("color/1.png", COLOR[:, :-1], "15x12 px, but the intrinsics say 16x12"),
+        ("color/1.png", np.swapaxes(COLOR, 0, 1), "12x16 px, but the intrinsics say 16x12"),
+        ("color/1.png", GRAY, "8-bit PNG with 1 channel. Color images must be"),
+        ("color/1.png", COLOR.astype(np.uint16), "16-bit PNG with 3 channels. Color images must be"),
+        ("depth/1.png", DEPTH[:-1], "16x11 px, but the intrinsics say 16x12"),
+        ("depth/1.png", DEPTH.astype(np.uint8), "8-bit PNG with 1 channel. Depth images must be"),
+        ("depth/1.png", np.dstack([DEPTH] * 3), "16-bit PNG with 3 channels. Depth images must be"),
+        ("depth/1.png", np.zeros_like(DEPTH), "no depth at all"),
+        ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics say 16x12"),
+        ("mask/1.png", DEPTH, "16-bit PNG with 1 channel. Masks must be"),
+        ("mask/1.png", COLOR, "8-bit PNG with 3 channels. Masks must be"),
+        ("mask/1.png", np.ones_like(GRAY), "the largest is 1. Mark the side of interest with 255"),
+    ],
+)
+def test_an_image_of_the_wrong_size_or_kind_is_named(
+    folder: Path, file: str, pixels: np.ndarray, cause: str
+) -> None:
+    write_image(folder / file, pixels)
+    refused(folder, cause, file)
+
+
+@pytest.mark.parametrize("file", ["color/1.png", "depth/1.png", "mask/1.png"])
+def test_a_missing_image_is_named_at_opening(folder: Path, file: str) -> None:
+    (folder / file).unlink()
+    with pytest.raises(RecordingError, match=rf"{file}: missing"):
+        open_recording(folder)
+
+
+@pytest.mark.parametrize("file", ["color/1.png", "depth/1.png", "mask/1.png"])
+@pytest.mark.parametrize(
+    "data", [b"", b"text", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xe0\0\0"]
+)
+def test_a_file_that_is_no_image_is_named_at_opening(folder: Path, file: str, data: bytes) -> None:
+    (folder / file).write_bytes(data)
+    with pytest.raises(RecordingError, match=rf"{file}: not a readable PNG or JPEG"):
+        open_recording(folder)
+
+
+def test_an_image_that_is_a_folder_or_a_pipe_is_refused_without_waiting(folder: Path) -> None:
+    for make in (Path.mkdir, os.mkfifo):
+        path = folder / "depth" / "1.png"
+        path.rmdir() if path.is_dir() else path.unlink()
+        make(path)
+        with pytest.raises(RecordingError, match=r"depth/1\.png: not a file"):
+            open_recording(folder)
+
+
+def test_every_truncation_of_an_image_is_noticed(folder: Path) -> None:
+    rng = np.random.default_rng(3)
+    texture = rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    for file, data in (
+        ("color/1.png", cv2.imencode(".jpg", texture)[1].tobytes()),
+        ("color/1.png", cv2.imencode(".png", texture)[1].tobytes()),
+        ("depth/1.png", cv2.imencode(".png", DEPTH + texture[..., 0])[1].tobytes()),
+    ):
+        path = folder / file
+        kept = path.read_bytes()
+        for end in range(0, len(data), 7):
+            path.write_bytes(data[:end])
+            with pytest.raises(RecordingError, match=file):
+                open_recording(folder)[1]
+        path.write_bytes(kept)
+
+
+def test_a_flipped_bit_in_a_depth_image_is_noticed(folder: Path) -> None:
+    path = folder / "depth" / "1.png"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 16
+    path.write_bytes(data)
+    refused(folder, "damaged", "depth/1.png")
+
+
+def test_pixels_that_do_not_decode_are_named(folder: Path) -> None:
+    path = folder / "depth" / "1.png"
+    data = path.read_bytes()
+    start = data.index(b"IDAT") - 4
+    junk = b"IDAT" + b"not a compressed stream"
+    chunk = struct.pack(">I", len(junk) - 4) + junk + struct.pack(">I", zlib.crc32(junk))
+    end_of_image = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
+    path.write_bytes(data[:start] + chunk + end_of_image)
+    refused(folder, "cannot be decoded|no depth at all", "depth/1.png")
+
+
+def test_an_image_that_announces_a_giant_is_never_decoded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = folder / "color" / "1.png"
+    data = bytearray(path.read_bytes())
+    data[16:24] = struct.pack(">II", 60_000, 60_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    recording = open_recording(folder)
+    path.write_bytes(data)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(RecordingError, match="60000x60000 px, but the intrinsics say 16x12"):
+        recording[1]
+    with pytest.raises(RecordingError, match="60000x60000 px"):
+        open_recording(folder)
+
+
+def test_a_camera_of_more_pixels_than_fit_into_memory_is_refused(folder: Path) -> None:
+    content = header()
+    content["intrinsics"] |= {"width": 16384, "height": 16384, "fx": 20_000.0, "fy": 20_000.0}
+    write_header(folder, content)
+    refused(folder, "268 megapixels. At most 25 are read")
+
+
+@pytest.mark.parametrize("bomb", ["comments", "scans"])
+def test_a_jpeg_of_endless_parts_is_refused(folder: Path, bomb: str) -> None:
+    content = header()
+    content["views"][0]["color"] = "color/0.jpg"
+    write_header(folder, content)
+    path = folder / "color/0.jpg"
+    write_image(path, np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
+    open_recording(folder)[0]
+    data = path.read_bytes()
+    comments, scan = b"\xff\xfe\0\2" * 5_000_000, data[data.index(b"\xff\xda") : -2]
+    parts = (data[:2], comments, data[2:]) if bomb == "comments" else (data[:-2], scan * 100_000, data[-2:])
+    path.write_bytes(b"".join(parts))
+    refused(folder, "not a readable PNG or JPEG" if bomb == "comments" else "damaged", "color/0.jpg")
+
+
+def test_an_image_that_vanishes_after_opening_is_named(folder: Path) -> None:
+    recording = open_recording(folder)
+    (folder / "depth" / "1.png").unlink()
+    with pytest.raises(RecordingError, match=r"depth/1\.png: missing"):
+        recording[1]
+
+
+@pytest.mark.parametrize("kind", ["color", "depth", "mask", "truth"])
+def test_a_link_out_of_the_folder_is_not_followed(folder: Path, tmp_path: Path, kind: str) -> None:
+    path = folder / kind / "1.png"
+    outside = path.rename(tmp_path / "outside.png")
+    path.symlink_to(outside)
+    refused(folder, "leads outside the folder")
+
+
+def test_a_linked_folder_out_of_the_folder_is_not_followed(folder: Path, tmp_path: Path) -> None:
+    (folder / "mask").rename(tmp_path / "elsewhere")
+    (folder / "mask").symlink_to(tmp_path / "elsewhere")
+    refused(folder, "leads outside the folder")
+
+
+def test_a_link_to_itself_is_refused(folder: Path) -> None:
+    path = folder / "color" / "1.png"
+    path.unlink()
+    path.symlink_to(path)
+    with pytest.raises(RecordingError, match=r"cannot be followed|missing"):
+        open_recording(folder)
+
+
+def test_a_message_is_never_flooded_by_the_value(folder: Path) -> None:
+    content = header()
+    content["format"] = "x" * 100_000
+    write_header(folder, content)
+    assert len(refused(folder, "format is")) < len(str(folder)) + 200
+
+
+def test_json_infinities_are_refused_where_a_number_is_needed(folder: Path) -> None:
+    text = json.dumps(header()).replace('"depth_scale_m": 0.001', '"depth_scale_m": -Infinity')
+    (folder / "recording.json").write_text(text)
+    refused(folder, "depth_scale_m is not a finite number")

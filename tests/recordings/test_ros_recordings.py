@@ -1,0 +1,283 @@
+"""ROS recordings: which topics are read, how their images are decoded, and what is told when they are not."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from foreign_folders import HEIGHT, WIDTH, depth_m, rgb
+from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message, views, write
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.ros.recording import open_ros
+
+INFO = "/camera/color/camera_info"
+
+
+def read(path: Path, **options: Any) -> Any:
+    recording = open_recording(path, **(options or {"step_deg": 10.0}))
+    return [recording[n] for n in range(len(recording))]
+
+
+def refused(path: Path, cause: str, **options: Any) -> None:
+    with pytest.raises(RecordingError, match=cause) as caught:
+        read(path, **options)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ["take.bag", "take.mcap", "take.db3", "take"])
+def test_ros_1_and_ros_2_recordings_are_read(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, views())
+    recording = open_recording(path, step_deg=-20)
+    assert (recording.name, recording.location) == ("take", str(path))
+    assert recording.angles_deg == (0.0, -20.0, -40.0)
+    assert (recording.rotation_axis, recording.held_point_m, recording.has_masks) == (None, None, False)
+    found = recording.intrinsics
+    assert (found.width, found.height, found.fx, found.fy, found.cx, found.cy) == (16, 12, 20, 20, 7.5, 5.5)
+    for n in (2, 0, 1):
+        frame = recording[n]
+        assert (frame.view_index, frame.angle_deg) == (n, -20.0 * n)
+        np.testing.assert_array_equal(frame.color, rgb(n))
+        np.testing.assert_allclose(frame.depth_m, depth_m(n), atol=6e-4)
+        assert frame.mask is None
+    for wrong in (-1, 3):
+        with pytest.raises(IndexError):
+            recording[wrong]
+
+
+def test_several_threads_may_read(tmp_path: Path) -> None:
+    recording = open_recording(write(tmp_path / "take.bag", views(12)), step_deg=10)
+    with ThreadPoolExecutor(4) as pool:
+        frames = list(pool.map(recording.__getitem__, list(range(12)) * 3))
+    assert [int(frame.color[5, 5, 2]) for frame in frames] == [10 * n for n in range(12)] * 3
+
+
+@pytest.mark.parametrize(
+    ("encoding", "channels"),
+    [("bgr8", (2, 1, 0)), ("rgba8", (0, 1, 2, 0)), ("bgra8", (2, 1, 0, 0)), ("8UC3", (2, 1, 0))],
+)
+def test_color_encodings_and_padded_rows(tmp_path: Path, encoding: str, channels: tuple[int, ...]) -> None:
+    messages = views(1)
+    messages[0] = replace(messages[0], content=Image(encoding, rgb(0)[..., channels], padding=5))
+    np.testing.assert_array_equal(read(write(tmp_path / "take.mcap", messages))[0].color, rgb(0))
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize(("encoding", "dtype"), [("16UC1", "u2"), ("mono16", "u2"), ("32FC1", "f4")])
+def test_depth_encodings(tmp_path: Path, encoding: str, dtype: str, big_endian: bool) -> None:
+    depth = depth_m(0)
+    if dtype == "f4":
+        depth[1, 1:3] = np.nan, np.inf
+    pixels = (depth if dtype == "f4" else np.round(1000 * depth)).astype(dtype)
+    messages = views(1)
+    messages[1] = replace(messages[1], content=Image(encoding, pixels, padding=4, big_endian=big_endian))
+    found = read(write(tmp_path / "take.bag", messages))[0].depth_m
+    np.testing.assert_allclose(found, np.where(np.isfinite(depth), depth, 0.0), atol=6e-4)
+
+
+def png(pixels: np.ndarray) -> bytes:
+    return bytes(cv2.imencode(".png", pixels)[1].tobytes())
+
+
+def test_compressed_color_and_depth_transports(tmp_path: Path) -> None:
+    units = np.round(1000 * depth_m(0)).astype(np.uint16)
+    prefix = struct.pack("<iff", 0, 0.0, 0.0)
+    for form, data in (
+        ("16UC1; compressedDepth png", prefix + png(units)),
+        ("16UC1; png compressed ", png(units)),
+        (
+            "32FC1; compressedDepth",
+            struct.pack("<iff", 0, 1000.0, 2.0) + png(_quantised(depth_m(0), 1000.0, 2.0)),
+        ),
+    ):
+        messages = [
+            Message(COLOR + "/compressed", START_S, Compressed("rgb8; png", png(rgb(0)[..., ::-1]))),
+            Message(DEPTH + "/compressedDepth", START_S, Compressed(form, data)),
+            Message(INFO, START_S, Info()),
+        ]
+        frame = read(write(tmp_path / form[:5].strip(";") / f"{len(data)}.bag", messages))[0]
+        np.testing.assert_array_equal(frame.color, rgb(0))
+        np.testing.assert_allclose(frame.depth_m, depth_m(0), atol=2e-3)
+
+
+def _quantised(depth: np.ndarray, a: float, b: float) -> np.ndarray:
+    return np.where(depth > 0, np.round(a / np.where(depth > 0, depth, 1.0) + b), 0).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [
+        ("plumb_bob", (-0.3, 0.05, 0.002, 0.001, 0.01)),
+        ("rational_polynomial", (-0.3, 0.05, 0.002, 0.001, 0.01, 0.02, 0.01, 0.0)),
+        ("equidistant", (0.05, 0.01, 0.0, 0.0)),
+        ("equidistant", (0.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_the_lens_of_camera_info_is_undone_as_opencv_does(
+    tmp_path: Path, model: str, d: tuple[float, ...]
+) -> None:
+    frame = read(write(tmp_path / "take.bag", views(1, info=Info(d=d, model=model))))[0]
+    matrix = np.reshape(K, (3, 3))
+    undo = cv2.fisheye.undistortImage if model == "equidistant" else cv2.undistort
+    expected = undo(rgb(0), matrix, np.array(d), Knew=matrix) if model == "equidistant" else undo(
+        rgb(0), matrix, np.array(d)
+    )  # fmt: skip
+    assert not np.array_equal(frame.color, rgb(0))
+    assert np.abs(frame.color.astype(int) - expected).max() <= 12
+
+
+def test_rectified_images_are_taken_as_they_are_with_the_matrix_p(tmp_path: Path) -> None:
+    p = (22.0, 0.0, 8.0, 0.0, 0.0, 22.0, 6.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    info = Info(d=(-0.3, 0.05, 0.0, 0.0, 0.0), p=p)
+    messages = [replace(m, topic=m.topic.replace("image_raw", "image_rect")) for m in views(1, info=info)]
+    recording = open_recording(write(tmp_path / "take.mcap", messages), step_deg=10)
+    assert (recording.intrinsics.fx, recording.intrinsics.cx) == (22.0, 8.0)
+    np.testing.assert_array_equal(recording[0].color, rgb(0))
+
+
+def test_the_depth_that_is_registered_to_the_color_is_chosen(tmp_path: Path) -> None:
+    other = np.full((HEIGHT, WIDTH), 3000, dtype=np.uint16)
+    messages = views(2)
+    for n in range(2):
+        at = START_S + n
+        messages += [
+            Message("/camera/depth/image_rect_raw", at, Image("16UC1", other)),
+            Message("/camera/depth/camera_info", at, Info(k=(15.0, *K[1:4], 15.0, *K[5:]))),
+            Message("/camera/infra1/image_rect_raw", at, Image("mono8", other.astype(np.uint8))),
+            Message("/camera/small/image_raw", at, Image("rgb8", rgb(0)[:4])),
+            Message("/camera/damaged/image_raw/compressed", at, Compressed("jpeg", b"nothing")),
+        ]
+    frames = read(write(tmp_path / "take.bag", messages))
+    assert [round(100 * float(frame.depth_m[5, 5])) for frame in frames] == [80, 81]
+
+
+def test_images_are_paired_by_their_stamps_not_by_when_they_were_written(tmp_path: Path) -> None:
+    messages = views(4, interval_s=0.1)
+    # The second depth image is lost, and color is written more than an interval late.
+    messages = [
+        replace(m, late_s=0.13 if m.topic == COLOR else 0.0)
+        for m in messages
+        if not (m.topic == DEPTH and abs(m.stamp_s - START_S - 0.101) < 0.01)
+    ]
+    frames = read(write(tmp_path / "take.mcap", messages))
+    assert [int(frame.color[5, 5, 2]) for frame in frames] == [0, 20, 30]
+    assert [round(100 * float(frame.depth_m[5, 5])) for frame in frames] == [80, 82, 83]
+
+
+def test_messages_written_at_one_instant_are_told_apart(tmp_path: Path) -> None:
+    messages = [replace(m, late_s=10.0 - (m.stamp_s - START_S)) for m in views(3)]
+    frames = read(write(tmp_path / "take.bag", messages))
+    assert [int(frame.color[5, 5, 2]) for frame in frames] == [0, 10, 20]
+
+
+def test_without_stamps_the_time_of_writing_counts(tmp_path: Path) -> None:
+    messages = [replace(m, stamp_s=0.0, late_s=m.stamp_s + m.late_s) for m in views(3)]
+    assert len(read(write(tmp_path / "take.mcap", messages))) == 3
+
+
+def test_a_table_names_views_by_time(tmp_path: Path) -> None:
+    path = write(tmp_path / "take.bag", views(5))
+    table = tmp_path / "angles.csv"
+    table.write_text(f"time_s,angle_deg\n{START_S + 1.02:.2f},5\n{START_S + 3:.2f},35\n")
+    recording = open_recording(path, angles=table)
+    assert recording.angles_deg == (0.0, 30.0)
+    assert [int(recording[n].color[5, 5, 2]) for n in range(2)] == [10, 30]
+    table.write_text("time_s,angle_deg\n0,5\n2,35\n")  # since the first image
+    assert [int(open_recording(path, angles=table)[n].color[5, 5, 2]) for n in range(2)] == [0, 20]
+
+
+def test_a_film_is_not_taken_for_one_view_a_frame(tmp_path: Path) -> None:
+    path = write(tmp_path / "take.bag", views(40))
+    refused(path, "the item never stands still", step_deg=10)
+    assert len(open_recording(path, step_deg=9)) == 40
+
+
+def test_without_angles_the_remedy_is_told(tmp_path: Path) -> None:
+    refused(write(tmp_path / "take.bag", views()), "--step DEG", step_deg=None)
+
+
+def changed(topic: str, content: Any) -> list[Message]:
+    return [replace(m, content=content) if m.topic == topic else m for m in views()]
+
+
+@pytest.mark.parametrize(
+    ("messages", "cause"),
+    [
+        ([m for m in views() if m.topic != DEPTH], f"no depth .*its image topics: {COLOR}"),
+        ([m for m in views() if m.topic != COLOR], "no color"),
+        ([m for m in views() if m.topic == INFO], "no color .*its image topics: none"),
+        ([m for m in views() if m.topic != INFO], "camera_info of /camera/color/image_raw: is missing"),
+        (changed(DEPTH, Image("16UC1", np.ones((6, 8), dtype=np.uint16))), "8x6 px.* not of one camera"),
+        (changed(INFO, Info(size=(32, 24))), "is of 32x24 px, the images are 16x12"),
+        (changed(INFO, Info(k=(0.0,) * 9)), "no camera matrix"),
+        (changed(INFO, Info(k=(1e6, *K[1:]))), "No camera of 16x12 px"),
+        (changed(INFO, Info(d=(9.0, -90.0, 0.0, 0.0, 0.0))), "folds the image"),
+        (changed(INFO, Info(d=(np.nan, 0.0, 0.0, 0.0, 0.0))), "not finite"),
+        (changed(INFO, Info(d=(0.1,) * 14)), "distortion has 14 numbers"),
+        (changed(INFO, Info(d=(0.1,), model="magic")), "model 'magic' is not known"),
+        ([replace(m, stamp_s=m.stamp_s + 50 * (m.topic == DEPTH)) for m in views()], "at the time of one"),
+        (changed(DEPTH, Image("16UC1", np.zeros((HEIGHT, WIDTH), dtype=np.uint16))), "view 0: no depth at"),
+        ([*views(1), Message(COLOR, START_S + 1, Image("yuv422", rgb(1))),
+          Message(DEPTH, START_S + 1, Image("16UC1", np.ones((HEIGHT, WIDTH), dtype=np.uint16)))],
+         "view 1: the image has the encoding yuv422"),
+        ([*views(1), Message(COLOR, START_S + 1, Image("rgb8", rgb(1)[:4])),
+          Message(DEPTH, START_S + 1, Image("16UC1", np.ones((HEIGHT, WIDTH), dtype=np.uint16)))],
+         "view 1: the image has another size"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_line(tmp_path: Path, messages: list[Message], cause: str) -> None:
+    for name in ("take.bag", "take.mcap"):
+        refused(write(tmp_path / name, messages), cause)
+
+
+@pytest.mark.parametrize("name", ["take.bag", "take.mcap", "take.db3"])
+def test_truncated_files_are_one_line(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, views())
+    data = path.read_bytes()
+    for damaged in (data[:30], data[: len(data) // 2]):
+        path.write_bytes(damaged)
+        refused(path, "ROS recording|cannot be read|damaged")
+
+
+@pytest.mark.parametrize("name", ["take.bag", "take.mcap", "take.db3"])
+def test_damaged_files_never_end_in_a_traceback(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, views())
+    data = path.read_bytes()
+    rng = np.random.default_rng(0)
+    told = 0
+    for _ in range(20):
+        broken = bytearray(data)
+        at = int(rng.integers(16, len(data) - 64))
+        broken[at : at + 64] = rng.bytes(64)
+        path.write_bytes(broken)
+        try:
+            read(path)
+        except RecordingError:
+            told += 1
+    assert told
+
+
+def test_a_file_that_only_begins_like_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "take.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n")
+    refused(path, "cannot be read as a ROS recording")
+
+
+def test_without_the_library_its_installation_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "take.bag", views())
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(RecordingError, match=r"pip install 'flatcloth\[ros\]'"):
+        open_ros(path, GivenAngles(step_deg=10.0))

@@ -1,0 +1,54 @@
+"""The difference of two views on the unrolled cylinder, against its closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from viewer_fakes import HEIGHT_M, PIXEL_M, RADIUS_M, CylinderRecording, cylinder_view
+
+from flatcloth.rendering.layers import difference
+
+AXIS = CylinderRecording().rotation_axis
+SHAPE = cylinder_view({0: 0.0})
+
+
+def moved(u_m=0.0, v_m=0.0):
+    """The shape's own view, laid on it a little off."""
+    u, v = SHAPE.origin_uv_m
+    return replace(SHAPE, origin_uv_m=(u + u_m, v + v_m))
+
+
+def test_a_view_laid_on_itself_does_not_differ():
+    found = difference(SHAPE, SHAPE, AXIS)
+    np.testing.assert_array_equal(found.common, SHAPE.valid)
+    assert found.distance_m[found.common].max() < 1e-6
+    assert found.color[found.common].max() == 0.0
+    assert np.abs(found.height_m[found.common]).max() < 1e-6
+
+
+def test_a_view_laid_too_low_is_higher_than_what_it_covers():
+    found = difference(SHAPE, moved(v_m=4 * PIXEL_M), AXIS)
+    inner = found.common
+    assert inner.sum() == pytest.approx(SHAPE.valid.sum() * (1 - 4 * PIXEL_M / HEIGHT_M), rel=0.01)
+    np.testing.assert_allclose(found.height_m[inner], 4 * PIXEL_M, atol=1e-6)
+    np.testing.assert_allclose(found.distance_m[inner], 4 * PIXEL_M, atol=1e-6)
+
+
+def test_a_view_laid_aside_is_a_chord_away_at_the_same_height():
+    found = difference(SHAPE, moved(u_m=6 * PIXEL_M), AXIS)
+    chord = 2 * RADIUS_M * np.sin(6 * PIXEL_M / RADIUS_M / 2)
+    np.testing.assert_allclose(found.distance_m[found.common], chord, atol=1e-6)
+    np.testing.assert_allclose(found.height_m[found.common], 0.0, atol=1e-6)
+
+
+def test_the_color_difference_is_the_mean_of_the_three_channels():
+    other = replace(SHAPE, rgb=SHAPE.rgb + np.array([3, 6, 30], dtype=np.uint8))
+    np.testing.assert_allclose(difference(SHAPE, other, AXIS).color[SHAPE.valid], 13.0, atol=1e-4)
+
+
+def test_views_that_do_not_meet_have_nothing_in_common():
+    found = difference(SHAPE, moved(u_m=2.0), AXIS)
+    assert not found.common.any()
+    assert np.isnan(found.color).all()

@@ -1,0 +1,240 @@
+"""The journal: what is on disk after every decision, and what comes back from it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from journal_script import SCRIPT, idle, opened, played_in, states
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import IllegalDecisionError, JournalError
+from flatcloth.core.types import Rigid2
+from flatcloth.session.journal import Pick, SessionFolder
+from flatcloth.session.machine import Phase, Propose, Proposed, SessionState, Start, Undo, apply
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+@pytest.fixture
+def played(place: Path) -> Iterator[SessionFolder]:
+    folder = played_in(place)
+    yield folder
+    folder.close()
+
+
+def plain(pick: Pick) -> tuple[object, ...]:
+    return (
+        pick.id,
+        pick.name,
+        pick.position_held_m.tolist(),
+        pick.normal_held.tolist(),
+        pick.view_index,
+        pick.source_rc,
+    )
+
+
+def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
+    folder = opened(place)
+    folder.close()
+    header = json.loads((place / "session.json").read_text())
+    assert header["format"] == "flatcloth-session/1"
+    assert header["recording"]["name"] == "memory"
+    assert header["recording"]["views"] == 6
+    assert header["method"] == "paper"
+    assert Config.from_dict(header["config"]) == Config()
+    assert set(header["versions"]) == {"flatcloth", "numpy", "scipy", "viser"}
+    assert folder.state == SessionState(6)
+    assert folder.picks == ()
+
+
+def test_resuming_restores_the_same_state_with_its_history(played: SessionFolder, place: Path) -> None:
+    played.close()
+    with_history = opened(place)
+    assert with_history.state == states()[-1]
+    assert with_history.state.redo != ()
+    assert with_history.state.undo != ()
+    with_history.close()
+
+
+def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, place: Path) -> None:
+    lines = [json.loads(line) for line in (place / "journal.jsonl").read_text().splitlines()]
+    assert [line["line"] for line in lines] == list(range(1, len(SCRIPT) + 1))
+    assert [line["kind"] for line in lines[:4]] == ["start", "started", "propose", "proposed"]
+    assert all(line["time"].endswith("+00:00") for line in lines)
+    assert lines[3]["current_from_new"] == {"theta_rad": 0.1, "u_m": 1 / 3, "v_m": -2e-17}
+    assert lines[3]["side"] == "right"
+    assert lines[7]["score"] is None
+
+
+def test_score_parts_are_kept_for_the_reader_and_do_not_disturb_replaying(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:3]:
+        folder.record(step)
+    folder.record(SCRIPT[3], {"intensity_correlation": 0.8, "height_rms_mm": math.inf})
+    folder.close()
+    last = json.loads((place / "journal.jsonl").read_text().splitlines()[-1])
+    assert last["score_parts"] == {"intensity_correlation": 0.8, "height_rms_mm": None}
+    again = opened(place)
+    assert again.state == states()[4]
+    again.close()
+
+
+def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:7]:
+        folder.record(step)
+    assert folder.state.phase is Phase.COMPUTING
+    folder.close()
+    for _ in range(2):  # also when it is resumed again
+        folder = opened(place)
+        assert folder.state == idle(states()[7])
+        folder.close()
+    folder = opened(place)
+    folder.record(Proposed(3, 4, Rigid2()))  # nobody asks any more
+    assert folder.state == idle(states()[7])
+    folder.record(Propose(5))
+    folder.record(Proposed(4, 5, Rigid2()))
+    expected = folder.state
+    assert expected.phase is Phase.DECIDING
+    folder.close()
+    folder = opened(place)
+    assert folder.state == expected
+    folder.close()
+
+
+def test_a_journal_cut_at_any_byte_resumes_to_what_was_whole(
+    played: SessionFolder, place: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    played.close()
+    data = (place / "journal.jsonl").read_bytes()
+    known = states()
+    for end in range(len(data) + 1):
+        (place / "journal.jsonl").write_bytes(data[:end])
+        whole = data[:end].count(b"\n")
+        with caplog.at_level(logging.WARNING, "flatcloth.session.journal"):
+            caplog.clear()
+            folder = opened(place)
+        assert folder.state == idle(known[whole])
+        torn = end > 0 and data[end - 1 : end] != b"\n"
+        assert [r.levelname for r in caplog.records] == ["WARNING"] * torn
+        folder.close()
+        kept = (place / "journal.jsonl").read_bytes()
+        assert kept.startswith(data[: data[:end].rfind(b"\n") + 1])
+        assert kept.endswith(b"\n") or kept == b""
+
+
+def test_a_decision_after_a_torn_line_is_legible(played: SessionFolder, place: Path) -> None:
+    played.close()
+    with (place / "journal.jsonl").open("ab") as file:
+        file.write(b'{"line": 13, "ki')
+    folder = opened(place)
+    folder.record(Undo())
+    folder.close()
+    folder = opened(place)
+    assert folder.state == apply(states()[-1], Undo())
+    folder.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda lines: [*lines[:4], b"\x00" * 40, *lines[5:]], "line 5 is damaged .it is not JSON"),
+        (lambda lines: lines[:4] + lines[5:], "line 5 is damaged .it is numbered 6"),
+        (lambda lines: [*lines[:4], b"{}", *lines[5:]], "line 5 is damaged .it is not an entry"),
+        (lambda lines: [*lines[:4], b"[" * 99999, *lines[5:]], "line 5 is damaged .it is not JSON"),
+        (lambda lines: [lines[0].replace(b'"start"', b'"jump"'), *lines[1:]], "line 1 is damaged"),
+        (lambda lines: [lines[0].replace(b"null", b'"x"'), *lines[1:]], "line 1 is damaged"),
+        (lambda lines: [lines[0].replace(b'"start"', b'"undo"'), *lines[1:]], "line 1 .*nothing to undo"),
+        (lambda lines: [*lines[:3], lines[3].replace(b"theta_rad", b"theta_deg")], "line 4 is damaged"),
+        (lambda lines: [*lines[:3], lines[3].replace(b'"right"', b'"up"')], "line 4 is damaged"),
+        (lambda lines: [*lines, b""], "line 13 is damaged"),
+    ],
+)
+def test_damage_before_the_end_is_named_by_its_line(
+    played: SessionFolder, place: Path, change: object, cause: str
+) -> None:
+    played.close()
+    lines = (place / "journal.jsonl").read_bytes().splitlines()
+    damaged = b"".join(line + b"\n" for line in change(lines))  # type: ignore[operator]
+    (place / "journal.jsonl").write_bytes(damaged)
+    with pytest.raises(JournalError, match=cause):
+        opened(place)
+    # Nothing was changed, and nothing holds the folder.
+    assert (place / "journal.jsonl").read_bytes() == damaged
+    with pytest.raises(JournalError, match=cause):
+        opened(place)
+
+
+def test_an_illegal_command_and_a_late_answer_leave_no_line(played: SessionFolder, place: Path) -> None:
+    before = (place / "journal.jsonl").read_bytes()
+    with pytest.raises(IllegalDecisionError):
+        played.record(Start())
+    played.record(Proposed(1, 5, Rigid2()))
+    assert (place / "journal.jsonl").read_bytes() == before
+
+
+def test_numbers_that_cannot_be_read_back_are_refused(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:3]:
+        folder.record(step)
+    before = (place / "journal.jsonl").read_bytes()
+    with pytest.raises(JournalError, match="not finite"):
+        folder.record(Proposed(2, 1, Rigid2(math.nan, 0.0, 0.0)))
+    assert folder.state == states()[3]
+    assert (place / "journal.jsonl").read_bytes() == before
+    folder.close()
+
+
+# --- picks ----------------------------------------------------------------------------------------
+
+
+def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
+    folder = opened(place)
+    position, normal = np.array([0.1, -0.2, 0.85]), np.array([0.0, math.nan, -1.0])
+    first = folder.add_pick("shoulder", position, normal, 3, (10.5, 20.25))
+    second = folder.add_pick("hem \ud800\n", position + 1, normal, 4, (1.0, 2.0))
+    assert (first.id, second.id) == (1, 2)
+    folder.rename_pick(1, "left shoulder")
+    folder.delete_pick(2)
+    third = folder.add_pick("cuff", position.astype(np.float32), normal, 5, (0.0, 0.0))
+    assert third.id == 3  # a number is never used again
+    kept = folder.picks
+    folder.close()
+    folder = opened(place)
+    assert [p.name for p in folder.picks] == ["left shoulder", "cuff"]
+    np.testing.assert_equal([plain(p) for p in folder.picks], [plain(p) for p in kept])
+    assert folder.picks[0].position_held_m.dtype == np.float64
+    folder.delete_pick(3)
+    assert folder.add_pick("next", position, normal, 0, (0.0, 0.0)).id == 4
+    folder.close()
+
+
+def test_picks_and_decisions_do_not_disturb_each_other(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT:
+        folder.record(step)
+        folder.add_pick("p", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
+    folder.close()
+    folder = opened(place)
+    assert folder.state == states()[-1]
+    assert len(folder.picks) == len(SCRIPT)
+    folder.close()
+
+
+def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
+    folder = opened(place)
+    with pytest.raises(JournalError, match="Pick 7 is not in the list"):
+        folder.rename_pick(7, "x")
+    with pytest.raises(JournalError, match="Pick 7 is not in the list"):
+        folder.delete_pick(7)
+    assert (place / "journal.jsonl").read_bytes() == b""
+    folder.close()

@@ -1,0 +1,245 @@
+"""The turning axis set by hand: the panel, what is derived again, and what a resumed session has."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import AXIS, Cylinder
+from viewer_fakes import CENTER_M, CylinderIntegration, MemoryFolder
+
+from flatcloth.core.errors import JournalError
+from flatcloth.core.types import RotationAxis
+from flatcloth.engine.integration import Integration
+from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
+from flatcloth.session.journal import SessionFolder
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.scene.axis_panel import AxisPanel, moved_axis
+
+SHIFTED = RotationAxis(
+    point_m=np.add(AXIS.point_m, (0.01, 0.0, -0.02)), direction=np.array([0.0, -0.8, 0.6]), estimated=True
+)
+
+
+def same(a: RotationAxis | None, b: RotationAxis) -> bool:
+    assert a is not None
+    return bool(
+        np.allclose(a.point_m, b.point_m)
+        and np.allclose(a.direction, b.direction)
+        and a.estimated == b.estimated
+    )
+
+
+# --- the sliders -----------------------------------------------------------------------------
+
+
+def test_an_axis_is_shifted_and_leaned_as_the_camera_sees_it() -> None:
+    moved = moved_axis(AXIS, right_m=0.01, away_m=-0.02)
+    np.testing.assert_allclose(moved.point_m, np.add(AXIS.point_m, (0.01, 0.0, -0.02)))
+    np.testing.assert_allclose(moved.direction, AXIS.direction)
+    right = moved_axis(AXIS, lean_right_deg=10.0).direction
+    np.testing.assert_allclose(right, [math.sin(math.radians(10)), -math.cos(math.radians(10)), 0.0])
+    away = moved_axis(AXIS, lean_away_deg=10.0).direction
+    np.testing.assert_allclose(away, [0.0, -math.cos(math.radians(10)), math.sin(math.radians(10))])
+    assert moved.estimated
+
+
+@pytest.fixture
+def viser_server() -> Any:
+    import viser
+
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    yield server
+    server.stop()
+
+
+def wait_until(found: Callable[[], bool]) -> None:
+    end = time.monotonic() + 20
+    while not found():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_the_panel_previews_applies_and_counts_from_the_axis_in_force(viser_server: Any) -> None:
+    previewed: list[RotationAxis] = []
+    panel = AxisPanel(viser_server, AXIS, previewed.append, lambda _axis: None)
+    assert same(panel.chosen, moved_axis(AXIS))
+    panel._sliders[0].value = 12.5  # type: ignore[misc]
+    panel._sliders[3].value = -2.0  # type: ignore[misc]
+    wanted = moved_axis(AXIS, right_m=0.0125, lean_away_deg=-2.0)
+    assert same(panel.chosen, wanted)
+    wait_until(lambda: bool(previewed) and same(previewed[-1], wanted))
+    panel.set_axis(wanted)
+    assert [slider.value for slider in panel._sliders] == [0.0] * 4
+    assert same(panel.chosen, wanted)
+    assert "12.5 mm right" in panel._text.content
+
+
+# --- what is derived -------------------------------------------------------------------------
+
+
+def test_another_axis_derives_everything_again() -> None:
+    made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0)))
+    before = made.flattening(1), made.cloud(1)
+    made.turn_about(SHIFTED)
+    assert made.axis is SHIFTED
+    after = made.flattening(1), made.cloud(1)
+    assert after[0] is not before[0]
+    assert not np.allclose(after[1].xyz_m, before[1].xyz_m)
+    made.turn_about(AXIS)
+    np.testing.assert_array_equal(made.cloud(1).xyz_m, before[1].xyz_m)
+
+
+def test_the_agreement_tells_a_good_axis_from_a_bad_one() -> None:
+    made = Integration(Cylinder(angles_deg=tuple(20.0 * n for n in range(18))))
+    good = made.axis_agreement()
+    made.turn_about(moved_axis(AXIS, right_m=0.03))
+    bad = made.axis_agreement()
+
+    def share(text: str) -> int:
+        return int(text.split("%")[0].split()[-1])
+
+    assert share(good) > 2 * share(bad)
+    lone = Integration(Cylinder(angles_deg=(0.0,)))
+    assert "No two views" in lone.axis_agreement()
+
+
+# --- the page --------------------------------------------------------------------------------
+
+
+class Turnable(CylinderIntegration):
+    accept_score = 0.25
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.turned: list[RotationAxis] = []
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        self.axis = axis
+        self.turned.append(axis)
+        self._canonicals = {}
+
+    def axis_agreement(self) -> str:
+        return "52% of the surface agrees."
+
+
+class Keeping(MemoryFolder):
+    def __init__(self) -> None:
+        super().__init__()
+        self.kept: list[RotationAxis] = []
+
+    def keep_axis(self, axis: RotationAxis) -> None:
+        if self.full:
+            raise JournalError("axis.json: cannot be written (no space left). Make room and repeat it.")
+        self.kept.append(axis)
+
+    full = False
+
+
+def logged(server: PageServer) -> list[str]:
+    return [note["text"] for note in server.application.last_snapshot.get("log", [])]
+
+
+def ready(server: PageServer) -> bool:
+    state = server.application.last_snapshot
+    return state.get("phase") == "ready" and bool(state.get("layers"))
+
+
+def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
+    integration, folder = Turnable(), Keeping()
+    wanted = RotationAxis(point_m=np.add(CENTER_M, (0.01, 0.0, 0.0)), direction=np.array([0.0, -1.0, 0.0]))
+    with PageServer(integration, folder, port=0) as server:  # type: ignore[arg-type]
+        wait_until(lambda: ready(server))
+        before = server.application.last_snapshot["layers"]["revision"]
+        server.application.adjust_axis(wanted)  # type: ignore[attr-defined]
+        wait_until(lambda: any("52%" in text for text in logged(server)))
+        wait_until(lambda: server.application.last_snapshot["layers"]["revision"] > before)
+        assert folder.kept == [wanted]
+        assert integration.turned == [wanted]
+        panel = server._scene._axis_panel
+        assert panel is not None
+        assert "10.0 mm right" in panel._text.content
+
+
+def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
+    integration, folder = Turnable(), Keeping()
+    with PageServer(integration, folder, port=0) as server:  # type: ignore[arg-type]
+        wait_until(lambda: ready(server))
+        folder.full = True
+        server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
+        wait_until(lambda: any("no space left" in text for text in logged(server)))
+        folder.full = False
+        integration.gate.clear()
+        server.application.receive(1, json.dumps({"type": "do", "action": "step"}))
+        wait_until(lambda: server.application.last_snapshot["phase"] == "computing")
+        server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
+        wait_until(lambda: any("while something is computed" in text for text in logged(server)))
+        server.application.receive(1, json.dumps({"type": "do", "action": "cancel"}))
+        wait_until(lambda: server.application.last_snapshot["phase"] == "ready")
+        integration.gate.set()
+    assert integration.turned == []
+    assert folder.kept == []
+
+
+# --- the session -----------------------------------------------------------------------------
+
+
+def test_an_axis_survives_its_file(tmp_path: Path) -> None:
+    assert read_axis(tmp_path) is None
+    for axis in (SHIFTED, AXIS):
+        write_axis(tmp_path, axis)
+        assert same(read_axis(tmp_path), axis)
+
+
+def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_path: Path) -> None:
+    bare = Cylinder(angles_deg=(0.0,), rotation_axis=None, held_point_m=None)
+    made = Integration(bare)
+    folder = SessionFolder.open(tmp_path / "session", bare, made.config, made.method)
+    settle_axis(folder.folder, made)
+    assert same(read_axis(folder.folder), made.axis)
+    folder.keep_axis(SHIFTED)
+    folder.close()
+    resumed = Integration(bare)
+    settle_axis(tmp_path / "session", resumed)
+    assert same(resumed.axis, SHIFTED)
+
+
+def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> None:
+    settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))))
+    assert not (tmp_path / FILE).exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "flatcloth-axis/2"},
+        {"point_m": [0, 1]},
+        {"point_m": [0, 1, "2"]},
+        {"direction": [0.0, -2.0, 0.0]},
+        {"direction": [0.0, float("nan"), 0.0]},
+        {"estimated": 1},
+        None,
+    ],
+)
+def test_a_damaged_axis_is_one_line(tmp_path: Path, change: dict[str, Any] | None) -> None:
+    write_axis(tmp_path, AXIS)
+    path = tmp_path / FILE
+    path.write_text("{" if change is None else json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(JournalError, match="damaged") as caught:
+        read_axis(tmp_path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_axis_that_cannot_be_written_or_read_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match="cannot be written"):
+        write_axis(tmp_path / "nowhere", AXIS)
+    (tmp_path / FILE).mkdir()
+    with pytest.raises(JournalError, match="cannot be read"):
+        read_axis(tmp_path)

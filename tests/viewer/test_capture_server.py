@@ -1,0 +1,363 @@
+"""The page of a camera, headless: what tabs are told, and what a turntable may say over HTTP."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+from scene_camera import SceneCamera, opened
+from websockets.sync.client import connect
+
+from flatcloth.cli import main
+from flatcloth.recordings import open_recording
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.modes.live import unpacked
+from flatcloth.viewer.server.app import PageServer
+
+WAIT_S = 60
+
+
+@pytest.fixture
+def camera() -> SceneCamera:
+    return SceneCamera(fps=30.0)
+
+
+@pytest.fixture
+def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
+    feed, integration, session = opened(camera, tmp_path / "session")
+    settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
+    with PageServer(
+        integration, session, port=0, desk=capture_desk(integration, session, feed, settings)
+    ) as running:
+        yield running
+    session.close()
+    assert camera.closed >= 1
+
+
+class Robot:
+    """Talks HTTP, as a turntable's program does: no cookie, no Origin."""
+
+    def __init__(self, server: PageServer) -> None:
+        self.address = f"http://127.0.0.1:{server.port}/capture"
+
+    def post(self, word: str, content: Any = None) -> httpx.Response:
+        body = content if isinstance(content, bytes) else json.dumps(content).encode()
+        return httpx.post(f"{self.address}/{word}", content=body, timeout=WAIT_S)
+
+    def status(self) -> dict[str, Any]:
+        return httpx.get(self.address, timeout=WAIT_S).json()
+
+    def until(self, found: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        end = time.monotonic() + WAIT_S
+        while not found(status := self.status()):
+            assert time.monotonic() < end, status
+            time.sleep(0.02)
+        return status
+
+
+def test_a_turntable_captures_a_turn_by_itself(
+    server: PageServer, camera: SceneCamera, tmp_path: Path
+) -> None:
+    robot = Robot(server)
+    assert robot.status()["phase"] == "idle"
+    for n, angle in enumerate((0.0, 15.0, 30.0)):
+        camera.turn_to(angle)
+        answer = robot.post("angle", {"angle_deg": angle})
+        assert answer.status_code == 200
+        assert answer.json()["phase"] == "settle"
+        status = robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)
+        assert len(open_recording(tmp_path / "coat")) == n + 1  # it is on disk when it is told
+        assert status["phase"] == "turn"
+        assert status["announced"] is True
+    assert robot.post("finish").json()["phase"] == "done"
+    read = open_recording(tmp_path / "coat")
+    assert read.angles_deg == (0.0, 15.0, 30.0)
+    # What was announced is what was seen: the pattern moves to the right by 15 degrees of the cylinder.
+    gray = [read[n].color[60:180, 60:180].mean(axis=2).astype(np.float32) for n in range(2)]
+    (shift, _), _ = cv2.phaseCorrelate(gray[0] - gray[0].mean(), gray[1] - gray[1].mean())
+    assert shift > 5
+
+
+def test_an_announced_view_may_wait_for_the_operator(server: PageServer, tmp_path: Path) -> None:
+    robot = Robot(server)
+    assert robot.post("keep").status_code == 409
+    robot.post("angle", {"angle_deg": 5, "keep": False})
+    status = robot.until(lambda s: s["phase"] == "review")
+    assert status["view"]["angle_deg"] == 5.0
+    assert status["view"]["frames"] == 8
+    refused = robot.post("angle", {"angle_deg": 10})
+    assert (refused.status_code, "keep or repeat it first" in refused.json()["error"]) == (409, True)
+    picture = httpx.get(f"{robot.address}/view.png")
+    assert picture.headers["content-type"] == "image/png"
+    shown = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert shown.shape == (240, 480, 4)  # color beside depth
+    assert robot.post("repeat").json()["phase"] == "settle"
+    robot.until(lambda s: s["phase"] == "review")
+    assert robot.post("keep").json()["kept_deg"] == [5.0]
+    again = robot.post("angle", {"angle_deg": 365})
+    assert "already" in again.json()["error"]
+    assert robot.post("finish").status_code == 200
+    # Going on after the end appends to the same recording.
+    assert robot.post("begin").json()["phase"] == "turn"
+    assert len(open_recording(tmp_path / "coat")) == 1
+
+
+@pytest.mark.parametrize(
+    ("word", "content", "code", "error"),
+    [
+        ("angle", b"angle=5", 400, "not JSON"),
+        ("angle", b"\xff", 400, "not JSON"),
+        ("angle", {}, 400, "angle_deg must be a number"),
+        ("angle", {"angle_deg": True}, 400, "angle_deg must be a number"),
+        ("angle", {"angle_deg": "5"}, 400, "angle_deg must be a number"),
+        ("angle", {"angle_deg": 5, "keep": 1}, 400, "keep true or false"),
+        ("angle", {"angle": 5}, 400, "other fields"),
+        ("angle", b'{"angle_deg": NaN}', 400, "angle_deg must be a number"),
+        ("angle", {"angle_deg": 5000}, 409, "is no angle"),
+        ("dance", {}, 404, "There is no /capture/dance"),
+        ("finish", {}, 409, "No capture has begun"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_the_reason(
+    server: PageServer, word: str, content: Any, code: int, error: str
+) -> None:
+    answer = Robot(server).post(word, content)
+    assert answer.status_code == code
+    assert error in answer.json()["error"]
+
+
+def test_other_pages_may_not_announce_angles(server: PageServer) -> None:
+    address = f"http://127.0.0.1:{server.port}/capture/angle"
+    foreign = httpx.post(address, json={"angle_deg": 5}, headers={"Origin": "http://elsewhere.example"})
+    assert foreign.status_code == 403
+    assert Robot(server).status()["phase"] == "idle"
+    assert httpx.get(f"http://127.0.0.1:{server.port}/capture/view.png").status_code == 404
+
+
+def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp_path: Path) -> None:
+    feed, integration, session = opened(camera, tmp_path / "session")
+    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, host="0.0.0.0", port=0, desk=desk) as server:
+        address, token = server.url.split("?token=")
+        assert httpx.get(f"{address}capture").status_code == 403
+        for wrong in ("Bearer", "Bearer x", "Basic eDp4"):
+            assert httpx.get(f"{address}capture", headers={"Authorization": wrong}).status_code == 403
+        right = {"Authorization": f"Bearer {token}"}
+        assert httpx.get(f"{address}capture", headers=right).json()["phase"] == "idle"
+    session.close()
+
+
+# --- tabs ------------------------------------------------------------------------------------------
+
+
+class Tab:
+    def __init__(self, server: PageServer) -> None:
+        address = f"127.0.0.1:{server.port}"
+        self._socket = connect(f"ws://{address}/ws", origin=f"http://{address}", max_size=None)
+        self.notes: list[str] = []
+
+    def __enter__(self) -> Tab:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def say(self, **message: Any) -> None:
+        self._socket.send(json.dumps(message))
+
+    def until(self, found: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """Read until what was told fits; frames of the flattened view count as messages too."""
+        end = time.monotonic() + WAIT_S
+        while True:
+            data = self._socket.recv(timeout=end - time.monotonic())
+            message = (
+                json.loads(data) if isinstance(data, str) else unpacked(data)[0] | {"png": unpacked(data)[1]}
+            )
+            if message["type"] == "state":
+                self.notes = [note["text"] for note in message["log"]]
+            if message["type"] == "note":
+                self.notes.append(message["text"])
+            if found(message):
+                return message
+
+    def state(self, found: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        return self.until(lambda m: m["type"] == "state" and found(m))
+
+
+def test_a_tab_sees_the_camera_and_leads_a_capture(
+    server: PageServer, camera: SceneCamera, tmp_path: Path
+) -> None:
+    with Tab(server) as tab:
+        state = tab.state(lambda s: True)
+        assert (state["mode"], state["recording"]["name"]) == ("live", camera.name)
+        assert state["notes"] == list(camera.notes)
+        assert state["capture"]["phase"] == "idle"
+        tab.say(type="ready", layer="color")
+        frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
+        assert frame["png"].startswith(b"\x89PNG")
+        assert frame["view_index"] == -1
+        tab.say(type="capture", action="begin")
+        tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")
+        state = tab.state(lambda s: s["capture"]["phase"] == "review")
+        why_not = {a["name"]: a["why_not"] for a in state["actions"] if a["mode"] == "capture"}
+        assert why_not["capture_keep"] is why_not["capture_repeat"] is None
+        assert why_not["capture_turned"]
+        tab.say(type="capture", action="aim", angle_deg=2.0)
+        tab.say(type="capture", action="keep")
+        state = tab.state(lambda s: s["views"])
+        groups = ("page", "live", "view")
+        refused = {a["name"] for a in state["actions"] if a["why_not"] and a["group"] in groups}
+        frames, whole = {"live_back", "live_forward", "live_turn"}, {"teach", "export"}
+        assert refused == frames | whole | {"source_image", "source_mask"}
+        assert [(v["angle_deg"], v["why_not"]) for v in state["views"]] == [(2.0, "It is on disk.")]
+        assert open_recording(tmp_path / "coat").angles_deg == (2.0,)
+        tab.say(type="capture", action="turned")
+        tab.state(lambda s: s["capture"]["phase"] == "settle")
+        tab.say(type="capture", action="finish")
+        tab.state(lambda s: s["capture"]["phase"] == "done")
+
+
+def test_picks_are_made_on_the_frame_that_was_clicked(server: PageServer) -> None:
+    with Tab(server) as tab:
+        tab.say(type="ready", layer="color")
+        frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
+        grid = frame["grid"]
+        u = grid["origin_uv_m"][0] + grid["pixel_size_m"] * grid["cols"] / 2
+        v = grid["origin_uv_m"][1] + grid["pixel_size_m"] * grid["rows"] / 2
+        tab.say(type="pick", u_m=u, v_m=v, revision=frame["sequence"])
+        state = tab.state(lambda s: s["pick"])
+        assert state["live"]["playing"] is False
+        # The cylinder's front is 0.73 m away.
+        assert state["pick"]["position_camera_m"][2] == pytest.approx(0.73, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("message", "told"),
+    [
+        ({"type": "capture", "action": "keep"}, "No capture has begun"),
+        ({"type": "capture", "action": "dance"}, "A capture cannot 'dance'"),
+        ({"type": "capture", "action": "aim"}, "only aiming has an angle"),
+        ({"type": "capture", "action": "keep", "angle_deg": 4}, "only aiming has an angle"),
+        ({"type": "play", "frame": 3}, "there are no frames to go to"),
+        ({"type": "do", "action": "step"}, "live mode"),
+    ],
+)
+def test_what_cannot_be_done_is_told(server: PageServer, message: dict[str, Any], told: str) -> None:
+    with Tab(server) as tab:
+        tab.say(**message)
+        tab.until(lambda m: m["type"] == "note" and told in m["text"])
+
+
+def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
+    robot = Robot(server)
+    with Tab(server):
+        camera.empty = True
+        status = robot.until(lambda s: s["warnings"])
+        assert status["warnings"][0].startswith("Nothing is measured")
+        camera.empty = False
+        robot.until(lambda s: not s["warnings"])
+        assert robot.status()["camera_fps"] > 5
+
+
+def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
+    server: PageServer, camera: SceneCamera, tmp_path: Path
+) -> None:
+    robot = Robot(server)
+    with Tab(server) as tab:
+        tab.say(type="ready", layer="color")
+        robot.post("angle", {"angle_deg": 0})
+        robot.until(lambda s: s["kept_deg"])
+        camera.unplug()
+        robot.until(lambda s: s["ended"])
+        tab.state(lambda s: any("gives no pictures any more" in n["text"] for n in s["log"]))
+        refused = robot.post("angle", {"angle_deg": 10})
+        assert (refused.status_code, "no pictures" in refused.json()["error"]) == (503, True)
+        assert robot.post("finish").status_code == 200
+    assert len(open_recording(tmp_path / "coat")) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: Path) -> None:
+    (tmp_path / "coat").mkdir()
+    (tmp_path / "coat" / "mine.txt").write_text("mine")
+    feed, integration, session = opened(camera, tmp_path / "session")
+    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, port=0, desk=desk) as server:
+        refused = Robot(server).post("begin")
+        assert (refused.status_code, "not empty" in refused.json()["error"]) == (409, True)
+        assert Robot(server).status()["phase"] == "idle"
+    session.close()
+
+
+# --- the command line ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--camera"], "No RealSense camera is connected"),
+        (["--camera", "none.db3"], "no such file"),
+        (["--camera", "--live"], "give one of them"),
+        (["--camera", "--step", "0"], "step of 0"),
+        (["--camera", "--frames", "2"], "2 frames a view"),
+        (["--out", "x"], "--out belongs to --camera"),
+        (["--resume"], "--resume belongs to --camera"),
+    ],
+)
+def test_bad_options_are_one_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from realsense_files import turning, write_realsense
+
+    from flatcloth import viewer
+
+    file = write_realsense(tmp_path / "still.db3", turning(lambda _t: 0.0, 1.0))
+    served: list[dict[str, Any]] = []
+
+    def look(integration: Any, folder: Any, **options: Any) -> None:
+        with PageServer(integration, folder, port=0, desk=options["desk"]) as server:
+            served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
+
+    monkeypatch.setattr(viewer, "serve", look, raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", "--camera", str(file), "--step", "15"]) == 0
+    (status,) = served
+    assert (status["camera"], status["step_deg"]) == ("still.db3", 15.0)
+    assert status["folder"].startswith("recording-")
+    assert not Path(status["folder"]).exists()  # nothing is written before a capture begins
+
+
+def test_pictures_of_views_are_whole_pngs() -> None:
+    from flatcloth.cameras.guided_capture import TakenView
+    from flatcloth.viewer.modes.capture import _picture
+
+    depth = np.zeros((20, 30), np.float32)
+    depth[5:15] = np.linspace(0.7, 0.9, 30)
+    for measured in (depth, depth * 0):
+        view = TakenView(
+            angle_deg=0.0, color=np.full((20, 30, 3), 7, np.uint8), depth_m=measured, frames=8,
+            noise_mm=1.0, warnings=(),
+        )  # fmt: skip
+        image = cv2.imdecode(np.frombuffer(io.BytesIO(_picture(view)).read(), np.uint8), cv2.IMREAD_UNCHANGED)
+        assert image.shape == (20, 60, 4)
+        assert (image[:, :30, :3] == 7).all()
+        assert (image[0, 30:, :3] == 128).all()  # not measured

@@ -1,0 +1,183 @@
+"""Grips and exports of the page's server, headless."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import shutil
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from takeaway_sessions import write_cylinder, write_session
+from viewer_fakes import MemoryFolder
+from websockets.sync.client import connect
+
+from flatcloth.engine.integration import Integration
+from flatcloth.export.page import page
+from flatcloth.export.session import open_session
+from flatcloth.recordings import open_recording
+from flatcloth.session.journal import SessionFolder
+from flatcloth.viewer import PageServer
+
+WAIT_S = 30
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("server")
+    return write_session(folder / "session", write_cylinder(folder / "recording"))
+
+
+@contextlib.contextmanager
+def serving(place: Path, recording: Path) -> Iterator[PageServer]:
+    opened = open_recording(recording)
+    integration = Integration(opened, method="paper")
+    folder = SessionFolder.open(place, opened, integration.config, "paper")
+    try:
+        with PageServer(integration, folder, port=0) as running:
+            yield running
+    finally:
+        folder.close()
+
+
+@pytest.fixture
+def place(written: Path, tmp_path: Path) -> Path:
+    """A session of its own, for a test that changes it."""
+    return Path(shutil.copytree(written, tmp_path / "session"))
+
+
+@pytest.fixture
+def server(written: Path, place: Path) -> Iterator[PageServer]:
+    with serving(place, written.parent / "recording") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def unchanged(written: Path) -> Iterator[PageServer]:
+    with serving(written, written.parent / "recording") as running:
+        yield running
+
+
+class Tab:
+    """A tab that says something and waits for what comes of it."""
+
+    def __init__(self, server: PageServer) -> None:
+        address = f"127.0.0.1:{server.port}"
+        self._socket = connect(f"ws://{address}/ws", origin=f"http://{address}", max_size=None)
+
+    def __enter__(self) -> Tab:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def say(self, **message: object) -> None:
+        self._socket.send(json.dumps(message))
+
+    def until(self, kind: str, found=lambda _: True) -> dict:
+        end = time.monotonic() + WAIT_S
+        while True:
+            message = json.loads(self._socket.recv(timeout=end - time.monotonic()))
+            if message["type"] == kind and found(message):
+                return message
+
+    def shown(self) -> dict:
+        """Wait for the shape, then show the first pick and return its numbers."""
+        self.until("state", lambda s: s["layers"])
+        self.say(type="show_pick", id=1)
+        return self.until("state", lambda s: s["pick"])["pick"]
+
+
+def get(server: PageServer, path: str) -> httpx.Response:
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", timeout=120)
+
+
+def test_a_pick_tells_its_grip_and_the_scene_draws_it(unchanged: PageServer) -> None:
+    with Tab(unchanged) as tab:
+        grip = tab.shown()["grip"]
+        assert grip["axis_from"] == "outline"
+        assert grip["opening_m"] == 0.06
+        assert -90 <= grip["axis_deg"] <= 90
+        assert grip["position_std_m"] < 0.001
+    assert unchanged._scene._filled["/pick/gripper"]
+
+
+def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: PageServer, place: Path) -> None:
+    with Tab(server) as tab:
+        before = tab.shown()["grip"]
+        tab.say(type="grip", id=1, axis_deg=30.0)
+        by_hand = tab.until("state", lambda s: s["pick"]["grip"]["axis_from"] == "hand")["pick"]["grip"]
+        assert by_hand["axis_deg"] == pytest.approx(30.0, abs=0.5)
+        assert by_hand["opening_m"] == before["opening_m"]
+        tab.say(type="grip", id=1, opening_m=0.025)
+        both = tab.until("state", lambda s: s["pick"]["grip"]["opening_m"] == 0.025)["pick"]["grip"]
+        assert both["axis_held"] == by_hand["axis_held"]
+        kept = json.loads((place / "grips.json").read_text())["grips"]["1"]
+        # Kept as it was meant; the pose has the part of it that lies across the approach.
+        assert kept == {"axis_held": pytest.approx(both["axis_held"], abs=0.02), "opening_m": 0.025}
+        exported = get(server, "/export/grasps.json").json()["grasps"][0]["grip"]
+        assert (exported["axis_from"], exported["opening_m"]) == ("hand", 0.025)
+        tab.say(type="grip", id=1, outline=True)
+        again = tab.until("state", lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
+        assert again["axis_held"] == before["axis_held"]
+
+
+def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, place: Path) -> None:
+    before = (place / "grips.json").read_bytes()
+    with Tab(server) as tab:
+        tab.shown()
+        for wrong, cause in (
+            ({"id": 1, "opening_m": 2.0}, "A gripper opens 5 to 300 mm"),
+            ({"id": 3, "axis_deg": 10.0}, "too little cloth"),  # the pick that is not on the shape
+            ({"id": 99, "opening_m": 0.05}, "no longer in the list"),
+            ({"id": 1, "axis_deg": "steep"}, "must be of type float"),
+        ):
+            tab.say(type="grip", **wrong)
+            assert cause in tab.until("note")["text"]
+    assert (place / "grips.json").read_bytes() == before
+
+
+def test_a_deleted_pick_takes_its_grip_along(server: PageServer, place: Path) -> None:
+    with Tab(server) as tab:
+        tab.shown()
+        tab.say(type="delete_pick", id=1)
+        tab.until("state", lambda s: len(s["picks"]) == 2)
+    assert json.loads((place / "grips.json").read_text())["grips"] == {}
+
+
+def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Path) -> None:
+    answer = get(unchanged, "/export/page.html")
+    assert answer.status_code == 200
+    assert answer.text == page(open_session(written))
+    # Saved, never shown in the page's own place.
+    assert answer.headers["content-disposition"].startswith('attachment; filename="cylinder')
+    assert "<" not in answer.headers["content-disposition"]
+
+
+@pytest.mark.parametrize(("name", "begins"), [("report.html", b"<!doctype html>"), ("growth.gif", b"GIF89a")])
+def test_other_exports_are_made_when_asked_for(unchanged: PageServer, name: str, begins: bytes) -> None:
+    assert get(unchanged, f"/export/{name}").content.startswith(begins)
+
+
+def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
+    with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip").content)) as archive:
+        assert archive.testzip() is None
+        assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(archive.namelist())
+
+
+def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -> None:
+    recording = open_recording(written.parent / "recording")
+    integration, folder = Integration(recording, method="paper"), MemoryFolder(len(recording))
+    with PageServer(integration, folder, port=0) as running:  # type: ignore[arg-type]
+        unknown = get(running, "/export/shirt.exe")
+        assert unknown.status_code == 404
+        assert "known are page.html" in unknown.text
+        in_memory = get(running, "/export/page.html")
+        assert in_memory.status_code == 409
+        assert "not kept on disk" in in_memory.text
+        assert "\n" not in in_memory.text

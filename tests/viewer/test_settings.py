@@ -1,0 +1,136 @@
+"""The settings of the page: their table, their file, and what happens to it when it is damaged."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import httpx
+import pytest
+from page_tabs import Tab
+from viewer_fakes import CylinderIntegration, MemoryFolder
+
+from flatcloth.core.config import Config, PlanningConfig
+from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsBook, method_numbers
+
+FIRST = Settings(auto_threshold=0.5)
+
+
+def test_every_setting_is_in_the_table_with_its_meaning() -> None:
+    assert {s.name for s in SETTINGS} == {f.name for f in dataclasses.fields(Settings)}
+    assert all(s.description.endswith(".") for s in SETTINGS)
+    for setting in SETTINGS:  # a switch has no range, a number has one, and its default lies in it
+        default = getattr(FIRST, setting.name)
+        assert isinstance(default, bool) == (setting.low is None)
+        assert setting.low is None or setting.low <= default <= (setting.high or 0.0)
+
+
+def test_settings_are_kept_with_the_session_and_reset(tmp_path: Path) -> None:
+    book = SettingsBook(tmp_path, FIRST)
+    assert book.now == FIRST
+    assert not (tmp_path / FILE).exists()
+    book.change(step_mm=5.0, advance=True)
+    again = SettingsBook(tmp_path, FIRST)
+    assert again.now == dataclasses.replace(FIRST, step_mm=5.0, advance=True)
+    assert again.told()["step_mm"]["value"] == 5.0
+    assert again.told()["step_mm"]["default"] == 2.0
+    again.reset()
+    assert SettingsBook(tmp_path, FIRST).now == FIRST
+    # All effective ones are in the file, so that it tells how the session was worked on.
+    assert set(json.loads((tmp_path / FILE).read_text())) == {"format", *(s.name for s in SETTINGS)}
+
+
+def test_a_value_out_of_its_range_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    book = SettingsBook(tmp_path, FIRST)
+    with pytest.raises(FlatclothError, match=r"Arrow key, mm: between 0\.1 and 50, not 0\."):
+        book.change(advance=True, step_mm=0.0)
+    assert book.now == FIRST
+    assert not (tmp_path / FILE).exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{}", '{"format": "x"}', "[" * 99999]
+    + [
+        json.dumps({"format": "flatcloth-settings/1", **values})
+        for values in ({"step_mm": "2"}, {"step_mm": True}, {"advance": 1}, {"auto_threshold": 2.0})
+    ],
+)
+def test_a_damaged_file_is_named_with_its_remedy(tmp_path: Path, text: str) -> None:
+    (tmp_path / FILE).write_text(text)
+    with pytest.raises(FlatclothError, match=r"settings\.json: is damaged .* Delete it") as caught:
+        SettingsBook(tmp_path, FIRST)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_with_fewer_settings_keeps_the_rest_as_at_first(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text('{"format": "flatcloth-settings/1", "step_deg": 3}')
+    assert SettingsBook(tmp_path, FIRST).now == dataclasses.replace(FIRST, step_deg=3)
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_nothing_is_set(tmp_path: Path) -> None:
+    book = SettingsBook(tmp_path / "gone", FIRST)
+    with pytest.raises(FlatclothError, match="Nothing was set; make room"):
+        book.change(step_mm=5.0)
+    assert book.now == FIRST
+
+
+def test_the_numbers_of_the_method_are_told_with_their_meaning_and_default() -> None:
+    told = {
+        s["section"]: s["values"]
+        for s in method_numbers(Config(planning=PlanningConfig(z_angle_limit_deg=40.0)))
+    }
+    limit = next(v for v in told["planning"] if v["name"] == "z_angle_limit_deg")
+    assert (limit["value"], limit["default"]) == (40.0, 50.0)
+    assert limit["about"]
+    assert {name for name, values in Config().to_dict().items() if values} == set(told)
+    assert all(v["about"] for values in told.values() for v in values), "a number without its sentence"
+
+
+# --- on the page ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def server():
+    with PageServer(CylinderIntegration(), MemoryFolder(), port=0) as running:
+        yield running
+
+
+def value(state, name):
+    return state["settings"][name]["value"]
+
+
+def test_a_tab_sets_and_resets_for_all_tabs(server):
+    with Tab(server) as one, Tab(server) as two:
+        one.ready()
+        one.say(type="set", step_mm=5, follow=False)
+        two.state_where(lambda s: value(s, "step_mm") == 5 and not value(s, "follow"))
+        two.say(type="set", reset=True)
+        one.state_where(lambda s: value(s, "step_mm") == 2 and value(s, "follow"))
+        one.say(type="set", step_mm=1000)
+        assert one.note()["text"] == "Arrow key, mm: between 0.1 and 50, not 1000."
+
+
+def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="set", advance=True)
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)
+        tab.say(type="do", action="skip", view_index=2)
+        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 3)
+        tab.say(type="do", action="undo")  # taking back is no verdict
+        state = tab.state_where(lambda s: s["redo"])
+        assert state["phase"] == "deciding"
+        tab.say(type="do", action="reopen", view_index=1)
+        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 1)
+        tab.say(type="do", action="reject", view_index=1)
+        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)
+
+
+def test_the_page_gets_the_numbers_of_the_method(server):
+    answer = httpx.get(f"http://127.0.0.1:{server.port}/settings/numbers.json")
+    assert answer.json() == json.loads(json.dumps(method_numbers(Config())))

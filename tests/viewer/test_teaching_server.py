@@ -1,0 +1,265 @@
+"""What the teaching mode of a page is sent: records as they are made, and nothing once it hangs up."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import threading
+from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from scenes import Cylinder
+from starlette.requests import Request
+
+from flatcloth.core.errors import SurfaceError
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.teaching import Teaching, paper_config
+from flatcloth.session.machine import Document
+from flatcloth.viewer.modes.teaching import PARTS, TeachingDesk
+
+CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
+DTYPES = {"int8": 1, "uint8": 1, "int16": 2, "int32": 4, "float32": 4}
+
+
+def run_apart(work: Coroutine[Any, Any, None]) -> None:
+    """Run a coroutine in a thread of its own: Playwright keeps a loop running in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, work).result()
+
+
+WAIT_S = 30
+
+
+@pytest.fixture(scope="module")
+def integration():
+    return Integration(Cylinder(**CLOTH))
+
+
+@pytest.fixture(scope="module")
+def desk(integration):
+    desk = TeachingDesk(integration)
+    yield desk
+    desk.stop()
+
+
+class Page:
+    """Asks the desk as a page does, and keeps what it is sent."""
+
+    def __init__(self, desk):
+        self.desk = desk
+
+    def get(self, address, **query):
+        path, _, text = address.partition("?")
+        text = "&".join([text, *(f"{name}={value}" for name, value in query.items())]).strip("&")
+        self.sent = []
+        run_apart(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
+        body = b"".join(message.get("body", b"") for message in self.sent)
+        return self.sent[0]["status"], body
+
+    async def _ask(self, part, query):
+        scope = {
+            "type": "http", "method": "GET", "path": f"/teaching/{part}", "query_string": query.encode(),
+            "headers": [], "path_params": {"part": part},
+        }  # fmt: skip
+
+        async def send(message):
+            self.sent.append(message)
+
+        response = await self.desk.serve(Request(scope, self.receive))
+        await response(scope, self.receive, send)
+
+    async def receive(self):
+        await asyncio.Event().wait()  # a page that listens says nothing
+
+
+class LeavingPage(Page):
+    """Hangs up when ``began`` is set."""
+
+    def __init__(self, desk, began):
+        super().__init__(desk)
+        self.began = began
+
+    async def receive(self):
+        await asyncio.to_thread(self.began.wait, WAIT_S)
+        return {"type": "http.disconnect"}
+
+
+@pytest.fixture(scope="module")
+def page(desk):
+    return Page(desk)
+
+
+def records(data):
+    """Return the records of an answer: each its values and its body."""
+    found = []
+    while data:
+        text, body = struct.unpack_from("<II", data)
+        values = json.loads(data[8 : 8 + text], parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
+        found.append((values, data[8 + text : 8 + text + body]))
+        data = data[8 + text + body :]
+    return found
+
+
+def lesson(page, part, **query):
+    status, data = page.get(f"/teaching/{part}", **query)
+    assert status == 200, data
+    *before, (values, body) = records(data)
+    assert [v["kind"] for v, _ in before] == ["progress"] * len(before)
+    return values, body
+
+
+def array(values, body, name):
+    part = values["parts"][name]
+    data = body[part["at"] : part["at"] + part["bytes"]]
+    return np.frombuffer(data, dtype=part["kind"]).reshape(part["shape"])
+
+
+def test_progress_is_told_before_the_lesson(page):
+    found = records(page.get("/teaching/alignment", start_view=3)[1])
+    shares = [values["share"] for values, _ in found[:-1]]
+    assert len(shares) > 5
+    assert all(0 <= share <= 1 for share in shares)
+    assert found[-1][0]["kind"] == "alignment"
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_arrays_and_pictures_are_whole(page, part):
+    values, body = lesson(page, part, start_view=0)
+    end = 0
+    for name, piece in values["parts"].items():
+        assert piece["at"] == end, name
+        end += piece["bytes"]
+        if piece["kind"] == "png":
+            data = np.frombuffer(body[piece["at"] : end], np.uint8)
+            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+            assert image.shape == (*piece["shape"], 4), name
+        else:
+            assert piece["bytes"] == DTYPES[piece["kind"]] * int(np.prod(piece["shape"])), name
+    assert end == len(body)
+
+
+def test_the_flattening_is_told_as_it_is(page, integration):
+    values, body = lesson(page, "flattening", start_view=0)
+    lessons = Teaching(integration)
+    flattening = lessons.flattening(0, lessons.defaults).flattening
+    for told, level in zip(values["levels"], flattening.levels, strict=True):
+        assert told["interval_px"] == level.sampling_interval_px
+        assert told["points"] == len(level.points_rc)
+        assert told["energy_mm2"] == pytest.approx([1e6 * h for h in level.energy])
+        states = array(values, body, f"{told['name']}_states")
+        assert states == pytest.approx(np.array(level.states), abs=1e-6)
+        assert len(told["state_iterations"]) == len(states)
+    view = flattening.view
+    source = array(values, body, "source_rc")
+    top, left = flattening.surface.frame.offset_rc
+    assert source[~view.valid].max() == -1
+    # A flattened pixel leads to the image pixel that shows the same cloth.
+    expected = view.source_rc[view.valid] - (top, left)
+    assert np.abs(source[view.valid] - expected).max() <= 0.5
+    assert values["defaults"] == {
+        "sampling_interval_px": 12, "z_angle_limit_deg": 50.0, "overlap_cm2": 300.0
+    }  # fmt: skip
+
+
+def test_the_learners_numbers_are_used(page):
+    values, _ = lesson(page, "planning", start_view=0, sampling_interval_px=20, overlap_cm2=50)
+    assert values["parameters"] == {
+        "sampling_interval_px": 20, "z_angle_limit_deg": 50.0, "overlap_cm2": 50.0
+    }  # fmt: skip
+    plain, _ = lesson(page, "planning", start_view=0)
+    assert values["rotation_deg"] > plain["rotation_deg"]
+
+
+def test_the_curves_and_the_plan_are_the_papers(page, integration):
+    values, body = lesson(page, "planning", start_view=0)
+    config = paper_config(integration.config, Teaching(integration).defaults)
+    plan = Integration(Cylinder(**CLOTH), config, "paper").plan(Document(start_view=0))
+    curves = plan.sides[0].curves
+    assert np.array_equal(array(values, body, "current_h"), curves.column_count)
+    assert array(values, body, "current_a_z_deg") == pytest.approx(
+        curves.column_mean_z_angle_deg, abs=1e-3, nan_ok=True
+    )
+    assert values["next_view"] == plan.view_index
+    assert [s["a_0_deg"] for s in values["sides"]] == pytest.approx([s.a_0_deg for s in plan.sides])
+
+
+def test_without_a_start_view_it_is_the_papers(page):
+    values, _ = lesson(page, "flattening")
+    assert values["start_view"] == values["view_index"]
+    assert lesson(page, "planning")[0]["start_view"] == values["start_view"]
+
+
+def test_the_sliders_reach_the_sessions_own_values():
+    config = Integration(Cylinder(**CLOTH)).config
+    config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
+    desk = TeachingDesk(Integration(Cylinder(**CLOTH), config))
+    values, _ = lesson(Page(desk), "flattening", start_view=0)
+    desk.stop()
+    assert values["sliders"]["z_angle_limit_deg"]["high"] == 80.0
+    assert values["sliders"]["overlap_cm2"]["low"] == 40.0
+
+
+@pytest.mark.parametrize(
+    ("address", "status", "told"),
+    [
+        ("/teaching/magic", 404, "There is no part 'magic'; known are flattening, planning, alignment."),
+        ("/teaching/planning?color=1", 400, "There is no parameter 'color'"),
+        ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a number"),
+        ("/teaching/planning?z_angle_limit_deg=nan", 400, "z_angle_limit_deg: 'nan' is not a number"),
+        ("/teaching/planning?start_view=36", 400, "the recording has 36 views, none numbered 36"),
+        ("/teaching/planning?start_view=-1", 400, "none numbered -1"),
+    ],
+)
+def test_a_question_that_means_nothing_is_refused(page, address, status, told):
+    answered, text = page.get(address)
+    assert answered == status
+    assert told in text.decode()
+
+
+def test_a_number_that_cannot_be_shown_is_an_error_for_the_learner(page):
+    values, _ = lesson(page, "flattening", start_view=0, sampling_interval_px=2)
+    assert values["kind"] == "error"
+    assert "d, the sampling interval (px), must lie between 4 and 40, not at 2." in values["text"]
+
+
+def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, desk, monkeypatch, caplog):
+    def fail(*_):
+        raise error
+
+    error: Exception = SurfaceError("View 4: nothing to see; use another view.")
+    monkeypatch.setattr(Teaching, "flattening", fail)
+    assert lesson(page, "flattening", start_view=0)[0] == {"kind": "error", "text": str(error)}
+    error = ZeroDivisionError("oh")
+    values, _ = lesson(page, "flattening", start_view=0)
+    assert (
+        values["text"]
+        == "Unexpected error while computing: ZeroDivisionError('oh'). The terminal shows more."
+    )
+    assert "the lesson flattening failed" in caplog.text
+    monkeypatch.undo()
+    assert lesson(page, "flattening", start_view=0)[0]["kind"] == "flattening"
+
+
+def test_hanging_up_gives_the_computation_up(desk, monkeypatch):
+    began, stopped = threading.Event(), threading.Event()
+
+    def endless(_self, _view, _parameters, progress):
+        began.set()
+        try:
+            while True:
+                progress(0.5, "still at it")
+                stopped.wait(0.001)
+        finally:
+            stopped.set()
+
+    monkeypatch.setattr(Teaching, "alignment", endless)
+    page = LeavingPage(desk, began)
+    page.get("/teaching/alignment", start_view=0)
+    assert stopped.wait(WAIT_S)
+    assert all(message.get("more_body", True) for message in page.sent)

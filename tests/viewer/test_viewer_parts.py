@@ -1,0 +1,203 @@
+"""The viewer's pure parts: actions, colours, layers, read-outs, rotations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Rigid2
+from flatcloth.rendering.colormaps import (
+    apply_table,
+    diverging_table,
+    height_table,
+    loss_table,
+    rgb_from_oklab,
+    view_colors,
+)
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
+from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
+from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS, action_table, command_of, nudge_about
+from flatcloth.viewer.protocol.picture import attributes_at
+from flatcloth.viewer.scene.scene import quaternion_from_matrix, quaternion_from_z
+
+AXIS = CylinderRecording().rotation_axis
+# Keys that browsers keep for themselves, or that move the focus.
+RESERVED = {
+    "Tab",
+    "F1",
+    "F3",
+    "F5",
+    "F6",
+    "F11",
+    "F12",
+    "Ctrl+t",
+    "Ctrl+w",
+    "Ctrl+n",
+    "Ctrl+r",
+    "Ctrl+l",
+    "Ctrl+f",
+    "Enter",
+    " ",
+}
+
+
+def luma(rgb):
+    return rgb.astype(float) @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize("mode", ["session", "live", "capture", "teaching"])
+def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
+    keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
+    assert len(keys) == len(set(keys))
+    assert not RESERVED & set(keys)
+
+
+def test_every_action_has_a_name_of_its_own_and_explains_itself():
+    assert len({a.name for a in ACTIONS}) == len(ACTIONS)
+    assert all(a.description.endswith(".") for a in ACTIONS)
+
+
+def test_the_table_says_why_not():
+    table = {a["name"]: a["why_not"] for a in action_table(SessionState(n_views=3))}
+    assert "undo" in table["undo"]
+    assert table["restart"] is None
+    assert "step first" in table["left"]
+
+
+def test_each_mode_says_that_the_others_actions_are_not_its_own():
+    session = {a["name"]: a for a in action_table(SessionState(n_views=3))}
+    live = {a["name"]: a for a in action_table(None)}
+    assert "--live" in session["live_play"]["why_not"]
+    assert live["live_play"]["why_not"] is None
+    for name in ("step", "accept", "auto", "left", "blink"):
+        assert "live mode" in live[name]["why_not"]
+        assert live[name]["mode"] == "session"
+    assert live["layer_stretch"]["why_not"] is None
+
+
+def test_a_step_of_a_session_without_start_view_is_its_start():
+    state = SessionState(n_views=3)
+    assert command_of("step", state, {}) == Start()
+    assert command_of("view", state, {"view_index": 2}) == Start(2)
+    state = apply(apply(state, Start()), Started(1, 0))
+    assert command_of("step", state, {}) == Propose()
+    state = apply(apply(state, Propose()), Proposed(2, 1, Rigid2()))
+    assert command_of("accept", state, {}) == Accept(1)
+    assert command_of("reject", state, {}).reason in REJECT_REASONS
+
+
+def test_an_unknown_action_is_an_error():
+    with pytest.raises(KeyError):
+        command_of("explode", SessionState(n_views=3), {})
+
+
+def test_a_nudge_of_what_is_not_a_number_is_left_to_the_session_to_refuse():
+    assert np.isnan(nudge_about((0.0, np.inf), 0.1, 0.0, 0.0).u_m)
+
+
+def test_the_height_map_grows_lighter_all_the_way():
+    assert np.all(np.diff(luma(height_table())) > -1.0)
+    assert luma(height_table())[-1] - luma(height_table())[0] > 150
+
+
+def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue():
+    table = diverging_table()
+    assert 120 < np.argmax(luma(table)) < 136
+    assert table[0, 2] > table[0, 0] + 60
+    assert table[-1, 0] > table[-1, 2] + 60
+
+
+def test_the_map_of_losses_grows_darker_all_the_way():
+    assert np.all(np.diff(luma(loss_table())) < 1.0)
+    assert luma(loss_table())[0] - luma(loss_table())[-1] > 150
+
+
+def test_oklab_white_and_black_are_white_and_black():
+    np.testing.assert_array_equal(rgb_from_oklab(np.array([[1.0, 0, 0], [0.0, 0, 0]])), [[255] * 3, [0] * 3])
+
+
+def test_views_used_together_have_colours_of_their_own():
+    used = view_colors(36).astype(int)[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
+    apart = np.abs(used[:, None] - used[None]).sum(axis=-1)
+    assert apart[~np.eye(len(used), dtype=bool)].min() > 45
+
+
+def test_neighbouring_views_have_clearly_different_colours():
+    colors = view_colors(36).astype(int)
+    assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 60
+
+
+def test_values_that_are_no_numbers_get_a_colour():
+    colors = apply_table(height_table(), np.array([np.nan, 0.0, 2.0]), 0.0, 1.0)
+    np.testing.assert_array_equal(colors, height_table()[[0, 0, 255]])
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_layers_are_transparent_off_the_cloth(layer):
+    view = cylinder_view({0: 0.0, 2: 120.0})
+    image = rgba(view, layer, AXIS, 12)
+    np.testing.assert_array_equal(image[..., 3] == 255, view.valid)
+    assert not view.valid.all()
+
+
+@pytest.mark.parametrize("layer", QUALITY_LAYERS)
+def test_quality_that_is_not_known_is_grey_and_has_no_scale(layer):
+    view = replace(cylinder_view({0: 0.0}), quality=None)
+    image = rgba(view, layer, AXIS, 12)
+    np.testing.assert_array_equal(np.unique(image[view.valid][:, :3]), [128])
+    assert legends(view, AXIS, (0.0,))[layer]["title"] == "Not measured"
+    view = cylinder_view({0: 0.0})
+    view.quality[10, 10] = np.nan
+    np.testing.assert_array_equal(rgba(view, layer, AXIS, 12)[10, 10], [128, 128, 128, 255])
+
+
+def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
+    legend = legends(cylinder_view({0: 0.0}), AXIS, (0.0,))
+    assert (legend["stretch"]["low"], legend["stretch"]["high"]) == (0, 10)
+    assert (legend["incidence"]["low"], legend["incidence"]["high"]) == (0, 80)
+    assert 200 < legend["density"]["low"] < legend["density"]["high"] <= 400
+
+
+def test_there_are_no_other_layers():
+    with pytest.raises(FlatclothError, match="no layer 'x'"):
+        rgba(cylinder_view({0: 0.0}), "x", AXIS, 12)
+
+
+def test_legends_have_units_and_name_the_views_used():
+    legend = legends(cylinder_view({0: 0.0, 2: 60.0}), AXIS, CylinderRecording().angles_deg)
+    assert legend["height"]["title"] == "Height z (mm)"
+    assert legend["height"]["high"] == pytest.approx(150, abs=6)
+    assert [c["label"] for c in legend["source"]["classes"]] == ["0 (0°)", "2 (60°)"]
+
+
+def test_attributes_are_those_of_the_pixel_under_the_pointer():
+    view = cylinder_view({0: 0.0})
+    u, v = view.uv_from_rc(np.array([3, 5]))
+    found = attributes_at(view, u + 0.49 * view.pixel_size_m, v - 0.49 * view.pixel_size_m, AXIS)
+    assert found is not None
+    assert found["rc"] == [3, 5]
+    np.testing.assert_allclose(found["xyz_mm"], 1000 * view.xyz_m[3, 5], rtol=1e-6)
+    assert found["height_mm"] == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)
+    assert attributes_at(view, u, v - 1.0, AXIS) is None
+    assert attributes_at(view, float(view.origin_uv_m[0]) - view.pixel_size_m, v, AXIS) is None
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.3, -0.7, 0.2), (1e-9, 0, -1)])
+def test_the_arrow_points_along_the_normal(direction):
+    from viser import transforms
+
+    turned = transforms.SO3(quaternion_from_z(np.array(direction, dtype=float))).as_matrix() @ [0, 0, 1]
+    np.testing.assert_allclose(turned, np.array(direction) / np.linalg.norm(direction), atol=1e-6)
+
+
+def test_quaternions_keep_the_rotation():
+    from viser import transforms
+
+    rotation = transforms.SO3.from_rpy_radians(0.1, -0.7, 2.0).as_matrix()
+    np.testing.assert_allclose(
+        transforms.SO3(quaternion_from_matrix(rotation)).as_matrix(), rotation, atol=1e-9
+    )

@@ -1,0 +1,197 @@
+"""The pictures that the page fetches, and how they are looked at."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from route_client import RouteClient
+from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.rendering.colormaps import MAPS, gray_table
+from flatcloth.rendering.layers import (
+    DIFFERENCES,
+    OWN_MAPS,
+    Appearance,
+    difference_legend,
+    difference_rgba,
+    rgba,
+)
+from flatcloth.viewer.routes.layers import PngDesk
+
+VIEW = cylinder_view({0: 0.0})
+
+
+@pytest.fixture
+def shown():
+    overlay = SimpleNamespace(revision=7, view=cylinder_view({1: -30.0}))
+    return SimpleNamespace(picture=SimpleNamespace(revision=3, view=VIEW, overlay=overlay))
+
+
+@pytest.fixture
+def client(shown):
+    return RouteClient(PngDesk(shown, CylinderIntegration()).routes())
+
+
+def image_of(answer):
+    assert answer.status_code == 200, answer.text
+    image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    return cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA)
+
+
+def test_a_layer_is_looked_at_with_the_map_and_window_asked_for(client):
+    axis = CylinderIntegration().axis
+    image = image_of(client.get("/layers/3/height.png?map=gray&low=0.25&high=0.75"))
+    height = -VIEW.xyz_m[..., 1]
+    share = (height - height.min()) / np.ptp(height)
+    expected = gray_table()[np.rint(255 * ((share - 0.25) / 0.5).clip(0, 1)).astype(int)]
+    at = VIEW.valid
+    assert np.abs(image[at][:, :3].astype(int) - expected[at]).max() <= 1
+    np.testing.assert_array_equal(
+        image_of(client.get("/layers/3/height.png")), rgba(VIEW, "height", axis, 12)
+    )
+
+
+def test_colors_get_black_and_white_levels(client):
+    image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
+    red = VIEW.rgb[VIEW.valid][:, 0]
+    expected = np.rint(255 * ((red / 255 - 0.2) / 0.4).clip(0, 1))
+    np.testing.assert_array_equal(image[VIEW.valid][:, 0], expected)
+
+
+def test_the_proposal_is_shown_in_the_colours_of_the_shape(client, shown):
+    overlay = shown.picture.overlay.view
+    image = image_of(client.get("/overlay/7.png?layer=height"))
+    shape = image_of(client.get("/layers/3/height.png"))
+    # The same height has the same colour in both, whatever range each of them spans.
+    row = 20
+    assert shape[row, VIEW.valid[row]][0].tolist() == image[row, overlay.valid[row]][0].tolist()
+    assert image_of(client.get("/overlay/7.png"))[overlay.valid][0, 1] == 120
+
+
+def test_the_proposals_colours_span_the_shapes_range():
+    axis = CylinderIntegration().axis
+    half = cylinder_view({0: 0.0})
+    half.valid[30:] = False
+    like = rgba(half, "height", axis, 12, like=VIEW)
+    np.testing.assert_array_equal(like[:30], rgba(VIEW, "height", axis, 12)[:30])
+    assert not np.array_equal(like, rgba(half, "height", axis, 12))
+
+
+def test_differences_are_mapped_over_the_common_cloth_only(client, shown):
+    overlay = shown.picture.overlay.view
+    image = image_of(client.get("/difference/3-7/position.png"))
+    u = overlay.origin_uv_m[0] + PIXEL_M * np.arange(overlay.shape[1])
+    low, high = VIEW.origin_uv_m[0], VIEW.origin_uv_m[0] + PIXEL_M * (VIEW.shape[1] - 1)
+    inside = (u > low + PIXEL_M) & (u < high - PIXEL_M)
+    assert image[5, inside & overlay.valid[5], 3].min() == 255
+    assert image[5, (u < low - PIXEL_M) | (u > high + PIXEL_M), 3].max() == 0
+    # Both are the same cylinder, so it is the first colour of the map throughout.
+    first = MAPS["loss"].table()[0].astype(int)
+    assert np.abs(image[5, inside & overlay.valid[5], :3].astype(int) - first).max() <= 3
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/layers/2/color.png",
+        "/layers/3/secret.png",
+        "/overlay/8.png",
+        "/overlay/7.png?layer=secret",
+        "/difference/2-7/color.png",
+        "/difference/3-8/color.png",
+        "/difference/3-7/secret.png",
+    ],
+)
+def test_what_is_not_shown_any_more_or_not_known_is_not_there(client, path):
+    answer = client.get(path)
+    assert answer.status_code == 404
+    assert "no longer shown" in answer.text
+
+
+def test_without_a_picture_or_a_proposal_there_is_nothing(client, shown):
+    shown.picture.overlay = None
+    assert client.get("/overlay/7.png").status_code == 404
+    assert client.get("/difference/3-7/color.png").status_code == 404
+    shown.picture = None
+    assert client.get("/layers/3/color.png").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "query", ["map=rainbow", "low=0.5&high=0.5", "low=-1", "high=2", "low=nan", "high=much"]
+)
+def test_a_look_that_cannot_be_is_one_clear_line(client, query):
+    answer = client.get(f"/layers/3/height.png?{query}")
+    assert answer.status_code == 400
+    assert "\n" not in answer.text
+    assert "rainbow" in answer.text or "0 to 1" in answer.text
+
+
+def test_the_page_is_told_the_maps_it_can_choose_from(client):
+    told = client.get("/colormaps.json").json()
+    assert set(told) == set(MAPS) >= set(OWN_MAPS.values())
+    assert all(len(m["colors"]) == 17 and m["title"] for m in told.values())
+
+
+def test_a_picture_is_encoded_once(client, shown):
+    first = client.get("/difference/3-7/height.png").content
+    shown.picture.overlay.view = None  # would fail if it were looked at again
+    assert client.get("/difference/3-7/height.png").content == first
+
+
+def test_unknown_differences_are_told():
+    with pytest.raises(FlatclothError, match="no difference 'smell'"):
+        difference_legend("smell")
+    assert [difference_legend(kind)["kind"] for kind in DIFFERENCES] == ["ramp"] * 3
+
+
+def test_a_heat_map_saturates_at_its_legend():
+    far = SimpleNamespace(
+        color=np.array([[0.0, 32.0, 64.0, 200.0]]),
+        height_m=np.zeros((1, 4)),
+        distance_m=np.zeros((1, 4)),
+        common=np.ones((1, 4), dtype=bool),
+    )
+    image = difference_rgba(far, "color")[0, :, :3]
+    table = MAPS["loss"].table()
+    np.testing.assert_array_equal(image[[0, 2, 3]], table[[0, 255, 255]])
+    assert image[1].tolist() in table[126:130].tolist()
+    assert difference_rgba(far, "color", Appearance(high=0.5))[0, 1, :3].tolist() == table[255].tolist()
+
+
+@pytest.mark.parametrize("name", sorted(MAPS))
+def test_equal_steps_of_a_map_look_equal(name):
+    lab = oklab_from_rgb(MAPS[name].table())
+    step = np.linalg.norm(lab[15::15] - lab[:-15:15], axis=1)
+    if name == "diverging":  # across the middle the steps of both sides go to and fro
+        step = step[np.arange(17) != 8]
+    assert step.max() < 1.25 * step.min()
+
+
+def oklab_from_rgb(rgb):
+    """Oklab (B. Ottosson, 2020) of sRGB uint8."""
+    c = rgb / 255.0
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    lms = np.cbrt(
+        linear
+        @ np.array(
+            [
+                [0.4122214708, 0.5363325363, 0.0514459929],
+                [0.2119034982, 0.6806995451, 0.1073969566],
+                [0.0883024619, 0.2817188376, 0.6299787005],
+            ]
+        ).T
+    )
+    return (
+        lms
+        @ np.array(
+            [
+                [0.2104542553, 0.7936177850, -0.0040720468],
+                [1.9779984951, -2.4285922050, 0.4505937099],
+                [0.0259040371, 0.7827717662, -0.8086757660],
+            ]
+        ).T
+    )

@@ -1,0 +1,137 @@
+"""Source images on the page's server, headless: color, mask, and the views that saw a pick."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+from page_tabs import Tab
+from scenes import CAMERA, Cylinder
+
+from flatcloth.engine.integration import Integration
+from flatcloth.session.journal import SessionFolder
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.routes.sources import crop, mask_rgba, place_under
+
+ANGLES_DEG = (0.0, 30.0, 60.0, 120.0, 180.0, 330.0)
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[PageServer]:
+    integration = Integration(Cylinder(angles_deg=ANGLES_DEG), method="paper")
+    folder = SessionFolder.open(tmp_path / "s", integration.recording, integration.config, "paper")
+    with PageServer(integration, folder, port=0) as running:
+        yield running
+    folder.close()
+
+
+def get(server: PageServer, path: str) -> httpx.Response:
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", timeout=60)
+
+
+def decoded(answer: httpx.Response) -> np.ndarray:
+    assert answer.status_code == 200, answer.text
+    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def picked(server: PageServer) -> dict[str, Any]:
+    """Pick the middle of the start view."""
+    with Tab(server) as tab:
+        grid = tab.ready()["layers"]
+        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
+        tab.say(type="pick", u_m=u + size * grid["cols"] / 2, v_m=v + size * grid["rows"] / 2)
+        return tab.state_where(lambda s: s["pick"])["pick"]
+
+
+def test_the_color_of_a_view_is_what_the_recording_has(server: PageServer) -> None:
+    shown = decoded(get(server, "/source/1/color.jpg"))[..., ::-1].astype(float)
+    true = Cylinder(angles_deg=ANGLES_DEG)[1].color
+    assert shown.shape == true.shape
+    assert np.median(np.abs(shown - true)) < 4
+
+
+def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
+    cover = decoded(get(server, "/source/0/mask.png"))
+    mask = Cylinder(angles_deg=ANGLES_DEG)[0].mask
+    assert mask is not None
+    assert (cover[mask, 3] == 0).all()
+    assert (cover[~mask, 3] > 100).all()
+    rows, cols = np.nonzero(mask)
+    assert (cover[int(rows.mean()), cols.min() - 1, :3] == (60, 210, 255)).all()  # its outline, B G R
+
+
+def test_a_view_that_does_not_exist_is_said(server: PageServer) -> None:
+    answer = get(server, "/source/6/color.jpg")
+    assert (answer.status_code, answer.text) == (404, "There is no view 6.")
+    assert get(server, "/source/-1/color.jpg").status_code == 404
+
+
+def test_a_pick_is_shown_in_the_views_that_saw_it(server: PageServer) -> None:
+    pick = picked(server)
+    found = get(server, f"/source/seen/{pick['id']}.json").json()
+    by_view = {one["view_index"]: one for one in found["seen"]}
+    start = pick["view_index"]
+    assert by_view[start]["rc"] == pytest.approx(pick["source_rc"], abs=1.0)
+    x, _, z = pick["position_held_m"]
+    around_deg = np.degrees(np.arctan2(x, 0.85 - z))
+    for view, angle in enumerate(ANGLES_DEG):
+        turned = abs((around_deg + angle + 180) % 360 - 180)
+        if turned < 60:
+            assert view in by_view
+        if turned > 100:
+            assert view not in by_view
+    assert found["n_views"] == len(ANGLES_DEG) == len(found["seen"]) + sum(found["hidden"].values())
+    assert found["hidden"]["faces away"] >= 1
+    thumb = base64.b64decode(by_view[start]["thumb"].partition(",")[2])
+    assert cv2.imdecode(np.frombuffer(thumb, np.uint8), cv2.IMREAD_COLOR).shape == (72, 72, 3)
+
+
+def test_a_pick_that_is_gone_is_said(server: PageServer) -> None:
+    assert get(server, "/source/seen/9.json").status_code == 404
+
+
+def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) -> None:
+    with Tab(server) as tab:
+        grid = tab.ready()["layers"]
+        size, (u, v) = grid["pixel_size_m"], grid["origin_uv_m"]
+        place = {"u_m": u + size * grid["cols"] / 2, "v_m": v + size * grid["rows"] / 2}
+        for number, view in enumerate((0, 1, 4, 99)):
+            tab.say(type="hover", id=number, view=view, **place)
+            answer = tab.until(lambda m, n=number: m["type"] == "hover" and m["id"] == n)
+            source, shape = answer["source"], answer["shape"]
+            if view == shape["view_index"]:
+                assert source == {"view_index": view, "rc": shape["source_rc"]}
+            elif view == 1:
+                x, _, z = np.array(shape["xyz_mm"]) / 1000
+                a = np.arctan2(x, 0.85 - z) + np.radians(30.0)
+                place_m = np.array([0.12 * np.sin(a), 0.85 - 0.12 * np.cos(a)])
+                assert source["rc"][1] == pytest.approx(
+                    CAMERA.fx * place_m[0] / place_m[1] + CAMERA.cx, abs=1.5
+                )
+            else:
+                assert source is None  # on the far side; no such view
+
+
+def test_the_cloth_under_the_pointer_may_be_none() -> None:
+    integration: Any = None
+    assert place_under(integration, 0, None, None) is None
+
+
+def test_a_crop_at_the_border_is_filled_up() -> None:
+    color = np.full((20, 30, 3), 200, dtype=np.uint8)
+    part = crop(color, 0.2, 29.4, size_px=8)
+    assert part.shape == (8, 8, 3)
+    assert (part[4:, :5] == 200).all()
+    assert (part[:4] == 128).all()
+    assert (part[:, 5:] == 128).all()
+
+
+def test_an_image_without_an_item_is_shaded_all_over() -> None:
+    cover = mask_rgba(np.zeros((4, 5), dtype=np.bool_))
+    assert (cover[..., 3] == 150).all()

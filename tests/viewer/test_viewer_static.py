@@ -1,0 +1,45 @@
+"""The page's own files: no foreign code, no text put in as HTML, every module there."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from flatcloth.core.resources import static_folder
+
+SCRIPTS = sorted(static_folder().glob("*.js"))
+FILES = sorted(p for p in static_folder().iterdir() if p.suffix in {".js", ".css", ".html", ".svg"})
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: p.name)
+def test_text_never_becomes_html(path):
+    found = re.findall(
+        r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function", path.read_text()
+    )
+    assert found == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
+def test_nothing_is_loaded_from_elsewhere(path):
+    addresses = re.findall(r"(?:https?:)?//[\w.-]+\.[a-z]{2,}", path.read_text())
+    assert [a for a in addresses if a != "http://www.w3.org"] == []
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: p.name)
+def test_every_imported_module_and_name_exists(path):
+    for names, module in re.findall(r'import \{([^}]+)\} from "/static/([\w.]+)"', path.read_text()):
+        exported = (static_folder() / module).read_text()
+        for name in names.split(","):
+            assert re.search(rf"export (?:async )?(?:function|const|class) {name.strip()}\b", exported), (
+                module,
+                name,
+            )
+
+
+def test_every_element_that_a_script_asks_for_is_in_the_page():
+    page = (static_folder() / "index.html").read_text()
+    scripts = "".join(path.read_text() for path in SCRIPTS)
+    asked = set(re.findall(r'byId\("([\w-]+)"\)', scripts))
+    there = set(re.findall(r'id="([\w-]+)"', page)) | set(re.findall(r'\bid: "([\w-]+)"', scripts))
+    assert asked <= there

@@ -1,0 +1,136 @@
+"""What the page is told of why a proposal lies where it does, and the pictures of its hypotheses."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from cylinder_views import CylinderViews, proposed
+from route_client import RouteClient
+from viewer_fakes import PIXEL_M
+
+from flatcloth.core.types import Rigid2
+from flatcloth.rendering.thumbnails import HEIGHT_PX, WIDTH_PX, thumbnail
+from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, WhyDesk, edge_colors
+
+
+class Stage:
+    def __init__(self):
+        self.drawn = []
+
+    def show_edges(self, ends_m, colors):
+        self.drawn.append((ends_m, colors))
+
+
+@pytest.fixture
+def desk():
+    views, stage, jobs = CylinderViews(), Stage(), []
+    hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
+    proposal = SimpleNamespace(view_index=1, component=0, placing=SimpleNamespace(hypotheses=hypotheses))
+    overlay = SimpleNamespace(revision=7, proposal=proposal)
+    document = proposed(1)
+    held = SimpleNamespace(
+        picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
+    )
+    made = WhyDesk(views, lambda: held.picture, stage, jobs.append)
+    return SimpleNamespace(
+        desk=made, views=views, stage=stage, jobs=jobs, held=held, get=RouteClient(made.routes()).get
+    )
+
+
+def test_the_page_is_told_curves_lines_and_edges_in_its_units(desk):
+    told = desk.get("/why/3-7.json").json()
+    assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
+    u, a_z = np.array(told["current"]["u_mm"]), np.array(told["current"]["a_z_deg"])
+    np.testing.assert_allclose(a_z, np.degrees(u / 150.0), atol=1.2)
+    assert np.diff(u) == pytest.approx(1000 * PIXEL_M)
+    assert told["lines"]["a_m_deg"] == pytest.approx(-15.0, abs=2.5)
+    assert told["current_from_new"] == [0.0, 0.012, -0.004]
+    assert told["edges"]["new"]["strain"] == [0.2]
+    assert told["limit_deg"] == 50.0
+    assert told["trouble"] == ""
+
+
+def test_what_cannot_be_computed_is_told_in_one_line(desk):
+    desk.held.picture.document = proposed(4)
+    told = desk.get("/why/3-7.json").json()
+    assert told["lines"] is None
+    assert "no Z-angle in common" in told["trouble"]
+    desk.held.picture.overlay.revision = 8
+    desk.held.picture.document = SimpleNamespace(pending=None)
+    failed = desk.get("/why/3-8.json")
+    assert failed.status_code == 409
+    assert "\n" not in failed.text
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/why/2-7.json",
+        "/why/3-6.json",
+        "/hypothesis/2-1/0.png",
+        "/hypothesis/3-2/0.png",
+        "/hypothesis/3-1/2.png",
+    ],
+)
+def test_what_is_no_longer_shown_is_not_there(desk, path):
+    assert desk.get(f"/{path}").status_code == 404
+    desk.held.picture = None
+    assert desk.get(f"/{path}").status_code == 404
+
+
+def test_the_hypotheses_are_pictures_of_where_each_would_lie(desk):
+    images = []
+    for index in (0, 1):
+        answer = desk.get(f"/hypothesis/3-1/{index}.png")
+        assert answer.headers["content-type"] == "image/png"
+        images.append(cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED))
+    assert images[0].shape == (HEIGHT_PX, WIDTH_PX, 4)
+    # The second lies 0.15 m further to the right, in the same frame.
+    right = [np.flatnonzero(image[..., 3].any(axis=0)).max() for image in images]
+    assert right[1] > right[0] + 20
+
+
+def test_a_picture_shows_the_shape_pale_and_the_view_as_it_is():
+    views = CylinderViews()
+    shape, new = views.view(0), views.view(1)
+    image = thumbnail(shape, new, [Rigid2(0.0, -0.5, 0.0)], 0)
+    known = np.flatnonzero(image[HEIGHT_PX // 2, :, 3])
+    assert image[HEIGHT_PX // 2, known[8], 3] == 255
+    assert 0 < image[HEIGHT_PX // 2, known[-8], 3] < 128
+    assert image[0, 0, 3] == 0
+
+
+def test_edges_are_drawn_in_3d_while_they_are_wished(desk):
+    desk.desk.picture_changed()
+    assert (desk.jobs, desk.stage.drawn) == ([], [])
+    desk.desk.show_edges(True)
+    desk.jobs.pop()()
+    ends, colors = desk.stage.drawn.pop()
+    assert ends.shape == (2, 2, 3)
+    assert colors.shape == (2, 2, 3)
+    assert colors[0, 0].tolist() == list(LONGER)
+    desk.desk.picture_changed()
+    assert len(desk.jobs) == 1
+    desk.held.picture.overlay = None  # accepted meanwhile
+    desk.desk.picture_changed()
+    assert desk.stage.drawn.pop() == (None, None)
+    desk.held.picture = None  # begun anew
+    desk.desk.picture_changed()
+    assert desk.stage.drawn.pop() == (None, None)
+    desk.desk.show_edges(False)
+    assert desk.stage.drawn.pop() == (None, None)
+
+
+def test_a_late_drawing_of_an_older_picture_is_dropped(desk):
+    desk.desk.show_edges(True)
+    desk.held.picture = SimpleNamespace(**vars(desk.held.picture))
+    desk.jobs.pop()()
+    assert desk.stage.drawn == []
+
+
+def test_longer_and_shorter_have_colours_of_their_own():
+    edges = SimpleNamespace(strain=np.array([0.2, -0.2]))
+    assert edge_colors(edges).tolist() == [list(LONGER), list(SHORTER)]
