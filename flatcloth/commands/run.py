@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.export.session import frames_of
     from flatcloth.grasping.grips import read_grips
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
     base_from_camera = hand_eye_of(options)
     integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         settle_axis(folder.folder, integration)
         with ProgressBar(integration.recording.name) as bar:
-            unattended = Run(integration, folder.state, record=folder.record)
+            unattended = Run(integration, folder)
             state = unattended.finish(bar.show)
         frames = frames_of(integration, state.document, read_grips(options.out), base_from_camera)
         canonical = integration.canonical(state.document)
