@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.output import save, say
 from benchmarks.unattended import sources
 from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Event, Propose, SessionState
 
@@ -46,19 +47,19 @@ def run(recordings: Sequence[str], *, quick: bool) -> None:
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
     """Return the best of several times of each method, in turns, after one run of each to warm up."""
-    best = dict.fromkeys(METHODS, np.inf)
+    best = dict.fromkeys(method_names(), np.inf)
     proposals_s = {}
-    for method in METHODS:
+    for method in method_names():
         whole_s(source, method)
     for _ in range(repeats):
-        for method in METHODS:
+        for method in method_names():
             seconds, watch = whole_s(source, method)
             if seconds < best[method]:
                 best[method], proposals_s[method] = seconds, watch.proposals_s
     own = 1e3 * np.array(proposals_s["robust"])
     return {
         "recording": open_recording(source).name,
-        **{f"{method}_s": round(best[method], 2) for method in METHODS},
+        **{f"{method}_s": round(best[method], 2) for method in method_names()},
         "to_paper": round(best["robust"] / best["paper"], 2),
         "proposals": len(own),
         "proposal_median_ms": round(float(np.median(own)), 1),
