@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.output import save
+from benchmarks.output import Options, save
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
@@ -155,16 +155,16 @@ def learned_weights(laid: list[Laid]) -> Float64:
     return np.asarray(minimize(loss, np.zeros(x.shape[1]), method="L-BFGS-B").x)
 
 
-def run(recordings: list[str], *, learn: bool = False) -> None:
+def run(options: Options) -> None:
     """Measure, print and write ``results/confidence.json``."""
     from flatcloth.core.config import AgreementConfig
     from flatcloth.core.resources import sample_recordings
 
     random = np.random.default_rng(0)
-    names = recordings or sorted(str(path) for path in sample_recordings().values())
+    names = options.recordings or sorted(str(path) for path in sample_recordings().values())
     laid = [placement for name in names for placement in placements_of(name, random)]
     config = AgreementConfig()
-    if learn:
+    if options.learn:
         weights = learned_weights(laid)
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
         config = replace(config, confidence_weights=tuple(float(w) for w in weights))
@@ -180,4 +180,4 @@ def run(recordings: list[str], *, learn: bool = False) -> None:
         "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
     }
     print(json.dumps(figures, indent=1))
-    save("confidence", figures)
+    save("confidence", figures, names)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from benchmarks.output import save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -35,14 +34,14 @@ class Stopwatch:
         self._asked_s = now_s if isinstance(said, Propose) else None
 
 
-def run(recordings: Sequence[str], *, quick: bool) -> None:
+def run(options: Options) -> None:
     """Measure and print; write ``results/speed.json`` unless ``quick``."""
     rows = []
-    for source in sources(recordings):
-        rows.append(row_of(source, repeats=1 if quick else REPEATS))
+    for source in sources(options.recordings):
+        rows.append(row_of(source, repeats=1 if options.quick else REPEATS))
         say(line(rows[-1]))
-    if not quick:
-        save("speed", rows)
+    if not options.quick:
+        save("speed", rows, recordings_of(rows))
 
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Resampling flattened views: between their pixels, and on another plane."""
+"""Interpolation of flattened views: between their pixels, and on another plane."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def channels(view: FlattenedView) -> Float32:
 
 @njit(cache=True, nogil=True)
 def sample(stack: Float32, rc: Float64) -> Float32:
-    """Read (N, C) bilinearly at (row, col); NaN where the nearest pixel is NaN, else over finite ones."""
+    """Interpolate (N, C) bilinearly at (row, col) over finite pixels; NaN if the nearest pixel is NaN."""
     rows, cols, depth = stack.shape
     result = np.full((rc.shape[0], depth), np.nan, dtype=np.float32)
     for n in range(rc.shape[0]):
