@@ -1,8 +1,7 @@
-"""Files in folders that somebody else may have made: what is read is a file, what is written is ours.
+"""Files in folders of unknown origin: reads regular files only, and writes without following links.
 
-A name may stand for a pipe, which keeps whoever opens it waiting, for a device or a file without end,
-or for a link to a file elsewhere, which must not be written over. What is wrong is an ``OSError``
-whose ``strerror`` fits into a message.
+A name may refer to a pipe, on which opening blocks, to a device or an endless file, or to a link whose
+target must not be overwritten. Errors are ``OSError`` with a ``strerror`` that fits into a message.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from pathlib import Path
 from typing import BinaryIO
 
 MOST_TEXT_BYTES = 16_000_000
-"""No list, table or description is longer."""
+"""Largest list, table or description that is read."""
 MOST_JOURNAL_BYTES = 200_000_000
-"""A decision takes some 300 bytes."""
+"""Largest journal that is read; one decision takes about 300 bytes."""
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a file for reading, never waiting for it.
+    """Open a file for reading without blocking.
 
     Raises
     ------
     OSError
-        If it cannot be opened, or is no plain file.
+        If it cannot be opened or is not a regular file.
     """
     fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
@@ -58,12 +57,12 @@ def read_plain(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
 
 
 def open_new(path: Path) -> BinaryIO:
-    """Make a file of that name for writing; one that is there, or a link, is taken away first.
+    """Create a file for writing; an existing file or link of that name is removed first.
 
     Raises
     ------
     OSError
-        If it cannot be made.
+        If it cannot be created.
     """
     with contextlib.suppress(FileNotFoundError):
         path.unlink()
@@ -72,14 +71,14 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Put a file in its place in one step; it is on disk when this returns.
+    """Write a file atomically; its content is on disk when this returns.
 
-    A link of that name is replaced, not followed. A crash leaves the old file or the new one.
+    A link of that name is replaced, not followed. After a crash the file is either the old or the new one.
 
     Raises
     ------
     OSError
-        If it cannot be written; what was there before then still is.
+        If it cannot be written; an existing file then is unchanged.
     """
     draft = path.with_name(f".{path.name}.partial")
     try:
@@ -96,12 +95,12 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on disk.
+    """Flush the entries of a folder to disk.
 
     Raises
     ------
     OSError
-        If they cannot be written.
+        If it cannot be flushed.
     """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:

@@ -34,7 +34,7 @@ def test_a_message_that_adds_to_another_has_the_fields_of_both() -> None:
 def test_the_pointer_may_be_far_off_the_garment_but_a_motion_may_not() -> None:
     assert parse('{"type": "hover", "id": 1, "u_m": -400, "v_m": 900}') == Hover(id=1, u_m=-400.0, v_m=900.0)
     for absurd in ("1e9", "1e308", "-1e308"):
-        with pytest.raises(MessageError, match=r"u_m is -?1e"):
+        with pytest.raises(MessageError, match=r"u_m is -?1.*expected a number"):
             parse('{"type": "move", "view_index": 1, "u_m": ' + absurd + "}")
-        with pytest.raises(MessageError, match=r"u_m is -?1e"):
+        with pytest.raises(MessageError, match=r"u_m is -?1.*expected a number"):
             parse('{"type": "hover", "id": 1, "v_m": 0, "u_m": ' + absurd + "}")
