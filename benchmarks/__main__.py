@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 
-BENCHMARKS = ("size", "flattening", "page", "canvas", "confidence", "fused", "growth", "reach", "speed")
+from benchmarks.output import Options
+
+# Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
+ON_ALL_CORES = ("size", "canvas")
+ON_ONE_CORE = ("flattening", "page", "confidence", "registration", "fused", "growth", "reach", "speed")
 
 
 def pin_to_one_core() -> None:
@@ -18,52 +23,23 @@ def pin_to_one_core() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("name", nargs="*", choices=[*BENCHMARKS, []], help="which; all by default")
+    parser.add_argument(
+        "name", nargs="*", choices=[*ON_ALL_CORES, *ON_ONE_CORE, []], help="which; all by default"
+    )
     parser.add_argument(
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     parser.add_argument("--learn", action="store_true", help="confidence: learn and print new weights")
     arguments = parser.parse_args()
-    chosen = arguments.name or BENCHMARKS
-    if "size" in chosen:
-        from benchmarks import size
-
-        size.run(quick=arguments.quick)  # in processes of its own, with all cores
-    if "canvas" in chosen:
-        from benchmarks import canvas
-
-        canvas.run(write=not arguments.quick)  # a browser and a server, with all cores
-    pin_to_one_core()
+    options = Options(arguments.recordings, arguments.quick, arguments.learn)
     # Imported late: the libraries read their number of threads when they are loaded.
-    if "flattening" in chosen:
-        from benchmarks.flattening import run
-
-        run(arguments.recordings, quick=arguments.quick)
-    if "page" in chosen:
-        from benchmarks import page
-
-        page.run()
-    if "confidence" in chosen:
-        from benchmarks import confidence
-
-        confidence.run(arguments.recordings, learn=arguments.learn)
-    if "fused" in chosen:
-        from benchmarks import fused
-
-        fused.run(arguments.recordings)
-    if "growth" in chosen:
-        from benchmarks import growth
-
-        growth.run(arguments.recordings)
-    if "reach" in chosen:
-        from benchmarks import reach
-
-        reach.run(arguments.recordings, quick=arguments.quick)
-    if "speed" in chosen:
-        from benchmarks import speed
-
-        speed.run(arguments.recordings, quick=arguments.quick)
+    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
+        chosen = [name for name in names if name in (arguments.name or names)]
+        if chosen and prepare is not None:
+            prepare()
+        for name in chosen:
+            importlib.import_module(f"benchmarks.{name}").run(options)
 
 
 if __name__ == "__main__":

@@ -7,17 +7,14 @@ worst case. The pixels are those of a bundled recording, flattened finer than us
 from __future__ import annotations
 
 import itertools
-import os
-import platform
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
-from datetime import UTC, datetime
 from typing import Any
 
-from benchmarks.output import save
+from benchmarks.output import Options, save
 
 RECORDING = "shirt-sleeve-clean"
 LEAST_PIXELS = 1500 * 1500
@@ -58,7 +55,7 @@ FRAMES = """(ms) => {
 }"""
 
 DRAWS = """async () => {
-    const { FlatCanvas } = await import("/static/canvas.js");
+    const { FlatCanvas } = await import("/static/canvas/canvas.js");
     const draw = FlatCanvas.prototype.draw, times = [];
     FlatCanvas.prototype.draw = function () {
         const before = performance.now();
@@ -90,7 +87,7 @@ MOVE = """(by) => new Promise((done) => {
 })"""
 
 
-def run(*, write: bool = True) -> None:
+def run(options: Options) -> None:
     """Serve a recording at a fine pixel size, move it about in Chromium, print and write the figures."""
     found = _measure(PIXEL_SIZE_M)
     assert found["rows"] * found["cols"] >= LEAST_PIXELS, "choose a smaller pixel"
@@ -105,8 +102,8 @@ def run(*, write: bool = True) -> None:
         ("moved_ms", "move told to the server until its picture is drawn (median), ms"),
     ):
         print(f"{text:<72}{found[key]:10.1f}")
-    if write:
-        save("canvas", found)
+    if not options.quick:
+        save("canvas", found, ["shirt-sleeve-clean"])
 
 
 def _measure(size_m: float) -> dict[str, Any]:
@@ -149,9 +146,7 @@ def _in_browser(url: str) -> dict[str, Any]:
         version = browser.version
         browser.close()
     return {
-        "measured": datetime.now(UTC).strftime("%Y-%m-%d"),
         "browser": f"Chromium {version}, software rendering",
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}",
         "rows": layers["rows"],
         "cols": layers["cols"],
         "overlay_rows": layers["overlay"]["rows"],

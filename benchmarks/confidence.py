@@ -14,12 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.output import save
+from benchmarks.output import Options, save
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.methods.robust.placement_search import recorded_rc
 from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
@@ -43,8 +45,8 @@ class Laid:
 def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
     """Return right and wrong placements of one recording."""
     integration = Integration(open_recording(name))
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     truth = read_truth(integration.recording.location)
     laid: list[Laid] = []
     documents: list[tuple[Document, int]] = []
@@ -58,15 +60,15 @@ def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
     before = [run.state.document]
     run.finish()
     for document, view in documents:
-        shape, parts = robust.shapes.shape(document), robust.parts(document, view)
-        placing = integration.proposal(document).placing
-        found = {p.component: p.hypothesis for p in placing.parts if p.hypothesis is not None}
+        shape, parts = robust.shapes.shape(document), robust.search.components(document, view)
+        placement = integration.proposal(document).placement
+        found = {p.component: p.hypothesis for p in placement.parts if p.hypothesis is not None}
         node_truth = _truth_of_nodes(integration, document, truth)
         for component, part in parts.items():
             hypothesis = found.get(component)
             if hypothesis is None:
                 continue
-            true = _truth_at(truth, view, robust.part_rc(view, part))
+            true = _truth_at(truth, view, recorded_rc(integration, view, part))
             motions = [(hypothesis.current_from_new, False)]
             motions.append((_disturbed(hypothesis.current_from_new, part.uv_m, random, 0.003, 1.0), False))
             motions += [
@@ -103,13 +105,13 @@ def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
 
 
 def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     shape = robust.shapes.shape(document)
     result = np.full((len(shape.nodes), 2), np.nan)
-    for sighting in shape.sightings:
-        offset = np.array(robust.shapes.surfaces(shape)[sighting.view_index].frame.offset_rc)
-        result[sighting.node] = _truth_at(truth, sighting.view_index, sighting.rc + offset)
+    for observation in shape.observations:
+        offset = np.array(robust.shapes.surfaces(shape)[observation.view_index].frame.offset_rc)
+        result[observation.node] = _truth_at(truth, observation.view_index, observation.rc + offset)
     return result
 
 
@@ -153,16 +155,16 @@ def learned_weights(laid: list[Laid]) -> Float64:
     return np.asarray(minimize(loss, np.zeros(x.shape[1]), method="L-BFGS-B").x)
 
 
-def run(recordings: list[str], *, learn: bool = False) -> None:
+def run(options: Options) -> None:
     """Measure, print and write ``results/confidence.json``."""
     from flatcloth.core.config import AgreementConfig
     from flatcloth.core.resources import sample_recordings
 
     random = np.random.default_rng(0)
-    names = recordings or sorted(str(path) for path in sample_recordings().values())
+    names = options.recordings or sorted(str(path) for path in sample_recordings().values())
     laid = [placement for name in names for placement in placements_of(name, random)]
     config = AgreementConfig()
-    if learn:
+    if options.learn:
         weights = learned_weights(laid)
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
         config = replace(config, confidence_weights=tuple(float(w) for w in weights))
@@ -178,4 +180,4 @@ def run(recordings: list[str], *, learn: bool = False) -> None:
         "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
     }
     print(json.dumps(figures, indent=1))
-    save("confidence", figures)
+    save("confidence", figures, names)

@@ -9,13 +9,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from benchmarks.developable import AXIS, sheets, view_of
-from benchmarks.output import RESULTS, save, say
+from benchmarks.output import RESULTS, Options, processor, save, save_page, say
 from benchmarks.peers import BOUND, Method, least_known_energy, methods
 from benchmarks.problems import Problem, problem_of, signed_areas
 from benchmarks.single_views import accuracy_of_sheets, accuracy_of_views, frame_times
@@ -58,11 +57,12 @@ class Row:
     note: str = ""
 
 
-def run(recordings: Sequence[str], *, quick: bool = False) -> None:
+def run(options: Options) -> None:
     """Measure everything and write ``results/flattening.{json,md,png}``."""
     from benchmarks.report import draw, table
 
-    opened = [open_recording(source) for source in recordings or sample_recordings()]
+    opened = [open_recording(source) for source in options.recordings or sample_recordings()]
+    quick = options.quick
     say("warming up")
     warm_up()
     rows = solver_rows(opened, quick=quick)
@@ -86,22 +86,17 @@ def run(recordings: Sequence[str], *, quick: bool = False) -> None:
     }
     text = table(result)
     if not quick:
-        save("flattening", result)
-        (RESULTS / "flattening.md").write_text(text)
+        save("flattening", result, [r.name for r in opened])
+        save_page("flattening", text, [r.name for r in opened])
         draw(result, RESULTS / "flattening.png")
     print(text)
 
 
 def machine() -> dict[str, str]:
     """Return what the times depend on."""
-    model = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        lines = [line for line in cpuinfo.read_text().splitlines() if line.startswith("model name")]
-        model = lines[0].partition(":")[2].strip() if lines else model
     packages = ("numpy", "scipy", "numba", "libigl", "open3d", "scikit-learn")
     return {
-        "cpu": model,
+        "cpu": processor(),
         "cores_used": "1",
         "load_before": f"{os.getloadavg()[0]:.1f}",
         "python": platform.python_version(),

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from benchmarks.output import RESULTS, save, say
+from benchmarks.output import Options, recordings_of, save, save_page, say
 from benchmarks.problems import signed_areas
 from benchmarks.unattended import sources, unattended
 from flatcloth.core.geometry import camera_from_held, project, z_angle_deg
@@ -46,13 +46,13 @@ class Mesh:
     triangles: Int32
 
 
-def run(recordings: Sequence[str]) -> None:
+def run(options: Options) -> None:
     """Measure, print and write ``results/fused.{json,md}`` after every recording."""
     rows: list[dict[str, Any]] = []
-    for source in sources(recordings):
+    for source in sources(options.recordings):
         rows += rows_of(source)
-        save("fused", rows)
-        (RESULTS / "fused.md").write_text(page(rows))
+        save("fused", rows, recordings_of(rows))
+        save_page("fused", page(rows), recordings_of(rows))
     print(page(rows))
 
 

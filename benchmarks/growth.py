@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import RESULTS, save, say
+from benchmarks.output import RESULTS, Options, recordings_of, save, say
 from benchmarks.unattended import sources, unattended
 from flatcloth.engine.evaluation import compare
 
 KEPT = ("coverage", "relative_median_mm", "relative_p95_mm", "absolute_median_mm", "absolute_p95_mm")
 
 
-def run(recordings: Sequence[str]) -> None:
+def run(options: Options) -> None:
     """Measure, print and write ``results/growth.{json,png}`` after every recording."""
     rows: list[dict[str, Any]] = []
-    for source in sources(recordings):
+    for source in sources(options.recordings):
         new = rows_of(source)
         say(f"{new[0]['recording']}: {len(new)} views")
         rows += new
-        save("growth", rows)
+        save("growth", rows, recordings_of(rows))
         draw(rows, RESULTS / "growth.png")
     print(table(rows))
 

@@ -1,21 +1,87 @@
-"""Where the benchmarks write what they found, and how they tell how far they are."""
+"""Options of a benchmark, and where it writes what it found, with where the figures come from."""
 
 from __future__ import annotations
 
 import json
+import os
+import platform
+import subprocess
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
 
 
-def save(name: str, found: Any) -> None:
-    """Write ``results/NAME.json``."""
+@dataclass(frozen=True)
+class Options:
+    """What the command line asks of a benchmark.
+
+    ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
+    repetition and no result file; ``learn`` for weights that are learned anew.
+    """
+
+    recordings: Sequence[str] = ()
+    quick: bool = False
+    learn: bool = False
+
+
+def provenance(recordings: Sequence[str]) -> dict[str, Any]:
+    """Return the commit, the date, the machine and the recordings that figures come from."""
+    return {
+        "commit": _commit(),
+        "date": time.strftime("%Y-%m-%d"),
+        "machine": f"{os.cpu_count()} cores, {processor()}, Python {platform.python_version()}",
+        "recordings": list(dict.fromkeys(Path(name).name for name in recordings)),
+    }
+
+
+def save(name: str, found: Any, recordings: Sequence[str] = ()) -> None:
+    """Write ``results/NAME.json``: the provenance and the figures."""
     RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n")
+    written = {"provenance": provenance(recordings), "figures": found}
+    (RESULTS / f"{name}.json").write_text(json.dumps(written, indent=1) + "\n")
+
+
+def save_page(name: str, text: str, recordings: Sequence[str] = ()) -> None:
+    """Write ``results/NAME.md``: the text, and the provenance as its last line."""
+    RESULTS.mkdir(exist_ok=True)
+    origin = provenance(recordings)
+    last = f"Commit {origin['commit']}, {origin['date']}, {origin['machine']}"
+    if origin["recordings"]:
+        last += "; recordings: " + ", ".join(origin["recordings"])
+    (RESULTS / f"{name}.md").write_text(f"{text.rstrip()}\n\n{last}.\n")
+
+
+def recordings_of(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the names of the recordings in a table, in their order."""
+    return list(dict.fromkeys(row["recording"] for row in rows))
 
 
 def say(text: str) -> None:
     """Print a line with the time of day."""
     print(f"[{time.strftime('%H:%M:%S')}] {text}", flush=True)
+
+
+def _commit() -> str:
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(Path(__file__).parent), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", "../flatcloth")
+        return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def processor() -> str:
+    """Return the model of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()

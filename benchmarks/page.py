@@ -14,11 +14,13 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
+from benchmarks.output import Options
+
 CLICKS = 30
 STARTS = 5
 
 
-def run() -> None:
+def run(_options: Options) -> None:
     """Start the program several times on a bundled recording and print the medians."""
     found = [_one_start("shirt-sleeve-clean") for _ in range(STARTS)]
     for key, text in (

@@ -7,14 +7,14 @@ cannot exceed the largest of these but where a place is known without a chain.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from benchmarks.output import save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources, unattended
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Float64, Int64
@@ -27,14 +27,14 @@ _LAYER_M = 0.02
 """Neighbours whose true places are farther apart lie on two layers."""
 
 
-def run(recordings: Sequence[str], *, quick: bool) -> None:
+def run(options: Options) -> None:
     """Measure and print; write ``results/reach.json`` unless ``quick``."""
     rows = []
-    for source in sources(recordings):
+    for source in sources(options.recordings):
         rows.append(row_of(source))
         say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
-    if not quick:
-        save("reach", rows)
+    if not options.quick:
+        save("reach", rows, recordings_of(rows))
 
 
 def row_of(source: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.output import save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
@@ -64,14 +64,14 @@ class Row:
     register_ms: float
 
 
-def run(recordings: Sequence[str], *, quick: bool = False) -> None:
+def run(options: Options) -> None:
     """Measure, print and (unless quick) write ``results/registration.json``."""
     rows: list[dict[str, Any]] = []
-    for source in sources(recordings):
+    for source in sources(options.recordings):
         integration = Integration(open_recording(source))
         views = _views(integration)
         for spoiling in SPOILINGS:
-            for seed in range(1 if quick or spoiling.name == "exact" else 3):
+            for seed in range(1 if options.quick or spoiling.name == "exact" else 3):
                 row = measured(integration, views, spoiling, np.random.default_rng(seed))
                 say(
                     f"{row.recording} {row.spoiling}: slip {row.slip_before_mm:.2f} -> {row.slip_mm:.2f} mm "
@@ -79,8 +79,8 @@ def run(recordings: Sequence[str], *, quick: bool = False) -> None:
                     f"{row.scan_ms:.1f} + {row.register_ms:.1f} ms a view"
                 )
                 rows.append(asdict(row))
-    if not quick:
-        save("registration", rows)
+    if not options.quick:
+        save("registration", rows, recordings_of(rows))
 
 
 def measured(

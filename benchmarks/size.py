@@ -11,12 +11,10 @@ from __future__ import annotations
 import json
 import math
 import os
-import platform
 import subprocess
 import sys
 import tempfile
 import time
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from benchmarks.output import save
+from benchmarks.output import Options, save
 
 WIDTH, HEIGHT, FOCAL_PX = 720, 1280, 640.0
 VIEWS = 72
@@ -72,9 +70,10 @@ assert main(["run", sys.argv[1], "--out", sys.argv[2]]) == 0
 """
 
 
-def run(*, quick: bool = False) -> None:
+def run(options: Options) -> None:
     """Write the recording to a temporary folder, measure, print a table and write ``results/size.json``."""
-    found: dict[str, Any] = {"measured": date.today().isoformat(), "machine": _machine(), "load": _load()}
+    quick = options.quick
+    found: dict[str, Any] = {"load": _load()}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "large"
         started = time.perf_counter()
@@ -103,10 +102,6 @@ def run(*, quick: bool = False) -> None:
         found |= {"run_s": ran["seconds"], "run_peak_mib": ran["peak_mib"], "load_after": _load()}
     if not quick:
         save("size", found)
-
-
-def _machine() -> str:
-    return f"{os.cpu_count()} cores, {platform.machine()}"
 
 
 def _load() -> list[float]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from benchmarks.output import save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Event, Propose, SessionState
 
@@ -34,31 +34,31 @@ class Stopwatch:
         self._asked_s = now_s if isinstance(said, Propose) else None
 
 
-def run(recordings: Sequence[str], *, quick: bool) -> None:
+def run(options: Options) -> None:
     """Measure and print; write ``results/speed.json`` unless ``quick``."""
     rows = []
-    for source in sources(recordings):
-        rows.append(row_of(source, repeats=1 if quick else REPEATS))
+    for source in sources(options.recordings):
+        rows.append(row_of(source, repeats=1 if options.quick else REPEATS))
         say(line(rows[-1]))
-    if not quick:
-        save("speed", rows)
+    if not options.quick:
+        save("speed", rows, recordings_of(rows))
 
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
     """Return the best of several times of each method, in turns, after one run of each to warm up."""
-    best = dict.fromkeys(METHODS, np.inf)
+    best = dict.fromkeys(method_names(), np.inf)
     proposals_s = {}
-    for method in METHODS:
+    for method in method_names():
         whole_s(source, method)
     for _ in range(repeats):
-        for method in METHODS:
+        for method in method_names():
             seconds, watch = whole_s(source, method)
             if seconds < best[method]:
                 best[method], proposals_s[method] = seconds, watch.proposals_s
     own = 1e3 * np.array(proposals_s["robust"])
     return {
         "recording": open_recording(source).name,
-        **{f"{method}_s": round(best[method], 2) for method in METHODS},
+        **{f"{method}_s": round(best[method], 2) for method in method_names()},
         "to_paper": round(best["robust"] / best["paper"], 2),
         "proposals": len(own),
         "proposal_median_ms": round(float(np.median(own)), 1),

@@ -8,11 +8,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flatcloth.methods.registry import method_entry, method_names
+
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import SourceOptions
 
-METHODS = ("robust", "paper")
 DEFAULT_SAMPLE = "shirt-sleeve-clean"
 
 
@@ -20,8 +21,8 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     """Declare ``--method``."""
     parser.add_argument(
         "--method",
-        choices=METHODS,
-        default=METHODS[0],
+        choices=method_names(),
+        default=method_entry().name,
         help="way of integrating the views (default: %(default)s)",
     )
 

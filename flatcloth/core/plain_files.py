@@ -1,7 +1,7 @@
-"""Files that somebody else may have made: read only if they are files, and only so much of them.
+"""Reading files of unknown origin: only regular files, and only up to a limit of size.
 
-A name may stand for a pipe, which keeps whoever opens it waiting, or for a device or a file without
-end. What is wrong is an ``OSError`` whose ``strerror`` fits into a message.
+A name may refer to a pipe, on which opening blocks, or to a device or an endless file. Errors are
+``OSError`` with a ``strerror`` that fits into a message.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from pathlib import Path
 from typing import BinaryIO
 
 MOST_TEXT_BYTES = 16_000_000
-"""No list, table or description is longer."""
+"""Largest list, table or description that is read."""
 MOST_JOURNAL_BYTES = 200_000_000
-"""A decision takes some 300 bytes."""
+"""Largest journal that is read; one decision takes about 300 bytes."""
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a file for reading, never waiting for it.
+    """Open a file for reading without blocking.
 
     Raises
     ------
     OSError
-        If it cannot be opened, or is no plain file.
+        If it cannot be opened or is not a regular file.
     """
     fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:

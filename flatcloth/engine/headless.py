@@ -40,20 +40,17 @@ CONTRADICTS = "contradicts the other views"
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
     """Accept what agrees well enough; refuse the rest as unsure, so that it may be tried again later.
 
-    By the method ``robust``, a view is flattened jointly with the others first. If they contradict
-    it there, the next best hypothesis is tried, if it is sure enough, and then the view refused.
+    If the other views contradict the placement once it is accepted (:meth:`Method.is_contradicted`), the
+    next best hypothesis is tried, if its score suffices, and then the view is refused.
     """
     pending = state.document.pending
     assert pending is not None
     if integration.score(state.document).total < integration.accept_score:
         return Reject(pending.view_index, UNSURE)
     accept = Accept(pending.view_index)
-    if integration.robust is None:
+    if not integration.algorithm.is_contradicted(apply(state, accept).document):
         return accept
-    after = apply(state, accept).document
-    if integration.robust.contradiction(after) <= integration.config.agreement.most_contradiction:
-        return accept
-    hypotheses = integration.proposal(state.document).placing.hypotheses
+    hypotheses = integration.proposal(state.document).placement.hypotheses
     if pending.nudge == Rigid2() and len(hypotheses) > 1:
         second = hypotheses[1]
         if second.score.total >= integration.accept_score:

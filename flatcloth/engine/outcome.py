@@ -72,11 +72,10 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
 
 
 def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
-    """Return what the registration of the views' cameras found, by the method ``robust``."""
-    if integration.robust is None:
+    """Return what the registration of the views' cameras found, if the method registers them."""
+    registered = integration.algorithm.cameras(run.state.document)
+    if registered is None:
         return {}
-    shapes = integration.robust.shapes
-    registered = shapes.registered(shapes.shape(run.state.document).views)
     views = [
         {
             "view_index": seen.view_index,

@@ -61,15 +61,16 @@ class _Parcel:
         return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
 
 
+_STYLES = "page/page.css", "canvas/canvas.css", "offline/offline.css"
+
+
 def page(session: OpenedSession) -> str:
     """Return the page as HTML text, which holds all it shows."""
     parcel = _Parcel()
     story = _story(session, parcel)
     static = static_folder()
-    style = "\n".join(
-        (static / name).read_text("utf-8") for name in ("page.css", "canvas.css", "offline.css")
-    )
-    script = bundle(static, "offline.js")
+    style = "\n".join((static / name).read_text("utf-8") for name in _STYLES)
+    script = bundle(static, "offline/offline.js")
     parts = {
         "policy": _policy(script, style),
         "title": escape(f"{session.story.recording_name} \u00b7 flatcloth"),
@@ -80,7 +81,7 @@ def page(session: OpenedSession) -> str:
         "arrays": parcel.packed(),
         "script": script,
     }
-    template = (static / "offline.html").read_text("utf-8")
+    template = (static / "offline" / "offline.html").read_text("utf-8")
     return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
 
 

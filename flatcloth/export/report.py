@@ -24,7 +24,7 @@ from flatcloth.rendering.drawing import Drawing, data_url, png_of
 def report(session: OpenedSession) -> str:
     """Return the report as HTML that needs nothing else."""
     story = session.story
-    style = (static_folder() / "offline_report.css").read_text(encoding="utf-8")
+    style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
     title = f"{story.recording_name}: integration report"
     body = [
         *_head(session),

@@ -211,6 +211,6 @@ def test_forms_that_are_not_joined_are_told_and_not_broken(tmp_path: Path, sourc
 
 
 def test_the_pages_own_script_can_stand_in_a_page() -> None:
-    script = bundle(static_folder(), "offline.js")
+    script = bundle(static_folder(), "offline/offline.js")
     assert "</script" not in script.lower()
     assert "<!--" not in script

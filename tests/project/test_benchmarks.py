@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from benchmarks import output
+from benchmarks.__main__ import ON_ALL_CORES, ON_ONE_CORE
 from benchmarks.developable import AXIS, NOISE_M, SheetView, depth_noise_m, sheets, view_of
 from benchmarks.flattening import Row
 from benchmarks.problems import problem_of, signed_areas
@@ -120,3 +124,24 @@ def test_the_stopwatch_times_proposals_only() -> None:
         watch(said)
     assert len(watch.proposals_s) == 1
     assert watch.proposals_s[0] >= 0
+
+
+@pytest.mark.parametrize("name", [*ON_ALL_CORES, *ON_ONE_CORE])
+def test_every_benchmark_that_can_be_named_is_there(name: str) -> None:
+    module = Path(__file__).parents[2] / "benchmarks" / f"{name}.py"
+    assert "\ndef run(" in module.read_text()
+
+
+def test_a_result_says_where_it_comes_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(output, "RESULTS", tmp_path / "results")
+    output.save("made", [{"recording": "a", "mm": 1.5}], ["folder/a", "b", "a"])
+    written = json.loads((tmp_path / "results" / "made.json").read_text())
+    assert written["figures"] == [{"recording": "a", "mm": 1.5}]
+    assert written["provenance"]["recordings"] == ["a", "b"]
+    assert {"commit", "date", "machine"} <= written["provenance"].keys()
+
+
+@pytest.mark.parametrize("file", sorted(output.RESULTS.glob("*.json")), ids=lambda file: file.stem)
+def test_the_results_that_are_kept_say_where_they_come_from(file: Path) -> None:
+    origin = json.loads(file.read_text())["provenance"]
+    assert all(origin[key] for key in ("commit", "date", "machine"))

@@ -218,7 +218,7 @@ class Application(PageDesk):
         """Move the proposal to one of its hypotheses."""
         overlay = None if self._picture is None else self._picture.overlay
         pending = self._state.document.pending
-        hypotheses = () if overlay is None else overlay.proposal.placing.hypotheses
+        hypotheses = () if overlay is None else overlay.proposal.placement.hypotheses
         if pending is None or overlay is None or overlay.proposal.view_index != view:
             raise FlatclothError("The proposal has changed; look again.")
         if not 0 <= index < len(hypotheses):
