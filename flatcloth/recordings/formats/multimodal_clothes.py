@@ -178,7 +178,7 @@ def _of_clouds(
     camera = given_camera((header.width, header.height), options)
     if camera is None:
         intrinsics, lens = camera_of(read_pcd(clouds[0]), clouds[0])
-        note = f"The camera was found from the clouds: focal length {intrinsics.fx:.1f} and {intrinsics.fy:.1f} px."
+        note = f"The camera was found from the clouds: focal length {intrinsics.fx:.1f} px."
         camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
     return CloudRecording(folder, _name(folder), clouds, angles_deg, camera)
 
