@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of
+from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
 
 NAME = "run"
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.session.store import SessionFolder
 
     base_from_camera = hand_eye_of(options)
-    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
+    integration = integration_of(options.source, options.method, source_options_of(options))
     folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
     try:
         settle_axis(folder.folder, integration)

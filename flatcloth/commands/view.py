@@ -7,7 +7,13 @@ import math
 from pathlib import Path
 
 from flatcloth.commands.camera import add_camera, serve_camera
-from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, add_source, integration_of
+from flatcloth.commands.common import (
+    DEFAULT_SAMPLE,
+    add_method,
+    add_source,
+    integration_of,
+    source_options_of,
+)
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
@@ -63,7 +69,7 @@ def run(options: argparse.Namespace) -> None:
         raise FlatclothError("--fps is the rate of --live; give both, or neither.")
     if serve_camera(options):
         return
-    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
+    integration = integration_of(options.source, options.method, source_options_of(options))
     path = options.session or default_session_folder(
         integration.recording, options.method, integration.config
     )
