@@ -26,7 +26,7 @@ import { SettingsSheet } from "/static/panels/settings.js";
 import { SourcePanel } from "/static/panels/sources.js";
 import { Teaching } from "/static/teaching/teaching.js";
 import { applyTheme, chosenTheme, setTheme, toggleTheme } from "/static/page/theme.js";
-import { Why } from "/static/panels/diagnostics.js";
+import { Diagnostics } from "/static/panels/diagnostics.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
 import { Verdicts } from "/static/panels/verdicts.js";
 
@@ -49,7 +49,9 @@ const page = {
 
 const canvas = new FlatCanvas({
   // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
-  pick: (u, v) => repair.takesClick(u, v) || send({ type: "pick", u_m: u, v_m: v, ...(isLive() ? { revision: canvas.layerRevision } : {}) }),
+  pick: (u, v) =>
+    repair.takesClick(u, v) ||
+    send({ type: "pick", u_m: u, v_m: v, ...(isLive() ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(state?.pending),
@@ -57,29 +59,43 @@ const canvas = new FlatCanvas({
   placed: () => repair.moved(),
 });
 const nudges = new KeyNudges(canvas, () => state, sendMove);
-const comparison = page.comparison = new Comparison(canvas, () => show(state));
-const looking = page.looking = new Looking(canvas, () => state && show(state));
-const ruler = page.ruler = new Ruler(canvas, send, () => show(state));
+const comparison = (page.comparison = new Comparison(canvas, () => show(state)));
+const looking = (page.looking = new Looking(canvas, () => state && show(state)));
+const ruler = (page.ruler = new Ruler(canvas, send, () => show(state)));
 const keyPointer = new KeyPointer();
-const why = page.why = new Why(canvas, send, () => show(state));
+const diagnostics = (page.diagnostics = new Diagnostics(canvas, send, () => show(state)));
 const toolbar = new Toolbar(run, page);
 const repair = new Repair(canvas, {
-  send, notify,
+  send,
+  notify,
   button: (name, title) => {
     const button = toolbar.button(name, title);
     button.dataset.tip = toolbar.tip(state.actions.find((a) => a.name === name));
     return button;
   },
 });
-const sources = new SourcePanel({ button: (name, title) => toolbar.button(name, title), tip: (name) => toolbar.tip(state.actions.find((a) => a.name === name)) });
+const sources = new SourcePanel({
+  button: (name, title) => toolbar.button(name, title),
+  tip: (name) => toolbar.tip(state.actions.find((a) => a.name === name)),
+});
 const liveBar = new LiveBar({ send, drawn: drawFrame });
 const teaching = new Teaching({
-  actions: () => state.actions, tip: (action) => toolbar.tip(action), name: () => state.recording.name,
-  startView: () => state.start_view, notify, run,
+  actions: () => state.actions,
+  tip: (action) => toolbar.tip(action),
+  name: () => state.recording.name,
+  startView: () => state.start_view,
+  notify,
+  run,
 });
-const capturePanel = new CapturePanel({ send, button: (name) => toolbar.button(name), tip: (action) => toolbar.tip(action) });
+const capturePanel = new CapturePanel({
+  send,
+  button: (name) => toolbar.button(name),
+  tip: (action) => toolbar.tip(action),
+});
 const verdicts = new Verdicts({
-  notify, propose: proposeView, reopen: (view) => decide("reopen", { view_index: view.index }),
+  notify,
+  propose: proposeView,
+  reopen: (view) => decide("reopen", { view_index: view.index }),
   action: (name) => state.actions.find((a) => a.name === name),
 });
 const settings = new SettingsSheet({ send, theme: chosenTheme, setTheme });
@@ -98,7 +114,10 @@ const connection = new Connection({
   },
   lost: (seconds) => {
     byId("banner").hidden = false;
-    setText(byId("banner"), `No connection to flatcloth. Trying again in ${number(seconds, 1)} s. If the program has ended, start it again: nothing is lost.`);
+    setText(
+      byId("banner"),
+      `No connection to flatcloth. Trying again in ${number(seconds, 1)} s. If the program has ended, start it again: nothing is lost.`,
+    );
     hoverBusy = false;
     ruler.forget();
   },
@@ -128,7 +147,8 @@ const HANDLERS = {
 
 function send(message) {
   const sent = connection.send(message);
-  if (!sent && !["hover", "measure"].includes(message.type)) notify("warning", "There is no connection; this was not done.");
+  if (!sent && !["hover", "measure"].includes(message.type))
+    notify("warning", "There is no connection; this was not done.");
   return sent;
 }
 
@@ -136,7 +156,8 @@ function send(message) {
 
 function show(next) {
   state = next;
-  byId("recording").textContent = `${state.recording.name} · ${count(state.recording.n_views, "view")} · method ${state.method}`;
+  byId("recording").textContent =
+    `${state.recording.name} · ${count(state.recording.n_views, "view")} · method ${state.method}`;
   byId("recording").dataset.tip = state.recording.description || state.recording.name;
   document.title = `${state.recording.name} · flatcloth`;
   byId("live").hidden = !isLive();
@@ -188,13 +209,20 @@ function drawFrame(frame, shown) {
 function showLayer() {
   canvas.update(state, page.layer, looking.query(page.layer));
   ruler.update(state.layers?.revision);
-  why.update(state);
+  diagnostics.update(state);
   comparison.update(state, looking.query(comparison.looked));
-  const [looked, legend] = comparison.legend ? [comparison.looked, comparison.legend] : [page.layer, state.layers?.legends[page.layer]];
+  const [looked, legend] = comparison.legend
+    ? [comparison.looked, comparison.legend]
+    : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
   looking.show(looked, legend, (name, sign) => toolbar.button(name, sign), false);
   byId("empty").hidden = Boolean(state.layers);
-  setText(byId("empty"), state.phase === "computing" ? "The start view is being flattened." : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.");
+  setText(
+    byId("empty"),
+    state.phase === "computing"
+      ? "The start view is being flattened."
+      : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.",
+  );
 }
 
 function showProgress(progress) {
@@ -210,7 +238,21 @@ function showNotes() {
   strip.hidden = !state.notes.length || sessionStorage.getItem("flatcloth-notes") === key;
   rebuild(strip, key, () => [
     make("ul", {}, ...state.notes.map((text) => make("li", {}, text))),
-    make("button", { type: "button", class: "close", "aria-label": "Dismiss the notes", on: { click: () => { sessionStorage.setItem("flatcloth-notes", key); strip.hidden = true; } } }, "×"),
+    make(
+      "button",
+      {
+        type: "button",
+        class: "close",
+        "aria-label": "Dismiss the notes",
+        on: {
+          click: () => {
+            sessionStorage.setItem("flatcloth-notes", key);
+            strip.hidden = true;
+          },
+        },
+      },
+      "×",
+    ),
   ]);
 }
 
@@ -219,7 +261,8 @@ function showNotes() {
 function decide(action, more = {}) {
   nudges.flush();
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
-  const view = ["accept", "reject", "skip"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
+  const view =
+    ["accept", "reject", "skip"].includes(action) && state.pending ? { view_index: state.pending.view_index } : {};
   send({ type: "do", action, ...view, ...more });
 }
 
@@ -277,8 +320,8 @@ const PAGE_ACTIONS = {
   },
   reopen: () => verdicts.reopen(state),
   next_undecided: () => verdicts.nextUndecided(state),
-  least_sure: () => verdicts.leastSure(state),
-  why: () => why.toggle(),
+  lowest_score: () => verdicts.lowestScore(state),
+  diagnostics: () => diagnostics.toggle(),
   look: () => looking.toggle(),
   turn_left_seen: () => looking.turnBy(-1),
   turn_right_seen: () => looking.turnBy(1),
@@ -297,12 +340,17 @@ const PAGE_ACTIONS = {
   zoom_out: () => canvas.zoomBy(1 / 1.4),
   follow: () => {
     const on = state.settings.follow.value;
-    if (send({ type: "set", follow: !on })) notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
+    if (send({ type: "set", follow: !on }))
+      notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
   copy: copyPick,
   export: () => showExports(notify, state.recording.name),
   settings: () => settings.open(),
-  palette: () => showPalette(state.actions.filter((a) => a.name !== "palette" && ["", modesNow()[0]].includes(a.mode)), run),
+  palette: () =>
+    showPalette(
+      state.actions.filter((a) => a.name !== "palette" && ["", modesNow()[0]].includes(a.mode)),
+      run,
+    ),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(state.actions, state.mode),
@@ -317,7 +365,9 @@ const PAGE_ACTIONS = {
 
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
-  ...(teaching.status.open ? ["teaching"] : []), ...(state.capture ? ["capture"] : []), isLive() ? "live" : "session",
+  ...(teaching.status.open ? ["teaching"] : []),
+  ...(state.capture ? ["capture"] : []),
+  isLive() ? "live" : "session",
 ];
 
 function sendMove(by) {
@@ -325,7 +375,7 @@ function sendMove(by) {
 }
 
 function hover(at) {
-  why.hover(at);
+  diagnostics.hover(at);
   hoverWanted = at;
   if (at === null) {
     hoverId += 1;
@@ -373,21 +423,51 @@ startScene(startKeys({ state: () => state, modes: modesNow, run }));
 showValues(null);
 
 window.flatcloth = {
-  get state() { return state; },
-  get revision() { return state?.revision ?? 0; },
-  get step() { return state?.step ?? 0; },
-  get phase() { return state?.phase ?? null; },
-  get pick() { return state?.pick ?? null; },
-  get frame() { return liveBar.frame; },
-  get teaching() { return teaching.status; },
-  get capture() { return capturePanel.status; },
-  get sources() { return sources.status; },
-  get fps() { return liveBar.fps; },
-  get layerRevision() { return canvas.layerRevision; },
-  get why() { return why.status; },
-  get differenceShown() { return comparison.shownKind; },
-  get overlayRevision() { return canvas.overlay.shown?.revision ?? 0; },
-  get pairEnds() { return repair.ends().map(({ x, y }) => [x, y]); },
+  get state() {
+    return state;
+  },
+  get revision() {
+    return state?.revision ?? 0;
+  },
+  get step() {
+    return state?.step ?? 0;
+  },
+  get phase() {
+    return state?.phase ?? null;
+  },
+  get pick() {
+    return state?.pick ?? null;
+  },
+  get frame() {
+    return liveBar.frame;
+  },
+  get teaching() {
+    return teaching.status;
+  },
+  get capture() {
+    return capturePanel.status;
+  },
+  get sources() {
+    return sources.status;
+  },
+  get fps() {
+    return liveBar.fps;
+  },
+  get layerRevision() {
+    return canvas.layerRevision;
+  },
+  get diagnostics() {
+    return diagnostics.status;
+  },
+  get differenceShown() {
+    return comparison.shownKind;
+  },
+  get overlayRevision() {
+    return canvas.overlay.shown?.revision ?? 0;
+  },
+  get pairEnds() {
+    return repair.ends().map(({ x, y }) => [x, y]);
+  },
   toScreen: (u, v) => canvas.toScreen(u, v),
   toPlane: (x, y) => canvas.toPlane(x, y),
   send,

@@ -1,4 +1,4 @@
-"""The story of a session, read from its folder: what was proposed, what was decided, what was picked.
+"""The history of a session, read from its folder: what was proposed, what was decided, what was picked.
 
 Nothing is locked or changed. A last line that a crash cut short does not count, as when resuming.
 """
@@ -60,7 +60,7 @@ class Decision:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Story:
+class SessionHistory:
     """A session as its folder tells it; ``document`` is where it stands now."""
 
     folder: Path
@@ -165,7 +165,7 @@ def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _
     )
 
 
-def read_story(folder: Path) -> Story:
+def read_history(folder: Path) -> SessionHistory:
     """Read a session folder without opening it for writing.
 
     Raises
@@ -177,7 +177,7 @@ def read_story(folder: Path) -> Story:
     try:
         about = header["recording"]
         n_views = int(about["views"])
-        story = Story(
+        history = SessionHistory(
             folder=folder,
             recording_name=str(about["name"]),
             recording_location=str(about["location"]),
@@ -199,7 +199,7 @@ def read_story(folder: Path) -> Story:
     replay = _replay(folder / "journal.jsonl", n_views)
     standing = replay.present().standing
     return replace(
-        story,
+        history,
         document=replay.state.document,
         decisions=tuple(replace(d, stands=d.number in standing) for d in replay.decisions),
         picks=tuple(replay.picks.values()),

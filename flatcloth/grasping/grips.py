@@ -43,7 +43,7 @@ def read_grips(folder: Path) -> dict[int, Grip]:
         ) from error
 
 
-class GripBook:
+class GripStore:
     """The grips of a session; ``folder`` None keeps them in memory only. Used by one thread.
 
     Raises

@@ -75,7 +75,9 @@ export class KeyPointer {
     const at = this.canvas.getBoundingClientRect();
     const [clientX, clientY] = [at.left + this.place.x, at.top + this.place.y];
     const buttons = type === "pointerdown" || this.held ? 1 : 0;
-    this.canvas.dispatchEvent(new PointerEvent(type, { bubbles: true, button: 0, buttons, clientX, clientY, shiftKey }));
+    this.canvas.dispatchEvent(
+      new PointerEvent(type, { bubbles: true, button: 0, buttons, clientX, clientY, shiftKey }),
+    );
   }
 
   show() {

@@ -20,8 +20,12 @@ export class Looking {
     this.grid = false;
     canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
     this.chip = make("button", {
-      type: "button", class: "button small turned", hidden: true, "aria-label": "Undo turn and flip",
-      data: { tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is" }, on: { click: () => this.turn(0, false) },
+      type: "button",
+      class: "button small turned",
+      hidden: true,
+      "aria-label": "Undo turn and flip",
+      data: { tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is" },
+      on: { click: () => this.turn(0, false) },
     });
     byId("stage").append(this.chip);
     this.loadMaps();
@@ -50,7 +54,12 @@ export class Looking {
     this.canvas.turnTo(angle, flipped);
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
-    setText(this.chip, [degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "", flipped ? "flipped" : ""].filter(Boolean).join(", "));
+    setText(
+      this.chip,
+      [degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "", flipped ? "flipped" : ""]
+        .filter(Boolean)
+        .join(", "),
+    );
   }
 
   // --- colour map and window -------------------------------------------------------------------
@@ -101,29 +110,60 @@ export class Looking {
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
-    rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () => [
-      make("div", { class: "looks" }, ...Object.entries(SIGNS).map(([name, sign]) => button(name, sign))),
-      make("button", {
-        type: "button", class: "button last", data: { id: "look-reset", tip: "As it is: not turned, not flipped, no grid, each layer's own colours" }, on: { click: () => this.reset() },
-      }, "Reset"),
-      ...(live ? [] : [ramp ? this.mapField(layer, setting) : null, ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : [])]),
-    ].filter(Boolean));
+    rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () =>
+      [
+        make("div", { class: "looks" }, ...Object.entries(SIGNS).map(([name, sign]) => button(name, sign))),
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button last",
+            data: { id: "look-reset", tip: "As it is: not turned, not flipped, no grid, each layer's own colours" },
+            on: { click: () => this.reset() },
+          },
+          "Reset",
+        ),
+        ...(live
+          ? []
+          : [
+              ramp ? this.mapField(layer, setting) : null,
+              ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
+            ]),
+      ].filter(Boolean),
+    );
   }
 
   mapField(layer, setting) {
     const options = [["", "Own colours"], ...Object.entries(this.maps).map(([name, map]) => [name, map.title])];
-    return make("label", { class: "field" }, make("select", {
-      "aria-label": "Colours", data: { id: "look-map", tip: "Colours; equal steps of a value look equal in each" }, on: { change: (event) => this.set(layer, { map: event.target.value }) },
-    }, ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title))));
+    return make(
+      "label",
+      { class: "field" },
+      make(
+        "select",
+        {
+          "aria-label": "Colours",
+          data: { id: "look-map", tip: "Colours; equal steps of a value look equal in each" },
+          on: { change: (event) => this.set(layer, { map: event.target.value }) },
+        },
+        ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title)),
+      ),
+    );
   }
 
   windowFields(layer, setting, legend, ramp) {
-    const told = (share) => (ramp ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`);
+    const told = (share) =>
+      ramp ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`;
     const names = ramp ? { low: "From", high: "To" } : { low: "Black", high: "White" };
     return ["low", "high"].map((end) => {
       const output = make("output", {}, told(setting[end]));
       const input = make("input", {
-        type: "range", min: 0, max: 1, step: 0.01, value: setting[end], data: { id: `look-${end}` }, "aria-label": names[end],
+        type: "range",
+        min: 0,
+        max: 1,
+        step: 0.01,
+        value: setting[end],
+        data: { id: `look-${end}` },
+        "aria-label": names[end],
         on: {
           input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
           change: () => this.set(layer, { [end]: this.clamped(end, input.valueAsNumber, setting) }),
@@ -134,7 +174,9 @@ export class Looking {
   }
 
   clamped(end, value, { low, high }) {
-    return end === "low" ? Math.min(value, Math.round(100 * high - 1) / 100) : Math.max(value, Math.round(100 * low + 1) / 100);
+    return end === "low"
+      ? Math.min(value, Math.round(100 * high - 1) / 100)
+      : Math.max(value, Math.round(100 * low + 1) / 100);
   }
 
   // --- the grid --------------------------------------------------------------------------------
@@ -144,13 +186,21 @@ export class Looking {
     const { transform: at, width, height } = canvas;
     const mm = GRID_MM.find((step) => (step / 1000) * at.scale >= GRID_GAP_PX) ?? GRID_MM.at(-1);
     const gap = mm / 1000;
-    const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([x, y]) => at.toPlane(x, y));
+    const corners = [
+      [0, 0],
+      [width, 0],
+      [0, height],
+      [width, height],
+    ].map(([x, y]) => at.toPlane(x, y));
     const range = (name) => [Math.min(...corners.map((c) => c[name])), Math.max(...corners.map((c) => c[name]))];
     const [u, v] = [range("u"), range("v")];
     context.lineWidth = 1;
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "top";
-    for (const [along, from, across] of [["u", u, v], ["v", v, u]]) {
+    for (const [along, from, across] of [
+      ["u", u, v],
+      ["v", v, u],
+    ]) {
       const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
       const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
       for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {
@@ -162,7 +212,10 @@ export class Looking {
   }
 
   gridLine(context, style, [a, b], strong) {
-    for (const [color, alpha, extra] of [["#fff", 0.4, 1.5], [style.getPropertyValue("--text"), strong ? 0.8 : 0.35, 0]]) {
+    for (const [color, alpha, extra] of [
+      ["#fff", 0.4, 1.5],
+      [style.getPropertyValue("--text"), strong ? 0.8 : 0.35, 0],
+    ]) {
       context.globalAlpha = alpha;
       context.strokeStyle = color;
       context.lineWidth = (strong ? 1.5 : 1) + extra;

@@ -76,7 +76,14 @@ export class Ruler {
     const { from, to } = this.line;
     this.id += 1;
     this.asked = this.line;
-    this.waiting = this.send({ type: "measure", id: this.id, from_u_m: from.u, from_v_m: from.v, to_u_m: to.u, to_v_m: to.v });
+    this.waiting = this.send({
+      type: "measure",
+      id: this.id,
+      from_u_m: from.u,
+      from_v_m: from.v,
+      to_u_m: to.u,
+      to_v_m: to.v,
+    });
   }
 
   take(answer) {
@@ -112,7 +119,11 @@ export class Ruler {
     const row = (value, text) => make("span", {}, make("b", {}, value), ` ${text}`);
     const mm = (value) => (value === null || value === undefined ? "–" : `${number(value)} mm`);
     const round = measured?.path_uv_m.length > 2 ? "along the cloth, round" : "along the cloth";
-    this.label.replaceChildren(row(mm(flat), "flat"), row(mm(measured?.cloth_mm), round), row(mm(measured?.air_mm), "through the air"));
+    this.label.replaceChildren(
+      row(mm(flat), "flat"),
+      row(mm(measured?.cloth_mm), round),
+      row(mm(measured?.air_mm), "through the air"),
+    );
     const left = Math.min(canvas.width - this.label.offsetWidth - 6, Math.max(6, end.x + 14));
     const top = Math.min(canvas.height - this.label.offsetHeight - 6, Math.max(6, end.y + 10));
     this.label.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;

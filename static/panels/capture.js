@@ -46,13 +46,28 @@ export class CapturePanel {
 
   parts(status) {
     return [
-      make("div", { class: "heading" }, make("h2", {}, "Capture"), make("span", { id: "capture-rate", class: "quiet-text", data: { tip: status.camera } })),
+      make(
+        "div",
+        { class: "heading" },
+        make("h2", {}, "Capture"),
+        make("span", { id: "capture-rate", class: "quiet-text", data: { tip: status.camera } }),
+      ),
       make("ul", { id: "capture-warnings", class: "capture-warnings", role: "status" }),
       make("p", { id: "capture-task", class: "capture-task", role: "status" }),
       make("p", { id: "capture-way", class: "quiet-text" }),
-      make("label", { class: "capture-still" }, make("span", {}, "Still"),
-        make("meter", { id: "capture-still", min: 0, max: 1, value: 0, "aria-label": "How long the item has hung still" }),
-        make("output", { id: "capture-speed" })),
+      make(
+        "label",
+        { class: "capture-still" },
+        make("span", {}, "Still"),
+        make("meter", {
+          id: "capture-still",
+          min: 0,
+          max: 1,
+          value: 0,
+          "aria-label": "How long the item has hung still",
+        }),
+        make("output", { id: "capture-speed" }),
+      ),
       make("div", { id: "capture-view" }),
       make("div", { id: "capture-buttons", class: "capture-buttons", role: "group", "aria-label": "Capture" }),
       make("p", { id: "capture-kept", class: "quiet-text capture-kept" }),
@@ -79,12 +94,25 @@ export class CapturePanel {
     // The angle is left alone while it is typed.
     if (!view) return;
     rebuild(byId("capture-view"), [view.number, view.angle_deg], () => [
-      make("img", { class: "capture-picture", src: `/capture/view.png?number=${view.number}`, alt: `Color and depth of the view at ${number(view.angle_deg, 1)} degrees` }),
+      make("img", {
+        class: "capture-picture",
+        src: `/capture/view.png?number=${view.number}`,
+        alt: `Color and depth of the view at ${number(view.angle_deg, 1)} degrees`,
+      }),
       make("p", { class: "quiet-text" }, `${view.frames} frames, which agree to ${number(view.noise_mm, 1)} mm`),
       ...view.warnings.map((text) => make("p", { class: "capture-warning" }, text)),
-      make("label", { class: "field", data: { tip: "If the item was turned to another angle than it was asked for" } },
+      make(
+        "label",
+        { class: "field", data: { tip: "If the item was turned to another angle than it was asked for" } },
         make("span", {}, "Angle °"),
-        make("input", { type: "number", step: 1, value: view.angle_deg, data: { id: "capture-angle" }, on: { change: (event) => this.aim(event.target.valueAsNumber) } })),
+        make("input", {
+          type: "number",
+          step: 1,
+          value: view.angle_deg,
+          data: { id: "capture-angle" },
+          on: { change: (event) => this.aim(event.target.valueAsNumber) },
+        }),
+      ),
     ]);
   }
 
@@ -93,13 +121,22 @@ export class CapturePanel {
   }
 
   showButtons(status) {
-    const names = status.announced && status.phase === "turn" ? [] : BUTTONS[status.phase] ?? [];
+    const names = status.announced && status.phase === "turn" ? [] : (BUTTONS[status.phase] ?? []);
     const idle = ["idle", "done"].includes(status.phase);
     byId("capture-buttons").hidden = status.ended !== null;
     rebuild(byId("capture-buttons"), [names, idle, status.phase === "done"], () => [
       ...names.map((name) => this.handlers.button(name)),
-      idle ? plain("capture-begin", status.phase === "done" ? "Go on" : "Begin capture", "primary", "Views are written to the folder below, each before the next.", () => this.send("begin"))
-        : plain("capture-finish", "Finish", "", "End the capture; a view that is not kept is dropped.", () => this.send("finish")),
+      idle
+        ? plain(
+            "capture-begin",
+            status.phase === "done" ? "Go on" : "Begin capture",
+            "primary",
+            "Views are written to the folder below, each before the next.",
+            () => this.send("begin"),
+          )
+        : plain("capture-finish", "Finish", "", "End the capture; a view that is not kept is dropped.", () =>
+            this.send("finish"),
+          ),
     ]);
     for (const button of byId("capture-buttons").querySelectorAll("[data-action]")) {
       const action = this.actions.find((a) => a.name === button.dataset.action);
@@ -122,19 +159,29 @@ function task(status) {
   const view = `view ${status.kept_deg.length}`;
   if (status.ended) return `The camera has ended. ${count(status.kept_deg.length, "view")} on disk.`;
   switch (status.phase) {
-    case "idle": return "Hang the item in sight, then begin.";
-    case "turn": return status.announced ? `Waiting for the angle of ${view}.` : `Turn by ${signed(status.turn_by_deg)}, to ${number(status.target_deg, 0)}°.`;
-    case "settle": return `At ${number(status.target_deg, 0)}°: let it hang still.`;
-    case "take": return `Taking frame ${Math.min(status.taken + 1, status.frames)} of ${status.frames}.`;
-    case "review": return `Keep ${view} at ${number(status.target_deg, 0)}°?`;
-    default: return `Done: ${count(status.kept_deg.length, "view")}.`;
+    case "idle":
+      return "Hang the item in sight, then begin.";
+    case "turn":
+      return status.announced
+        ? `Waiting for the angle of ${view}.`
+        : `Turn by ${signed(status.turn_by_deg)}, to ${number(status.target_deg, 0)}°.`;
+    case "settle":
+      return `At ${number(status.target_deg, 0)}°: let it hang still.`;
+    case "take":
+      return `Taking frame ${Math.min(status.taken + 1, status.frames)} of ${status.frames}.`;
+    case "review":
+      return `Keep ${view} at ${number(status.target_deg, 0)}°?`;
+    default:
+      return `Done: ${count(status.kept_deg.length, "view")}.`;
   }
 }
 
 /** Which way a turn goes, as seen in the picture. */
 function way(status) {
   if (status.phase !== "turn" || status.announced) return "";
-  return status.turn_by_deg > 0 ? "What faces the camera moves to the right →" : "← What faces the camera moves to the left";
+  return status.turn_by_deg > 0
+    ? "What faces the camera moves to the right →"
+    : "← What faces the camera moves to the left";
 }
 
 function signed(degrees) {

@@ -11,7 +11,11 @@ const RATE_WINDOW_MS = 1000;
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  return { about, png: buffer.byteLength > 4 + length ? new Blob([new Uint8Array(buffer, 4 + length)], { type: "image/png" }) : null };
+  return {
+    about,
+    png:
+      buffer.byteLength > 4 + length ? new Blob([new Uint8Array(buffer, 4 + length)], { type: "image/png" }) : null,
+  };
 }
 
 export class LiveBar {
@@ -44,9 +48,12 @@ export class LiveBar {
     this.playing = state.live.playing;
     const rates = [...new Set([...RATES, state.live.fps])].sort((a, b) => a - b);
     if (this.rate.childElementCount !== rates.length) {
-      this.rate.replaceChildren(...rates.map((fps) => make("option", { value: fps }, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`)));
+      this.rate.replaceChildren(
+        ...rates.map((fps) => make("option", { value: fps }, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`)),
+      );
     }
-    if (document.activeElement !== this.rate || Number(this.rate.value) !== state.live.fps) this.rate.value = String(state.live.fps);
+    if (document.activeElement !== this.rate || Number(this.rate.value) !== state.live.fps)
+      this.rate.value = String(state.live.fps);
     if (!this.playing) this.showRate();
   }
 

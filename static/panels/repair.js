@@ -33,9 +33,14 @@ export class Repair {
     }
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
-    rebuild(byId("repair-tools"), ["repair"], () => [this.handlers.button("pairs"), this.handlers.button("refine", "Refine")]);
+    rebuild(byId("repair-tools"), ["repair"], () => [
+      this.handlers.button("pairs"),
+      this.handlers.button("refine", "Refine"),
+    ]);
     for (const name of ["pairs", "refine"]) {
-      byId("repair-tools").querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(name === "pairs" && this.picking));
+      byId("repair-tools")
+        .querySelector(`[data-action="${name}"]`)
+        .setAttribute("aria-pressed", String(name === "pairs" && this.picking));
     }
     this.showPieces(state.pending);
     this.showPairs();
@@ -45,11 +50,29 @@ export class Repair {
   showPieces({ pieces, view_index }) {
     const box = byId("pieces");
     box.hidden = pieces.length < 2;
-    rebuild(box, [pieces, view_index], () => pieces.map((piece) => make("button", {
-      type: "button", class: "button", "aria-pressed": String(piece.chosen),
-      data: { id: `piece-${piece.component}`, tip: piece.waits ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand." : "Place this part of the view." },
-      on: { click: () => piece.chosen || this.handlers.send({ type: "take_part", view_index, component: piece.component }) },
-    }, `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`)));
+    rebuild(box, [pieces, view_index], () =>
+      pieces.map((piece) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button",
+            "aria-pressed": String(piece.chosen),
+            data: {
+              id: `piece-${piece.component}`,
+              tip: piece.waits
+                ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand."
+                : "Place this part of the view.",
+            },
+            on: {
+              click: () =>
+                piece.chosen || this.handlers.send({ type: "take_part", view_index, component: piece.component }),
+            },
+          },
+          `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`,
+        ),
+      ),
+    );
   }
 
   /** The proposal is drawn anew where the server has moved it: its fit and residuals are others now. */
@@ -61,7 +84,7 @@ export class Repair {
   clear() {
     this.pairs = [];
     this.fit = null;
-    setText(byId("reach"), "");
+    setText(byId("fit-here"), "");
     this.canvas.redraw();
   }
 
@@ -78,7 +101,14 @@ export class Repair {
     const { theta, u, v } = this.wanted;
     this.wanted = null;
     this.asked += 1;
-    const sent = this.handlers.send({ type: "preview", id: this.asked, view_index: this.view, theta_rad: theta, u_m: u, v_m: v });
+    const sent = this.handlers.send({
+      type: "preview",
+      id: this.asked,
+      view_index: this.view,
+      theta_rad: theta,
+      u_m: u,
+      v_m: v,
+    });
     if (!sent) this.answered = this.asked;
   }
 
@@ -92,7 +122,11 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const reached = fit(message.reached_score, message.reached_apart_mm);
-    setText(byId("reach"), message.why ?? `Here ${here}. ${message.reached_score - message.score < LEAST_GAIN ? "Refining gains nothing." : `Refined from here: ${reached}.`}`);
+    setText(
+      byId("fit-here"),
+      message.why ??
+        `Here ${here}. ${message.reached_score - message.score < LEAST_GAIN ? "Refining gains nothing." : `Refined from here: ${reached}.`}`,
+    );
   }
 
   /** After a lost connection nobody answers any more. */
@@ -151,7 +185,12 @@ export class Repair {
     if (this.view === null) return;
     const whole = this.whole();
     this.handlers.send({
-      type: "pairs", view_index: this.view, fit, new_uv_m: whole.map((p) => p.own), shape_uv_m: whole.map((p) => p.shape), weights: whole.map((p) => p.weight),
+      type: "pairs",
+      view_index: this.view,
+      fit,
+      new_uv_m: whole.map((p) => p.own),
+      shape_uv_m: whole.map((p) => p.shape),
+      weights: whole.map((p) => p.weight),
     });
   }
 
@@ -169,31 +208,72 @@ export class Repair {
     const box = byId("pairs");
     box.hidden = !this.picking && !this.pairs.length;
     const enough = this.whole().length > 1;
-    rebuild(box, [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit], () => [
-      make("p", { class: "why" }, this.nextClick()),
-      this.pairs.length ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i))) : null,
-      enough ? this.handlers.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs") : null,
-    ].filter(Boolean));
+    rebuild(
+      box,
+      [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit],
+      () =>
+        [
+          make("p", { class: "note" }, this.nextClick()),
+          this.pairs.length
+            ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i)))
+            : null,
+          enough
+            ? this.handlers.button(
+                "fit_pairs",
+                this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs",
+              )
+            : null,
+        ].filter(Boolean),
+    );
   }
 
   nextClick() {
     if (!this.picking) return "Press Pairs (P) to pick more.";
-    return this.pairs.at(-1) && !this.pairs.at(-1).shape ? "Now click where it belongs on the shape." : "Click a point on the proposal.";
+    return this.pairs.at(-1) && !this.pairs.at(-1).shape
+      ? "Now click where it belongs on the shape."
+      : "Click a point on the proposal.";
   }
 
   row(pair, index) {
     const residual = this.fit?.residual_mm[index];
-    const told = !pair.shape ? "…" : residual === undefined ? "–" : `${number(residual)} mm, fitted ${number(this.fit.reached_mm[index])}`;
+    const told = !pair.shape
+      ? "…"
+      : residual === undefined
+        ? "–"
+        : `${number(residual)} mm, fitted ${number(this.fit.reached_mm[index])}`;
     const weigh = (event) => {
       const weight = event.target.valueAsNumber;
       if (weight > 0) pair.weight = weight;
       else event.target.value = pair.weight;
       this.askResiduals();
     };
-    return make("li", {},
-      make("b", {}, String(index + 1)), make("span", {}, told),
-      make("input", { type: "number", min: 0.1, max: 10, step: 0.1, value: pair.weight, "aria-label": `Weight of pair ${index + 1}`, data: { id: `weight-${index}`, tip: "Weight of this pair" }, on: { change: weigh } }),
-      make("button", { type: "button", class: "close", "aria-label": `Remove pair ${index + 1}`, data: { id: `unpair-${index}`, tip: "Remove" }, on: { click: () => this.remove(index) } }, "×"));
+    return make(
+      "li",
+      {},
+      make("b", {}, String(index + 1)),
+      make("span", {}, told),
+      make("input", {
+        type: "number",
+        min: 0.1,
+        max: 10,
+        step: 0.1,
+        value: pair.weight,
+        "aria-label": `Weight of pair ${index + 1}`,
+        data: { id: `weight-${index}`, tip: "Weight of this pair" },
+        on: { change: weigh },
+      }),
+      make(
+        "button",
+        {
+          type: "button",
+          class: "close",
+          "aria-label": `Remove pair ${index + 1}`,
+          data: { id: `unpair-${index}`, tip: "Remove" },
+          on: { click: () => this.remove(index) },
+        },
+        "×",
+      ),
+    );
   }
 
   // --- the markers -----------------------------------------------------------------------------
@@ -230,7 +310,10 @@ export class Repair {
     for (const { pair, x, y, end } of ends) {
       if (end !== "own" || !pair.shape) continue;
       const to = this.canvas.transform.toPane(...pair.shape);
-      for (const [color, width] of [["#fff", 4], [style.getPropertyValue("--accent"), 2]]) {
+      for (const [color, width] of [
+        ["#fff", 4],
+        [style.getPropertyValue("--accent"), 2],
+      ]) {
         context.strokeStyle = color;
         context.lineWidth = width;
         context.beginPath();

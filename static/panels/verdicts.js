@@ -43,7 +43,7 @@ export class Verdicts {
     this.goTo(next);
   }
 
-  leastSure(state) {
+  lowestScore(state) {
     const scored = state.views.filter((v) => ACCEPTED.includes(v.state) && v.score !== null);
     if (!scored.length) return this.handlers.notify("info", "No accepted view has a known score.");
     this.goTo(scored.reduce((least, v) => (v.score < least.score ? v : least)));
@@ -64,11 +64,33 @@ export class Verdicts {
     this.card.replaceChildren(
       make("h2", { id: "view-card-title" }, `View ${view.index}, ${number(view.angle_deg, 0)}°`),
       make("p", {}, told(view)),
-      ...(view.follows && view.state !== "later" ? [make("p", { class: "why" }, followers(view.follows))] : []),
-      make("div", { class: "group" },
-        make("button", { type: "button", class: "button primary", "aria-disabled": why === null ? null : "true", data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
-          on: { click: () => why === null ? (this.close(), this.handlers.reopen(view)) : this.handlers.notify("info", why) } }, again, make("kbd", {}, keyName(reopen.keys[0]))),
-        make("button", { type: "button", class: "button", on: { click: () => this.close() } }, "Close", make("kbd", {}, "Esc"))));
+      ...(view.follows && view.state !== "later" ? [make("p", { class: "note" }, followers(view.follows))] : []),
+      make(
+        "div",
+        { class: "group" },
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button primary",
+            "aria-disabled": why === null ? null : "true",
+            data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
+            on: {
+              click: () =>
+                why === null ? (this.close(), this.handlers.reopen(view)) : this.handlers.notify("info", why),
+            },
+          },
+          again,
+          make("kbd", {}, keyName(reopen.keys[0])),
+        ),
+        make(
+          "button",
+          { type: "button", class: "button", on: { click: () => this.close() } },
+          "Close",
+          make("kbd", {}, "Esc"),
+        ),
+      ),
+    );
     this.card.hidden = false;
     const at = buttonOf(view).getBoundingClientRect();
     const box = this.card.getBoundingClientRect();
@@ -94,17 +116,23 @@ export class Verdicts {
 
 const buttonOf = (view) => document.querySelector(`[data-id="view-${view.index}"]`);
 
-const followers = (n) => (n === 1
-  ? "1 view was accepted after it, and follows what you decide."
-  : `${count(n, "view")} were accepted after it, and follow what you decide.`);
+const followers = (n) =>
+  n === 1
+    ? "1 view was accepted after it, and follows what you decide."
+    : `${count(n, "view")} were accepted after it, and follow what you decide.`;
 
 function told(view) {
   const score = view.score === null ? "" : `, score ${number(view.score, 2)}`;
   switch (view.state) {
-    case "accepted": return `Accepted${score}.`;
-    case "fixed": return `Accepted, placed by hand${score}.`;
-    case "rejected": return `Rejected: ${view.detail}.`;
-    case "skipped": return "Skipped. It comes again when the shape has grown or the others are done.";
-    default: return `Accepted before${score}. It follows once what comes before it is decided.`;
+    case "accepted":
+      return `Accepted${score}.`;
+    case "fixed":
+      return `Accepted, placed by hand${score}.`;
+    case "rejected":
+      return `Rejected: ${view.detail}.`;
+    case "skipped":
+      return "Skipped. It comes again when the shape has grown or the others are done.";
+    default:
+      return `Accepted before${score}. It follows once what comes before it is decided.`;
   }
 }

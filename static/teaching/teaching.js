@@ -35,8 +35,15 @@ export class Teaching {
   /** What tests want to know. */
   get status() {
     return {
-      open: this.open, stage: this.at + 1, name: STAGES[this.at].name, drawn: this.drawn, time: this.ui.time, playing: Boolean(this.playing),
-      busy: PARTS.some((p) => this.lessons[p]?.abort), parameters: this.parameters(), shown: this.shown ?? null,
+      open: this.open,
+      stage: this.at + 1,
+      name: STAGES[this.at].name,
+      drawn: this.drawn,
+      time: this.ui.time,
+      playing: Boolean(this.playing),
+      busy: PARTS.some((p) => this.lessons[p]?.abort),
+      parameters: this.parameters(),
+      shown: this.shown ?? null,
       error: this.lessons[STAGES[this.at].part]?.error ?? null,
     };
   }
@@ -45,7 +52,7 @@ export class Teaching {
   takes(name) {
     if (!this.open) {
       if (name === "teach" && action(this, name).why_not !== null) return false; // the page says why
-      if (name === "teach") return this.enter(), true;
+      if (name === "teach") return (this.enter(), true);
       if (!name.startsWith("teach_")) return false;
       this.session.notify("info", `Open the teaching mode first (${keyName(action(this, "teach").keys[0])}).`);
       return true;
@@ -66,7 +73,9 @@ export class Teaching {
   enter() {
     if (!this.root) this.build();
     this.opener = document.activeElement;
-    this.behind = [...document.body.children].filter((e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG");
+    this.behind = [...document.body.children].filter(
+      (e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+    );
     for (const element of this.behind) element.inert = true;
     this.root.hidden = false;
     setText(byId("teaching-recording"), this.session.name());
@@ -94,7 +103,9 @@ export class Teaching {
     const part = STAGES[this.at].part;
     const shown = this.lessons[part]?.lesson;
     if (shown) {
-      this.changed = Object.fromEntries(Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]));
+      this.changed = Object.fromEntries(
+        Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]),
+      );
       this.lessons[part].key = JSON.stringify(this.query(part));
     } else {
       this.lessons[part] = { key: null, lesson: null, error: "Cancelled: this stage has not been computed." };
@@ -129,7 +140,8 @@ export class Teaching {
   query(part) {
     const start = this.session.startView();
     const query = start === null ? {} : { start_view: start };
-    for (const [name, value] of Object.entries(this.changed)) if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
+    for (const [name, value] of Object.entries(this.changed))
+      if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
     return query;
   }
 
@@ -255,14 +267,19 @@ export class Teaching {
     setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
     byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", {}, ...symbols(text))));
-    byId("teaching-legend").replaceChildren(...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
-      const swatch = make("i", { class: "swatch" });
-      swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
-      return make("li", {}, swatch, make("span", {}, ...symbols(label)));
-    }));
+    byId("teaching-legend").replaceChildren(
+      ...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
+        const swatch = make("i", { class: "swatch" });
+        swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
+        return make("li", {}, swatch, make("span", {}, ...symbols(label)));
+      }),
+    );
     byId("teaching-legend").hidden = !stage.legend;
     this.root.querySelector(".teaching-text").scrollTop = 0;
-    const ends = { "teaching-back": this.at === 0 ? "This is the first stage." : null, "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null };
+    const ends = {
+      "teaching-back": this.at === 0 ? "This is the first stage." : null,
+      "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null,
+    };
     for (const [id, why] of Object.entries(ends)) {
       const name = id === "teaching-back" ? "teach_back" : "teach_next";
       setAllowed(byId(id), why, this.session.tip(action(this, name)));
@@ -275,12 +292,27 @@ export class Teaching {
   showLayers(stage) {
     const box = byId("teaching-layers");
     box.hidden = !stage.layers;
-    box.replaceChildren(...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
-      make("button", { type: "button", class: "button", "aria-pressed": String(layer === this.ui.layer), on: { click: () => {
-        this.ui.layer = layer;
-        for (const other of box.children) other.setAttribute("aria-pressed", String(other.textContent === title));
-        this.update();
-      } } }, title)));
+    box.replaceChildren(
+      ...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button",
+            "aria-pressed": String(layer === this.ui.layer),
+            on: {
+              click: () => {
+                this.ui.layer = layer;
+                for (const other of box.children)
+                  other.setAttribute("aria-pressed", String(other.textContent === title));
+                this.update();
+              },
+            },
+          },
+          title,
+        ),
+      ),
+    );
   }
 
   /** What changes with the lessons, the parameters, the time and the probe. */
@@ -326,22 +358,35 @@ export class Teaching {
     const lessons = this.all();
     if (!this.open || !lessons[stage.part]) return;
     const lesson = lessons[stage.part];
-    if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson) this.probe = { at: stage.start(lessons), moved: false, lesson };
+    if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson)
+      this.probe = { at: stage.start(lessons), moved: false, lesson };
     this.ui.at = this.probe?.at ?? null;
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
     this.showFacts(stage.facts(lessons, this.ui));
-    this.shown = { stage: this.at + 1, key: this.lessons[stage.part].key, parameters: lessons[stage.part].parameters };
+    this.shown = {
+      stage: this.at + 1,
+      key: this.lessons[stage.part].key,
+      parameters: lessons[stage.part].parameters,
+    };
     this.drawn += 1;
   }
 
   showFacts(facts) {
     const list = byId("teaching-facts");
-    if (list.childElementCount !== 2 * facts.length || facts.some(([name], i) => list.children[2 * i].dataset.name !== name)) {
-      list.replaceChildren(...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]));
+    if (
+      list.childElementCount !== 2 * facts.length ||
+      facts.some(([name], i) => list.children[2 * i].dataset.name !== name)
+    ) {
+      list.replaceChildren(
+        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]),
+      );
     }
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
-    this.canvas.setAttribute("aria-label", `${STAGES[this.at].name}. ${facts.map(([name, value]) => `${name}: ${value}`).join("; ")}.${STAGES[this.at].probe ? " The arrow keys move the pointer." : ""}`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `${STAGES[this.at].name}. ${facts.map(([name, value]) => `${name}: ${value}`).join("; ")}.${STAGES[this.at].probe ? " The arrow keys move the pointer." : ""}`,
+    );
   }
 
   showSliders(stage) {
@@ -354,14 +399,19 @@ export class Teaching {
       const { low, high, step } = lesson.sliders[name];
       const input = label.querySelector("input");
       label.hidden = !stage.parameters.includes(name);
-      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step) Object.assign(input, { min: low, max: high, step });
+      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step)
+        Object.assign(input, { min: low, max: high, step });
       if (Number(input.value) !== values[name]) input.value = values[name];
       const text = SLIDERS[name][2](values[name]);
       setText(label.querySelector("output"), text);
       input.setAttribute("aria-valuetext", text);
     }
     const same = Object.entries(this.changed).every(([name, value]) => value === lesson.defaults[name]);
-    setAllowed(byId("teaching-reset"), same ? "These are the session's values." : null, "Back to the session's values.");
+    setAllowed(
+      byId("teaching-reset"),
+      same ? "These are the session's values." : null,
+      "Back to the session's values.",
+    );
   }
 
   showPlayer() {
@@ -408,7 +458,8 @@ export class Teaching {
     if (!side) return;
     const stage = STAGES[this.at];
     if (event.target === this.canvas && stage.probe) this.moveProbe(side, event.shiftKey ? 5 : 1);
-    else if (event.target.matches(".teaching-text") && side[1]) return; // it scrolls
+    else if (event.target.matches(".teaching-text") && side[1])
+      return; // it scrolls
     else if (side[0]) this.takes(side[0] > 0 ? "teach_next" : "teach_back");
     else if (event.target.matches(".teaching-stage")) this.moveInList(event.target, side[1]);
     else return;

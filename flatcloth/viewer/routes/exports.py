@@ -55,7 +55,7 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
         from flatcloth.export.outline import outline_text
 
-        return outline_text(session.view, session.story.recording_name, suffix).encode()
+        return outline_text(session.view, session.history.recording_name, suffix).encode()
 
     return make
 
@@ -85,7 +85,7 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
 """What can be asked for: the media type, and what makes it."""
 
 
-class ExportDesk:
+class ExportRoutes:
     """Makes exports, one at a time: they take all the processor that there is.
 
     Parameters
