@@ -10,6 +10,7 @@ const CLICK_PX = 4;
 const MARGIN_PX = 34;
 const SLACK_M = 0.05;
 
+/** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
 
 export class FlatCanvas {
@@ -271,7 +272,8 @@ export class FlatCanvas {
   press(event) {
     if (event.button > 2) return;
     const { x, y } = this.inPane(event);
-    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId); // the pointer of the keys has nothing to capture
+    // The pointer of the keys has nothing to capture.
+    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
     const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
     const kind = tool
       ? "tool"

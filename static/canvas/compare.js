@@ -9,7 +9,7 @@ const WIPE_STEP = 0.02;
 const PALE = 0.25;
 
 /** The actions, in the order of their buttons, and the mode that each means. */
-export const MODES = {
+const MODES = {
   overlay: "both",
   compare_shape: "shape",
   compare_proposal: "proposal",
@@ -27,11 +27,15 @@ const LABELS = {
 };
 const KINDS = { color: "Color", height: "Height", position: "3D" };
 
-/** Paints the flattened view; `changed()` when another mode is chosen. */
+/** Paints the flattened view. */
 export class Comparison {
-  constructor(canvas, changed) {
+  name = "comparison";
+
+  constructor(page) {
+    const { canvas } = page;
+    this.page = page;
     this.canvas = canvas;
-    this.changed = changed;
+    this.actions = Object.fromEntries(Object.keys(MODES).map((name) => [name, () => this.choose(name)]));
     this.mode = "both";
     this.kind = "color";
     this.opacity = 0.7;
@@ -81,16 +85,25 @@ export class Comparison {
         if (this.proposal) this.canvas.redraw();
       }, BLINK_MS);
     }
-    this.changed();
+    this.page.changed();
+  }
+
+  setOpacity(value) {
+    this.opacity = value;
+    this.canvas.redraw();
+  }
+
+  get pressed() {
+    return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
   }
 
   setKind(kind) {
     this.kind = kind;
-    this.changed();
+    this.page.changed();
   }
 
   /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
-  update(state, look) {
+  show(state, look) {
     const overlay = state.pending ? state.layers?.overlay : null;
     this.legends = overlay?.differences ?? null;
     if (overlay && this.mode === "difference") {
@@ -106,6 +119,10 @@ export class Comparison {
     this.chip.hidden = !overlay || !told;
     setText(this.chip, told ?? "");
     this.canvas.redraw();
+  }
+
+  hovered(answer) {
+    showBoth(answer);
   }
 
   /** Which difference is on the canvas. */
@@ -254,7 +271,7 @@ const COLUMNS = [
 ];
 
 /** Show the values of both under the pointer; `answer` without both hides them. */
-export function showBoth(answer) {
+function showBoth(answer) {
   const { shape: a, proposal: b } = answer ?? {};
   const box = byId("readout-both");
   const both = Boolean(a && b);

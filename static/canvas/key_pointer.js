@@ -1,4 +1,5 @@
-// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses and lets go.
+// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
+// and lets go.
 
 import { byId, make } from "/static/page/dom.js";
 

@@ -1,4 +1,5 @@
-// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as they are.
+// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
+// they are.
 
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
@@ -9,16 +10,29 @@ const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 const PLAIN = { map: "", low: 0, high: 1 };
 
-/** Keeps how each layer is looked at; `changed()` when pictures must be fetched anew. */
+/** Keeps how each layer is looked at. */
 export class Looking {
-  constructor(canvas, changed) {
-    this.canvas = canvas;
-    this.changed = changed;
+  name = "looking";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = {
+      look: () => this.toggle(),
+      turn_left_seen: () => this.turnBy(-1),
+      turn_right_seen: () => this.turnBy(1),
+      flip: () => this.flip(),
+      grid: () => {
+        this.grid = !this.grid;
+        this.canvas.redraw();
+        page.changed();
+      },
+    };
     this.settings = new Map(); // by layer or difference
     this.maps = {};
     this.open = false;
     this.grid = false;
-    canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
+    this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
     this.chip = make("button", {
       type: "button",
       class: "button small turned",
@@ -70,7 +84,7 @@ export class Looking {
 
   set(layer, change) {
     this.settings.set(layer, { ...this.of(layer), ...change });
-    this.changed();
+    this.page.changed();
   }
 
   /** How a layer is looked at, as part of an address. */
@@ -88,23 +102,27 @@ export class Looking {
     return { ...legend, low: at(low), high: at(high), colors: this.maps[map]?.colors ?? legend.colors };
   }
 
+  get pressed() {
+    return { look: this.open, grid: this.grid };
+  }
+
   reset() {
     this.settings.clear();
     this.grid = false;
     this.turn(0, false);
-    this.changed();
+    this.page.changed();
   }
 
   // --- the panel -------------------------------------------------------------------------------
 
   toggle() {
     this.open = !this.open;
-    this.changed();
+    this.page.changed();
     if (this.open) byId("look").querySelector("button")?.focus();
   }
 
-  /** Show the panel for a layer with its legend (null: it has no numbers); `button(name, sign)` makes that of an action. */
-  show(layer, legend, button, live) {
+  /** Show the panel for a layer with its legend (null: it has no numbers); */
+  show(layer, legend, live) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
@@ -112,7 +130,11 @@ export class Looking {
     const ramp = legend?.kind === "ramp";
     rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () =>
       [
-        make("div", { class: "looks" }, ...Object.entries(SIGNS).map(([name, sign]) => button(name, sign))),
+        make(
+          "div",
+          { class: "looks" },
+          ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign)),
+        ),
         make(
           "button",
           {
@@ -197,10 +219,8 @@ export class Looking {
     context.lineWidth = 1;
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "top";
-    for (const [along, from, across] of [
-      ["u", u, v],
-      ["v", v, u],
-    ]) {
+    for (const along of ["u", "v"]) {
+      const [from, across] = along === "u" ? [u, v] : [v, u];
       const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
       const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
       for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {

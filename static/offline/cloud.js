@@ -26,7 +26,10 @@ const POINTS = {
 };
 
 export class CloudView {
-  /** `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was clicked. */
+  /**
+   * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was
+   * clicked.
+   */
   constructor(canvas, marks, scene, pick) {
     this.canvas = canvas;
     this.marksCanvas = marks;

@@ -30,7 +30,10 @@ async function pixelsOf(png) {
   return context.getImageData(0, 0, image.width, image.height).data;
 }
 
-/** The pixels of the flattened cloth, each with its point in space. Pixel n of the cloth is pixel `at[n]` of the grid. */
+/**
+ * The pixels of the flattened cloth, each with its point in space. Pixel n of the cloth is pixel `at[n]` of
+ * the grid.
+ */
 class Cloth {
   constructor(history, arrays) {
     this.grid = history.grid;

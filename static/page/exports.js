@@ -2,6 +2,7 @@
 
 import { make, setText } from "/static/page/dom.js";
 
+/** @type {[string, string, string][]} */
 const KINDS = [
   [
     "page.html",

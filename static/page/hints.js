@@ -21,15 +21,22 @@ export function hint(state) {
         : `Laying ${angle(state.request.view_index)} on the shape.${area}`;
     case "deciding":
       if (state.pending.again && !state.pending.why)
-        return `${angle(state.pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it; Undo (U) leaves it as it was.${waiting}${area}`;
-      return `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or move it with the arrow keys.${waiting}${area}`;
+        return (
+          `${angle(state.pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it;` +
+          ` Undo (U) leaves it as it was.${waiting}${area}`
+        );
+      return (
+        `Is ${angle(state.pending.view_index)} in its place? Accept (A), Reject (R), Skip (K),` +
+        ` or move it with the arrow keys.${waiting}${area}`
+      );
     case "finished":
       return `Finished: ${state.finished} Click the cloth for a grasp point.${area}`;
     default:
       return state.start_view === null
         ? "Press Step (S): the start view is chosen and flattened."
         : state.n_later
-          ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow. Press Step (S) to go on.${area}`
+          ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow.` +
+            ` Press Step (S) to go on.${area}`
           : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
   }
 }

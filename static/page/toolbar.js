@@ -1,12 +1,12 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
 import { byId, make, rebuild, setAllowed } from "/static/page/dom.js";
-import { MODES } from "/static/canvas/compare.js";
 import { keyName } from "/static/page/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
 const PAGE = ["teach", "export", "settings", "palette", "help"];
+/** @type {[number, number][]} */
 const STEPS = [
   [0.5, 0.2],
   [1, 0.5],
@@ -45,12 +45,11 @@ export class Toolbar {
     this.buildOverlay();
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const button of document.querySelectorAll("[data-action]")) {
-      const action = actions.get(button.dataset.action);
+      const action = actions.get(button.getAttribute("data-action"));
       setAllowed(button, action.why_not, this.tip(action));
     }
-    this.setPressed("look", this.page.looking.open);
-    this.setPressed("grid", this.page.looking.grid);
-    this.setPressed("ruler", this.page.ruler.on);
+    for (const { pressed } of this.page.panels)
+      for (const [name, on] of Object.entries(pressed ?? {})) this.setPressed(name, on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.mode === "live") this.updateLive(state.live);
     else this.updateSession(state);
@@ -73,9 +72,7 @@ export class Toolbar {
     auto.setAttribute("aria-pressed", String(state.auto.running));
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
     showSteps(byId("increment"), state.settings);
-    for (const [name, mode] of Object.entries(MODES)) this.setPressed(name, mode === this.page.comparison.mode);
     this.page.comparison.showKinds(byId("difference-kinds"));
-    this.setPressed("diagnostics", this.page.diagnostics.open);
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       document
@@ -145,6 +142,7 @@ export class Toolbar {
 
   buildOverlay() {
     const page = this.page;
+    const setStep = (mm, deg) => page.send({ type: "set", step_mm: mm, step_deg: deg });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       page.comparison.buttons((name, title) => this.button(name, title)),
       make("div", {
@@ -169,7 +167,7 @@ export class Toolbar {
             step: 0.05,
             value: page.comparison.opacity,
             data: { id: "opacity" },
-            on: { input: (event) => page.setOpacity(Number(event.target.value)) },
+            on: { input: (event) => page.comparison.setOpacity(Number(event.target.value)) },
           }),
         ),
       ),
@@ -178,14 +176,16 @@ export class Toolbar {
         {
           class: "field",
           data: {
-            tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.",
+            tip:
+              "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It " +
+              "can also be dragged.",
           },
         },
         make("span", {}, "Arrows, [ ]"),
         make("select", {
           id: "increment",
           data: { id: "increment" },
-          on: { change: (event) => page.setStep(...STEPS[event.target.value]) },
+          on: { change: (event) => setStep(...STEPS[event.target.value]) },
         }),
       ),
     ]);

@@ -7,10 +7,13 @@ const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
 
 export class CapturePanel {
-  /** `handlers`: send(message), button(name) makes the button of an action, tip(action). */
-  constructor(handlers) {
-    this.handlers = handlers;
-    this.actions = [];
+  name = "capture";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
+    this.messages = { capture: (message) => page.state?.capture && this.take(message) };
+    this.table = []; // its actions as the server tells them
     this.status = null;
   }
 
@@ -20,8 +23,8 @@ export class CapturePanel {
     document.body.classList.toggle("has-camera", there);
     byId("capture").hidden = !there;
     if (!there) return;
-    this.actions = state.actions.filter((action) => action.name in ACTIONS);
-    document.querySelector(".on-air").dataset.tip = "What the camera sees now.";
+    this.table = state.actions.filter((action) => action.name in ACTIONS);
+    document.querySelector(".on-air").setAttribute("data-tip", "What the camera sees now.");
     this.take(state.capture);
   }
 
@@ -29,7 +32,7 @@ export class CapturePanel {
   take(status) {
     this.status = status;
     // These overtake the states, in which the table of actions comes.
-    for (const action of this.actions) action.why_not = status.why_not[action.name];
+    for (const action of this.table) action.why_not = status.why_not[action.name];
     rebuild(byId("capture"), [status.camera], () => this.parts(status));
     setText(byId("capture-rate"), status.ended ? "has ended" : `${number(status.camera_fps, 0)} frames/s`);
     this.showWarnings(status);
@@ -41,7 +44,7 @@ export class CapturePanel {
 
   /** Do what a key or a button of the table says. */
   do(name) {
-    this.handlers.send({ type: "capture", action: ACTIONS[name] });
+    this.page.send({ type: "capture", action: ACTIONS[name] });
   }
 
   parts(status) {
@@ -117,7 +120,7 @@ export class CapturePanel {
   }
 
   aim(angle) {
-    if (Number.isFinite(angle)) this.handlers.send({ type: "capture", action: "aim", angle_deg: angle });
+    if (Number.isFinite(angle)) this.page.send({ type: "capture", action: "aim", angle_deg: angle });
   }
 
   showButtons(status) {
@@ -125,7 +128,7 @@ export class CapturePanel {
     const idle = ["idle", "done"].includes(status.phase);
     byId("capture-buttons").hidden = status.ended !== null;
     rebuild(byId("capture-buttons"), [names, idle, status.phase === "done"], () => [
-      ...names.map((name) => this.handlers.button(name)),
+      ...names.map((name) => this.page.button(name)),
       idle
         ? plain(
             "capture-begin",
@@ -139,14 +142,14 @@ export class CapturePanel {
           ),
     ]);
     for (const button of byId("capture-buttons").querySelectorAll("[data-action]")) {
-      const action = this.actions.find((a) => a.name === button.dataset.action);
-      if (action) setAllowed(button, action.why_not, this.handlers.tip(action));
+      const action = this.table.find((a) => a.name === button.dataset.action);
+      if (action) setAllowed(button, action.why_not, this.page.tip(action.name));
       button.classList.toggle("primary", button.dataset.action === "capture_keep");
     }
   }
 
   send(action) {
-    this.handlers.send({ type: "capture", action });
+    this.page.send({ type: "capture", action });
   }
 }
 

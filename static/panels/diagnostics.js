@@ -10,10 +10,13 @@ const PLOTS = ["current", "new"];
 const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
 
-/** `send(message)` goes to the server, `changed()` when it is opened or closed. */
 export class Diagnostics {
-  constructor(canvas, send, changed) {
-    Object.assign(this, { canvas, send, changed });
+  name = "diagnostics";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = { diagnostics: () => this.toggle() };
     this.open = false;
     this.showsLines = true;
     this.showsEdges = false;
@@ -22,7 +25,7 @@ export class Diagnostics {
     this.marked = {}; // column (mm) of each plot
     this.panel = byId("diagnostics");
     this.build();
-    canvas.drawers.push((_, context) => this.paint(context));
+    this.canvas.drawers.push((_, context) => this.paint(context));
   }
 
   build() {
@@ -59,12 +62,16 @@ export class Diagnostics {
   toggle() {
     this.open = !this.open;
     if (!this.open && this.showsEdges) this.setEdges(false);
-    this.changed();
+    this.page.changed();
+  }
+
+  get pressed() {
+    return { diagnostics: this.open };
   }
 
   setEdges(on) {
     this.showsEdges = on;
-    this.send({ type: "edges", show: on });
+    this.page.send({ type: "edges", show: on });
     this.canvas.redraw();
   }
 
@@ -127,7 +134,8 @@ export class Diagnostics {
       }),
       box(
         `Strained edges${edges}`,
-        "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the canvas and in 3D",
+        "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
+          "canvas and in 3D",
         this.showsEdges,
         (on) => this.setEdges(on),
       ),
@@ -221,7 +229,8 @@ export class Diagnostics {
       const { u_mm: u, h, a_z_deg: a } = this.known[of];
       const at = nearest(u, marked[of]);
       const off = at < 0 || Math.abs(u[at] - marked[of]) > this.known[of].pixel_size_mm;
-      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`}`;
+      const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
+      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${values}`;
     });
     this.column.replaceChildren(...withSubscripts(told.join("  ·  ")));
     this.draw();

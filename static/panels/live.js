@@ -19,9 +19,18 @@ export function unpack(buffer) {
 }
 
 export class LiveBar {
-  /** `handlers`: send(message), drawn(frame, image or null). */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "live";
+
+  /** `drawn(frame, image or null)` draws a frame. */
+  constructor(page, drawn) {
+    this.page = page;
+    this.drawn = drawn;
+    this.actions = {
+      live_play: () => page.send({ type: "play", playing: !page.state.live.playing }),
+      live_back: () => page.send({ type: "play", step: -1 }),
+      live_forward: () => page.send({ type: "play", step: 1 }),
+      live_turn: () => page.send({ type: "play", forward: !page.state.live.forward }),
+    };
     this.frame = null;
     this.drawnAt = [];
     this.arrived = 0;
@@ -34,13 +43,14 @@ export class LiveBar {
     this.slider.addEventListener("pointerup", () => (this.dragging = false));
     this.slider.addEventListener("input", () => {
       this.showPlace(Number(this.slider.value));
-      this.handlers.send({ type: "play", frame: Number(this.slider.value) });
+      this.page.send({ type: "play", frame: Number(this.slider.value) });
     });
-    this.rate.addEventListener("change", () => this.handlers.send({ type: "play", fps: Number(this.rate.value) }));
+    this.rate.addEventListener("change", () => this.page.send({ type: "play", fps: Number(this.rate.value) }));
   }
 
   /** Take a state: what does not change with each frame. */
   update(state) {
+    if (!state.live) return;
     this.angles = state.views.map((view) => view.angle_deg);
     this.camera = state.capture?.camera ?? "";
     this.slider.max = String(this.angles.length - 1);
@@ -67,7 +77,7 @@ export class LiveBar {
       // Decoding may finish out of order: a change of layer overtakes the frame before it.
       if (arrival !== this.arrived) return;
       this.frame = about;
-      this.handlers.drawn(about, shown);
+      this.drawn(about, shown);
       this.count();
       if (!this.dragging) this.slider.value = String(about.view_index);
       this.showPlace(this.dragging ? Number(this.slider.value) : about.view_index);
@@ -86,6 +96,10 @@ export class LiveBar {
   get fps() {
     const span = this.drawnAt.at(-1) - this.drawnAt[0];
     return this.playing && span > 0 ? (1000 * (this.drawnAt.length - 1)) / span : null;
+  }
+
+  get status() {
+    return { frame: this.frame, fps: this.fps };
   }
 
   showPlace(index) {

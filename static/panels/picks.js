@@ -3,7 +3,40 @@
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { degrees, number, vector } from "/static/page/format.js";
 
-export function pickText(pick) {
+export class PicksPanel {
+  name = "picks";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { copy: () => this.copy() };
+  }
+
+  update(state) {
+    const send = (message) => this.page.send(message);
+    showPick(state, () => this.copy(), send);
+    showPicks(state, send);
+  }
+
+  async copy() {
+    const { pick } = this.page.state;
+    if (!pick) return this.page.notify("info", "There is no pick to copy; click the cloth first.");
+    const text = pickText(pick);
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch {
+      // Without https or permission there is only the old way.
+      const area = make("textarea", { class: "unseen", readonly: true }, text);
+      document.body.append(area);
+      area.select();
+      const done = document.execCommand("copy");
+      area.remove();
+      if (!done) return this.page.notify("warning", "The browser does not allow copying.");
+    }
+    this.page.notify("info", `Copied the numbers of ${pick.name}.`);
+  }
+}
+
+function pickText(pick) {
   return [
     `name\t${pick.name}`,
     `position_held_m\t${pick.position_held_m.map((x) => x.toFixed(5)).join(" ")}`,
@@ -49,7 +82,9 @@ function gripTools(pick, send) {
         {
           class: "field",
           data: {
-            tip: "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers close across it",
+            tip:
+              "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers " +
+              "close across it",
           },
         },
         make("span", {}, "Axis °"),
@@ -114,7 +149,7 @@ function gripTools(pick, send) {
   ];
 }
 
-export function showPick(state, copy, send) {
+function showPick(state, copy, send) {
   const pick = state.pick;
   rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
     if (!pick) {
@@ -182,7 +217,7 @@ export function showPick(state, copy, send) {
 }
 
 /** `send` goes to the server. */
-export function showPicks(state, send) {
+function showPicks(state, send) {
   rebuild(byId("picks"), [state.picks, state.pick?.id ?? null], () => [
     make(
       "div",

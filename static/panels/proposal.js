@@ -10,7 +10,17 @@ function unitless(name) {
   return [(unit ? words.slice(0, -1) : words).join(" "), unit ? ` ${unit}` : ""];
 }
 
-export function showProposal(state, send) {
+export class ProposalPanel {
+  constructor(page) {
+    this.page = page;
+  }
+
+  update(state) {
+    showProposal(state, (message) => this.page.send(message));
+  }
+}
+
+function showProposal(state, send) {
   const section = byId("proposal");
   const pending = state.pending;
   section.hidden = !pending;
@@ -98,7 +108,9 @@ export function showProposal(state, send) {
                   "aria-label": `${SOURCES[h.source]}, score ${number(h.score, 2)}`,
                   data: {
                     id: `place-${index}`,
-                    tip: `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.`,
+                    tip:
+                      `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}.` +
+                      " Click: lay it there.",
                   },
                   on: { click: () => send({ type: "choose", view_index: pending.view_index, index }) },
                 },

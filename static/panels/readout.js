@@ -3,6 +3,7 @@
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { degrees, hex, number, vector } from "/static/page/format.js";
 
+/** @type {[string, string, (values: any) => string][]} */
 const READOUT = [
   ["Pixel", "row, column", (a) => `${a.rc[0]}, ${a.rc[1]}`],
   ["u, v", "mm on the plane", (a) => `${vector(a.uv_mm)} mm`],
@@ -25,11 +26,18 @@ const READOUT = [
     "Quality",
     "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
     (a) =>
-      `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`,
+      `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ` +
+      `${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`,
   ],
 ];
 
-export function showReadout(answer) {
+export class Readout {
+  hovered(answer) {
+    showReadout(answer);
+  }
+}
+
+function showReadout(answer) {
   const list = byId("readout");
   if (!list.childElementCount) {
     list.append(

@@ -8,10 +8,24 @@ const SEEN_EVERY_MS = 60;
 const LEAST_GAIN = 0.005; // of the score
 
 export class Repair {
-  /** `handlers`: send(message), notify(level, text), button(name, title). `canvas` shows the markers. */
-  constructor(canvas, handlers) {
-    this.canvas = canvas;
-    this.handlers = handlers;
+  name = "repair";
+
+  /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not told yet. */
+  constructor(page, nudges) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = {
+      pairs: () => this.toggle(),
+      fit_pairs: () => {
+        nudges.flush();
+        this.sendPairs(true);
+      },
+      refine: () => {
+        nudges.flush();
+        page.send({ type: "refine", view_index: this.view });
+      },
+    };
+    this.messages = { preview: (message) => this.takePreview(message), pairs: (message) => this.takePairs(message) };
     this.picking = false;
     this.view = null; // the view that the pairs are about
     this.pairs = []; // {own: [u, v] in the proposal's own plane, shape: [u, v] or null, weight}
@@ -20,8 +34,8 @@ export class Repair {
     this.asked = 0;
     this.answered = 0;
     this.wanted = null;
-    canvas.tools.push(this);
-    canvas.drawers.push((_, context, style) => this.draw(context, style));
+    this.canvas.tools.push(this);
+    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
   update(state) {
@@ -34,8 +48,8 @@ export class Repair {
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
     rebuild(byId("repair-tools"), ["repair"], () => [
-      this.handlers.button("pairs"),
-      this.handlers.button("refine", "Refine"),
+      this.page.button("pairs"),
+      this.page.button("refine", "Refine"),
     ]);
     for (const name of ["pairs", "refine"]) {
       byId("repair-tools")
@@ -66,7 +80,7 @@ export class Repair {
             },
             on: {
               click: () =>
-                piece.chosen || this.handlers.send({ type: "take_part", view_index, component: piece.component }),
+                piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
             },
           },
           `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`,
@@ -76,8 +90,8 @@ export class Repair {
   }
 
   /** The proposal is drawn anew where the server has moved it: its fit and residuals are others now. */
-  moved() {
-    this.ask({ theta: 0, u: 0, v: 0 });
+  placed() {
+    this.moving({ theta: 0, u: 0, v: 0 });
     this.askResiduals();
   }
 
@@ -91,7 +105,7 @@ export class Repair {
   // --- how it fits -----------------------------------------------------------------------------
 
   /** Ask how the proposal would fit, moved by `by`; while an answer is on its way only the newest is kept. */
-  ask(by) {
+  moving(by) {
     this.wanted = { ...by };
     if (this.asked === this.answered) this.sendWanted();
   }
@@ -101,7 +115,7 @@ export class Repair {
     const { theta, u, v } = this.wanted;
     this.wanted = null;
     this.asked += 1;
-    const sent = this.handlers.send({
+    const sent = this.page.send({
       type: "preview",
       id: this.asked,
       view_index: this.view,
@@ -125,12 +139,15 @@ export class Repair {
     setText(
       byId("fit-here"),
       message.why ??
-        `Here ${here}. ${message.reached_score - message.score < LEAST_GAIN ? "Refining gains nothing." : `Refined from here: ${reached}.`}`,
+        `Here ${here}. ` +
+          (message.reached_score - message.score < LEAST_GAIN
+            ? "Refining gains nothing."
+            : `Refined from here: ${reached}.`),
     );
   }
 
   /** After a lost connection nobody answers any more. */
-  forget() {
+  reconnected() {
     this.answered = this.asked;
     this.wanted = null;
   }
@@ -140,10 +157,21 @@ export class Repair {
   toggle() {
     this.picking = !this.picking;
     this.canvas.redraw();
+    this.page.changed();
+  }
+
+  escape() {
+    if (!this.picking) return false;
+    this.toggle();
+    return true;
+  }
+
+  get status() {
+    return { ends: this.ends().map(({ x, y }) => [x, y]) };
   }
 
   /** A click on the plane; returns whether it was meant for a pair. */
-  takesClick(u, v) {
+  click(u, v) {
     if (!this.picking || this.view === null) return false;
     const open = this.pairs.at(-1);
     if (open && !open.shape) {
@@ -153,7 +181,7 @@ export class Repair {
       this.pairs.push({ own: this.toOwn(u, v), shape: null, weight: 1 });
       this.fit = null;
     } else {
-      this.handlers.notify("info", "Click a point on the proposal first, then where it belongs on the shape.");
+      this.page.notify("info", "Click a point on the proposal first, then where it belongs on the shape.");
     }
     this.showPairs();
     this.canvas.redraw();
@@ -173,10 +201,6 @@ export class Repair {
     this.canvas.redraw();
   }
 
-  fitNow() {
-    this.sendPairs(true);
-  }
-
   askResiduals() {
     if (this.whole().length > 1) this.sendPairs(false);
   }
@@ -184,7 +208,7 @@ export class Repair {
   sendPairs(fit) {
     if (this.view === null) return;
     const whole = this.whole();
-    this.handlers.send({
+    this.page.send({
       type: "pairs",
       view_index: this.view,
       fit,
@@ -218,10 +242,7 @@ export class Repair {
             ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i)))
             : null,
           enough
-            ? this.handlers.button(
-                "fit_pairs",
-                this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs",
-              )
+            ? this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs")
             : null,
         ].filter(Boolean),
     );
@@ -362,6 +383,7 @@ export class Repair {
   }
 }
 
+/** @returns {[number, number]} */
 function turned(x, y, theta, u, v) {
   const [c, s] = [Math.cos(theta), Math.sin(theta)];
   return [c * x - s * y + u, s * x + c * y + v];

@@ -2,16 +2,19 @@
 
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
+import { chosenTheme, setTheme } from "/static/page/theme.js";
 
 const THEMES = { "": "As the system", light: "Light", dark: "Dark" };
 
 export class SettingsSheet {
-  /** `handlers`: send(message), theme() and setTheme(name), "" being the system's. */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "settings";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { settings: () => this.open() };
     byId("settings-reset").addEventListener("click", () => {
-      handlers.send({ type: "set", reset: true });
-      handlers.setTheme("");
+      page.send({ type: "set", reset: true });
+      setTheme("");
       this.show();
     });
   }
@@ -29,7 +32,7 @@ export class SettingsSheet {
 
   show() {
     const rows = Object.values(this.settings);
-    const theme = this.handlers.theme();
+    const theme = chosenTheme();
     byId("settings-reset").setAttribute("aria-disabled", String(!theme && rows.every((s) => s.value === s.default)));
     rebuild(byId("settings-body"), [rows, theme], () => [
       ...rows.flatMap((s) => this.row(s)),
@@ -39,7 +42,7 @@ export class SettingsSheet {
 
   row(setting) {
     const { name, title, description, value } = setting;
-    const set = (next) => this.handlers.send({ type: "set", [name]: next });
+    const set = (next) => this.page.send({ type: "set", [name]: next });
     const id = `setting-${name}`;
     const field =
       setting.low === null
@@ -81,7 +84,7 @@ export class SettingsSheet {
   themeRow(theme) {
     const id = "setting-theme";
     const change = (name) => {
-      this.handlers.setTheme(name);
+      setTheme(name);
       this.show();
     };
     const field = make(

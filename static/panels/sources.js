@@ -17,9 +17,11 @@ const HIDDEN = {
 };
 
 export class SourcePanel {
-  /** `handlers`: button(action, title), tip(action). */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "sources";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { source_image: () => this.fold(), source_mask: () => this.toggleMask() };
     this.panel = byId("sources");
     this.folded = localStorage.getItem(FOLDED) === "yes";
     this.masked = localStorage.getItem(MASKED) !== "no";
@@ -38,7 +40,7 @@ export class SourcePanel {
   }
 
   /** What a hover read-out is asked for besides. */
-  get asked() {
+  asksHover() {
     return this.panel.hidden || this.folded || this.view === null ? {} : { view: this.view };
   }
 
@@ -53,8 +55,8 @@ export class SourcePanel {
   }
 
   /** Mark the pixel that shows what is under the pointer on the flattened view. */
-  mark(source) {
-    this.at = source ?? null;
+  hovered(answer) {
+    this.at = answer?.source ?? null;
     this.draw();
   }
 
@@ -94,7 +96,7 @@ export class SourcePanel {
 
   show() {
     this.panel.classList.toggle("folded", this.folded);
-    const button = this.handlers.button;
+    const button = (name, title) => this.page.button(name, title);
     rebuild(this.panel, ["frame", this.folded], () => {
       if (this.folded) return [this.tipped(button("source_image"), "source_image")];
       const back = make("button", {
@@ -128,7 +130,7 @@ export class SourcePanel {
 
   tipped(element, action) {
     element.classList.add("small");
-    element.dataset.tip = this.handlers.tip(action);
+    element.dataset.tip = this.page.tip(action);
     return element;
   }
 
@@ -183,6 +185,7 @@ export class SourcePanel {
     const fetched = async () => {
       const answer = await fetch(address);
       if (!answer.ok) throw new Error(await answer.text());
+      /** @type {any} */
       const image = await createImageBitmap(await answer.blob());
       if (address.endsWith(".png")) image.box = boxOfItem(image);
       this.images.set(address, image);

@@ -84,7 +84,12 @@ export function boxOfPoints(points) {
 /** From a pane's own units to CSS pixels; both directions may have scales of their own. */
 class PaneMap {
   constructor(key, rect, scaleX, scaleY, x, y) {
-    Object.assign(this, { key, rect, scaleX, scaleY, x, y });
+    this.key = key;
+    this.rect = rect;
+    this.scaleX = scaleX;
+    this.scaleY = scaleY;
+    this.x = x;
+    this.y = y;
   }
 
   at(u, v) {

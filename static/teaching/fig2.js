@@ -17,6 +17,7 @@ import {
   statePane,
   threeDigits,
 } from "/static/teaching/states.js";
+import { fillTriangles, trianglePairs } from "/static/teaching/triangles.js";
 
 const DETAIL = 3.2; // how much larger the detail is drawn, at least
 
@@ -158,6 +159,18 @@ const P = (below) => sub("P", below);
 const pair = () => row(sub("n", "1"), sub("n", "2"));
 const D = ["sampling_interval_px"];
 
+function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
+  const level = lesson.levels.at(-1);
+  const points = level.states.at(-1);
+  const sides = trianglePairs(lesson, level);
+  withDetail(sheet, rect, "mesh", "The plane", boxOfPoints(points), ui, (map, size) => {
+    fillTriangles(sheet, map, points, lesson, level);
+    sheet.segments(map, points, sides, sheet.color.accent, size === 1 ? 0.6 : 1.4);
+    if (size > 1) sheet.dots(map, points, 2.6, sheet.color.text);
+    sheet.scaleBar(map);
+  });
+}
+
 export const FLATTENING_STAGES = [
   {
     name: "Sampling",
@@ -167,8 +180,10 @@ export const FLATTENING_STAGES = [
     probe: "image",
     start: detailStart,
     text: [
-      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the cloth, along rows and columns, becomes a sample.",
-      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of cloth lose their samples first.",
+      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the " +
+        "cloth, along rows and columns, becomes a sample.",
+      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of " +
+        "cloth lose their samples first.",
     ],
     math: () => [
       equation(P("n"), "=", "D", "(", sub("i", "n"), ",", sub("j", "n"), ")"),
@@ -198,8 +213,11 @@ export const FLATTENING_STAGES = [
     probe: "image",
     start: detailStart,
     text: [
-      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible cloth (B = 1).",
-      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, would be wrong: it is not used (B = 0).",
+      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible " +
+        "cloth (B = 1).",
+      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about " +
+        "the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, " +
+        "would be wrong: it is not used (B = 0).",
     ],
     math: () => [
       equation(
@@ -243,7 +261,8 @@ export const FLATTENING_STAGES = [
     parameters: D,
     text: [
       "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
-      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be pushed apart.",
+      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be " +
+        "pushed apart.",
     ],
     math: () => [
       equation("(", sub("u", "n"), ",", sub("v", "n"), ")", "=", "s", "(", sub("j", "n"), ",", sub("i", "n"), ")"),
@@ -252,7 +271,7 @@ export const FLATTENING_STAGES = [
     facts: ({ flattening: f }) => {
       const level = f.levels[0];
       const strain = strains(level, level.states[0]);
-      const short = strain.reduce((n, s) => n + (s < -0.01), 0) / Math.max(1, strain.length);
+      const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
       return [
         ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
         ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
@@ -287,7 +306,8 @@ export const FLATTENING_STAGES = [
     parameters: D,
     plays: ({ flattening: f }) => f.levels[0].states.length - 1,
     text: [
-      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares of all errors of length; every iteration lowers it.",
+      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares " +
+        "of all errors of length; every iteration lowers it.",
       "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
     ],
     math: () => [
@@ -324,7 +344,8 @@ export const FLATTENING_STAGES = [
     parameters: D,
     plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
     text: [
-      "Now with samples at half the interval. The coarse result carries each of them to its place, and the same minimisation goes on from there.",
+      "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
+        "same minimisation goes on from there.",
       "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
     ],
     math: () => [
@@ -355,8 +376,10 @@ export const FLATTENING_STAGES = [
       return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
     },
     text: [
-      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, there is no triangle.",
-      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells where to look in the image.",
+      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
+        "there is no triangle.",
+      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells " +
+        "where to look in the image.",
     ],
     math: () => [
       equation(
@@ -394,7 +417,8 @@ export const FLATTENING_STAGES = [
     layers: FLAT_LAYERS,
     text: [
       "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
-      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same cloth in the image: this is how a click on the flat shape becomes a grasp point.",
+      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same " +
+        "cloth in the image: this is how a click on the flat shape becomes a grasp point.",
     ],
     math: () => [
       equation(
@@ -431,45 +455,3 @@ export const FLATTENING_STAGES = [
     draw: drawFlattened,
   },
 ];
-
-function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
-  const level = lesson.levels.at(-1);
-  const points = level.states.at(-1);
-  const sides = trianglePairs(lesson, level);
-  withDetail(sheet, rect, "mesh", "The plane", boxOfPoints(points), ui, (map, size) => {
-    fillTriangles(sheet, map, points, lesson, level);
-    sheet.segments(map, points, sides, sheet.color.accent, size === 1 ? 0.6 : 1.4);
-    if (size > 1) sheet.dots(map, points, 2.6, sheet.color.text);
-    sheet.scaleBar(map);
-  });
-}
-
-function trianglePairs(lesson, level) {
-  const triangles = lesson.array.triangles;
-  const pairs = new Int32Array(2 * triangles.length);
-  for (let i = 0; i < triangles.length; i += 3) {
-    const [a, b, c] = [0, 1, 2].map((k) => level.local[triangles[i + k]]);
-    pairs.set([a, b, b, c, c, a], 2 * i);
-  }
-  return pairs;
-}
-
-function fillTriangles(sheet, map, points, lesson, level) {
-  const context = sheet.context;
-  const triangles = lesson.array.triangles;
-  context.beginPath();
-  for (let i = 0; i < triangles.length; i += 3) {
-    for (let k = 0; k < 3; k++) {
-      const p = 2 * level.local[triangles[i + k]];
-      const place = map.at(points[p], points[p + 1]);
-      if (k === 0) context.moveTo(...place);
-      else context.lineTo(...place);
-    }
-    context.closePath();
-  }
-  context.save();
-  context.globalAlpha = 0.14;
-  context.fillStyle = sheet.color.accent;
-  context.fill();
-  context.restore();
-}

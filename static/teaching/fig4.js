@@ -38,7 +38,8 @@ export const EXTENDING_STAGES = [
     probe: "z",
     start: angleStart,
     text: [
-      "How far is the cloth turned away from the camera, about the vertical? The Z-angle of a normal is 0° towards the camera, negative to the left, positive to the right (x points to the camera, z up).",
+      "How far is the cloth turned away from the camera, about the vertical? The Z-angle of a normal is 0° " +
+        "towards the camera, negative to the left, positive to the right (x points to the camera, z up).",
       "Steep cloth is measured badly. Pixels beyond the limit A_w are grey and do not count from here on.",
     ],
     math: () => [
@@ -76,7 +77,8 @@ export const EXTENDING_STAGES = [
     start: angleStart,
     text: [
       "Column by column: h(u) counts the pixels within the limit, A_z(u) is their mean Z-angle.",
-      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z tells where around the item a column lies.",
+      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z tells where around " +
+        "the item a column lies.",
     ],
     math: () => [
       equation("h", "(", "u", ")", "=", "#", "{", "v", ":", "|", a(), "|", "<", A("w"), "}"),
@@ -96,8 +98,10 @@ export const EXTENDING_STAGES = [
     part: "planning",
     parameters: ALL,
     text: [
-      "A larger turn shows more hidden cloth; but the next view must overlap this one by S_0. Columns are counted from the occluding edge until their area exceeds S_0: at u_b, with the Z-angle A_0.",
-      "The turn that brings u_b just to the limit is the largest that keeps this overlap; it is held to 10 to 50°. Of the recorded views, the largest turn up to A is taken.",
+      "A larger turn shows more hidden cloth; but the next view must overlap this one by S_0. Columns are " +
+        "counted from the occluding edge until their area exceeds S_0: at u_b, with the Z-angle A_0.",
+      "The turn that brings u_b just to the limit is the largest that keeps this overlap; it is held to 10 to " +
+        "50°. Of the recorded views, the largest turn up to A is taken.",
     ],
     math: ({ planning: p }) => [
       equation(
@@ -141,7 +145,8 @@ export const EXTENDING_STAGES = [
     parameters: ALL,
     text: [
       "The item is turned by A, and the new view is flattened by the same stages 1 to 7.",
-      "It shows cloth that was hidden, and cloth that both views show. Its place on the plane is still unknown: each view has a plane of its own.",
+      "It shows cloth that was hidden, and cloth that both views show. Its place on the plane is still " +
+        "unknown: each view has a plane of its own.",
     ],
     math: () => [
       equation(sup("x", "′"), "=", "c", "+", "R", "(", "k", ",", "A", ")", "(", "x", "−", "c", ")"),
@@ -167,8 +172,10 @@ export const EXTENDING_STAGES = [
     part: "alignment",
     parameters: ALL,
     text: [
-      "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw the range that they share (shaded).",
-      "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the same height z on both lines gives a pair of points.",
+      "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw " +
+        "the range that they share (shaded).",
+      "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the " +
+        "same height z on both lines gives a pair of points.",
     ],
     math: () => [equation(A("m"), "=", words("middle of "), Az("0"), "∩", "(", Az("1"), "−", "A", ")")],
     facts: ({ alignment: a }) =>
@@ -197,7 +204,8 @@ export const EXTENDING_STAGES = [
     parameters: ALL,
     text: [
       "Line on line and point on point: that fixes one turn θ and one shift t, the initial estimate.",
-      "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band has no clear axis.",
+      "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band " +
+        "has no clear axis.",
     ],
     math: () => [
       equation("R", "(", "θ", ")", sup("d", "1"), "=", sup("d", "0"), words(" (directions)")),
@@ -232,8 +240,10 @@ export const EXTENDING_STAGES = [
     parameters: ALL,
     plays: ({ alignment: a }) => a.search.motions.length - 1,
     text: [
-      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I and height z should agree; ρ limits what one bad pixel can do.",
-      "First a coarse grid; its best places (rings) are followed in finer and finer steps. The best one is proposed to the operator.",
+      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I " +
+        "and height z should agree; ρ limits what one bad pixel can do.",
+      "First a coarse grid; its best places (rings) are followed in finer and finer steps. The best one is " +
+        "proposed to the operator.",
     ],
     math: () => [
       equation("T", "=", words("arg min "), sum("p"), "ρ", "(", "Δ", "I", ")", "+", "ρ", "(", "Δ", "z", ")"),
@@ -254,8 +264,10 @@ export const EXTENDING_STAGES = [
     part: "alignment",
     parameters: ALL,
     text: [
-      "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
-      "The plane is that of the new view from now on, and it begins again with stage 8, until no occluding edge is left.",
+      "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new " +
+        "view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
+      "The plane is that of the new view from now on, and it begins again with stage 8, until no occluding " +
+        "edge is left.",
     ],
     math: () => [
       equation(

@@ -5,6 +5,7 @@ import { keyName, number } from "/static/page/format.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
 
+/** @type {[string, any[]][]} */
 const GROUPS = [
   ["Flattening one view", FLATTENING_STAGES],
   ["Adding the next view", EXTENDING_STAGES],

@@ -40,7 +40,9 @@ export class Plot {
     this.sheet = sheet;
     this.log = log;
     this.inner = inset(rect, 3.9 * em, 1.9 * em, y2 ? 3.7 * em : 0.8 * em, (xAxis ? 3.1 : 0.6) * em);
-    Object.assign(this, { x, y, y2 });
+    this.x = x;
+    this.y = y;
+    this.y2 = y2;
     this.axes({ xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis });
   }
 

@@ -180,7 +180,7 @@ export function zAngleFacts(lessons, ui) {
     if (a === UNKNOWN_ANGLE) continue;
     [low, high] = [Math.min(low, a), Math.max(high, a)];
     known += 1;
-    within += Math.abs(a) < limit;
+    if (Math.abs(a) < limit) within += 1;
   }
   return [
     ["Z-angles", `${degrees(low, 0)} to ${degrees(high, 0)}`],

@@ -4,13 +4,13 @@ import { byId, make, setAllowed, setText } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
 import { action, makeFrame, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
 const PARTS = ["flattening", "planning", "alignment"];
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
-const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
@@ -26,6 +26,10 @@ export class Teaching {
     this.probe = null; // where the learner points: {at, moved, lesson}
     this.drawn = 0;
     this.root = null;
+    /** @type {any[]} what lies behind it */
+    this.behind = [];
+    /** @type {any} what had the focus */
+    this.opener = null;
   }
 
   get open() {
@@ -74,7 +78,8 @@ export class Teaching {
     if (!this.root) this.build();
     this.opener = document.activeElement;
     this.behind = [...document.body.children].filter(
-      (e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+      (/** @type {any} */ e) =>
+        e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
     );
     for (const element of this.behind) element.inert = true;
     this.root.hidden = false;
@@ -162,6 +167,7 @@ export class Teaching {
     if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
     this.abort(part);
     const abort = new AbortController();
+    /** @type {any} */
     const entry = (this.lessons[part] = { key, lesson: before?.lesson ?? null, error: null, abort, progress: null });
     entry.promise = (async () => {
       try {
@@ -248,7 +254,7 @@ export class Teaching {
     });
     this.root = makeFrame(this);
     document.body.append(this.root);
-    this.root.addEventListener("keydown", (event) => this.onKey(event));
+    this.root.addEventListener("keydown", (event) => onKey(this, event));
     new ResizeObserver(() => this.open && this.draw()).observe(this.canvas.parentElement);
     onTheme(() => this.open && this.redraw());
   }
@@ -383,10 +389,9 @@ export class Teaching {
       );
     }
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
-    this.canvas.setAttribute(
-      "aria-label",
-      `${STAGES[this.at].name}. ${facts.map(([name, value]) => `${name}: ${value}`).join("; ")}.${STAGES[this.at].probe ? " The arrow keys move the pointer." : ""}`,
-    );
+    const { name: title, probe } = STAGES[this.at];
+    const told = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
+    this.canvas.setAttribute("aria-label", `${title}. ${told}.${probe ? " The arrow keys move the pointer." : ""}`);
   }
 
   showSliders(stage) {
@@ -448,38 +453,5 @@ export class Teaching {
     this.lessons[part] = { ...this.lessons[part], key: null, error: null };
     this.load();
     this.update();
-  }
-
-  // --- keys that belong to a part of the page rather than to an action ---------------------------
-
-  onKey(event) {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input")) return;
-    const side = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-    if (!side) return;
-    const stage = STAGES[this.at];
-    if (event.target === this.canvas && stage.probe) this.moveProbe(side, event.shiftKey ? 5 : 1);
-    else if (event.target.matches(".teaching-text") && side[1])
-      return; // it scrolls
-    else if (side[0]) this.takes(side[0] > 0 ? "teach_next" : "teach_back");
-    else if (event.target.matches(".teaching-stage")) this.moveInList(event.target, side[1]);
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
-  }
-
-  moveProbe([right, down], times) {
-    const pane = this.sheet.panes.find((p) => p.map.key === STAGES[this.at].probe);
-    if (!pane) return;
-    const { rect, scaleX, scaleY } = pane.map;
-    const step = times * PROBE_STEP * Math.min(rect.w, rect.h);
-    const [u, v] = this.ui.at;
-    this.probe = { at: [u + (right * step) / scaleX, v + (down * step) / scaleY], moved: true };
-    this.update();
-  }
-
-  moveInList(button, by) {
-    const all = [...this.root.querySelectorAll(".teaching-stage")];
-    const next = all[Math.min(all.length - 1, Math.max(0, all.indexOf(button) + by))];
-    next.focus();
   }
 }
