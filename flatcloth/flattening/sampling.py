@@ -1,7 +1,7 @@
 """Sample points of a surface and the pairs of neighbours between them (paper, section 3).
 
-Points lie on a grid of interval d in the depth image. Two of them make a pair (B = 1) if they are
-neighbours on the grid, diagonals included, and the straight pixel path between them never leaves
+Points lie on a grid of interval d in the depth image. Two points are a pair (B = 1) if they are
+neighbours on the grid, diagonals included, and the straight pixel path between them neither leaves
 the surface nor crosses a depth jump.
 """
 
@@ -72,9 +72,9 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
 
 
 def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tuple[Float64, Float64, Bool]:
-    """Return points (N, 3), normals (N, 3), camera frame, at places (N, 2) of the image; which are known.
+    """Return points (N, 3) and normals (N, 3), camera frame, at image positions (N, 2), and their validity.
 
-    Each comes from a quadratic fit around the nearest pixel, read at the place itself.
+    Each is the value at the position of a quadratic fit around the nearest pixel.
     """
     pixel = np.rint(rc).astype(np.int32)
     radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
@@ -102,7 +102,7 @@ def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tupl
 
 
 def pairs_on_surface(rc: Int32, reach_px: float, surface: Surface) -> Int32:
-    """Return the pairs (M, 2) of pixels within reach whose straight path stays on the surface."""
+    """Return the pairs (M, 2) of pixels within ``reach_px`` whose straight path stays on the surface."""
     if len(rc) < 2:
         return np.zeros((0, 2), dtype=np.int32)
     pairs = cKDTree(rc).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
@@ -116,9 +116,9 @@ def lengths_along_surface(
 ) -> tuple[Int32, Float64]:
     """Return the pairs that are kept and their lengths along the surface, from chord and tangent planes.
 
-    A cubic that leaves its chord at the slopes a and b is longer by the share
-    ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which takes the chord). Pairs whose
-    chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they cut a fold short.
+    A cubic that leaves its chord with the slopes a and b is longer than the chord by the share
+    ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which uses the chord). Pairs whose
+    chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they bridge a fold.
     """
     chord = points[edges[:, 1]] - points[edges[:, 0]]
     length = np.linalg.norm(chord, axis=1)
@@ -132,7 +132,7 @@ def lengths_along_surface(
 
 @njit(cache=True, nogil=True)
 def path_on_surface(usable: Bool, steps: NDArray[np.uint8], rc: Int32, pairs: Int32) -> Bool:
-    """Tell for each pair whether the straight pixel path between its points stays on one layer."""
+    """Return for each pair whether the straight pixel path between its points stays on one layer."""
     result = np.zeros(pairs.shape[0], dtype=np.bool_)
     for n in range(pairs.shape[0]):
         r, c = rc[pairs[n, 0], 0], rc[pairs[n, 0], 1]
@@ -141,7 +141,7 @@ def path_on_surface(usable: Bool, steps: NDArray[np.uint8], rc: Int32, pairs: In
         sr, sc = (1 if r1 > r else -1), (1 if c1 > c else -1)
         error = dc - dr
         good = True
-        # Four-connected walk: of the two possible steps the one that stays nearer to the line.
+        # Four-connected walk: take the one of the two possible steps that stays nearer to the line.
         while good and (r != r1 or c != c1):
             if c != c1 and (r == r1 or error > 0):
                 left = c if sc > 0 else c - 1

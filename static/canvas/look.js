@@ -224,6 +224,7 @@ export class Looking {
       const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
       const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
       for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {
+        /** @type {any} */
         const ends = across.map((c) => (along === "u" ? at.toPane(n * gap, c) : at.toPane(c, n * gap)));
         this.gridLine(context, style, ends, n === 0);
         this.gridLabel(context, style, ends, `${Math.round((n * mm) / 10)} cm`, steep);

@@ -44,7 +44,8 @@ function build() {
   return { dialog, buttons };
 }
 
-async function save(button, [file, title], notify, name) {
+async function save(button, kind, notify, name) {
+  const [file, title] = kind;
   if (button.getAttribute("aria-busy") === "true") return;
   button.setAttribute("aria-busy", "true");
   setText(button, "Preparing …");

@@ -75,7 +75,8 @@ export class Repair {
             data: {
               id: `piece-${piece.component}`,
               tip: piece.waits
-                ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand."
+                ? "Nothing connects this part to the shape yet; it floats until something does.\n" +
+                  "Click: place it by hand."
                 : "Place this part of the view.",
             },
             on: {

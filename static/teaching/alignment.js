@@ -3,7 +3,8 @@
 import { degrees, number } from "/static/page/format.js";
 import { boxOf, union } from "/static/canvas/geometry.js";
 import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { cm2, imageBox } from "/static/teaching/fig2.js";
+import { imageBox } from "/static/teaching/detail.js";
+import { cm2 } from "/static/teaching/fig2.js";
 import { mm } from "/static/teaching/states.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";

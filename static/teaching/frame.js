@@ -207,3 +207,30 @@ export function symbols(text) {
     return found ? make("span", {}, make("i", {}, found[1]), make("sub", {}, found[2])) : piece;
   });
 }
+
+/** The layers of a stage that has several to show. */
+export function showLayers(teaching, stage) {
+  const box = byId("teaching-layers");
+  box.hidden = !stage.layers;
+  box.replaceChildren(
+    ...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button",
+          "aria-pressed": String(layer === teaching.ui.layer),
+          on: {
+            click: () => {
+              teaching.ui.layer = layer;
+              for (const other of box.children)
+                other.setAttribute("aria-pressed", String(other.textContent === title));
+              teaching.update();
+            },
+          },
+        },
+        title,
+      ),
+    ),
+  );
+}

@@ -3,7 +3,7 @@
 import { byId, make, setAllowed, setText } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
-import { action, makeFrame, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { action, makeFrame, showLayers, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
 import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
@@ -292,33 +292,7 @@ export class Teaching {
     }
     byId("teaching-next").classList.toggle("primary", this.at < STAGES.length - 1);
     this.canvas.tabIndex = stage.probe ? 0 : -1;
-    this.showLayers(stage);
-  }
-
-  showLayers(stage) {
-    const box = byId("teaching-layers");
-    box.hidden = !stage.layers;
-    box.replaceChildren(
-      ...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
-        make(
-          "button",
-          {
-            type: "button",
-            class: "button",
-            "aria-pressed": String(layer === this.ui.layer),
-            on: {
-              click: () => {
-                this.ui.layer = layer;
-                for (const other of box.children)
-                  other.setAttribute("aria-pressed", String(other.textContent === title));
-                this.update();
-              },
-            },
-          },
-          title,
-        ),
-      ),
-    );
+    showLayers(this, stage);
   }
 
   /** What changes with the lessons, the parameters, the time and the probe. */

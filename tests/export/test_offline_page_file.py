@@ -164,7 +164,7 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
 def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> None:
     script = parts.one("script", type="module")[1]
     ids = {attributes.get("id") for _, attributes, _ in parts.found}
-    asked = set(re.findall(r'\$\("([\w-]+)"\)', script))
+    asked = set(re.findall(r'byId\("([\w-]+)"\)', script[script.index("module_offline") :]))
     assert asked
     assert asked <= ids
     assert {"canvas", "stage"} <= ids  # asked for by the canvas that the operator page has too
