@@ -1,6 +1,6 @@
 // The elements of the teaching mode, made once: bar, stages, drawing, words, sliders, and the way on.
 
-import { make, setAllowed } from "/static/page/dom.js";
+import { byId, make, setAllowed } from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
