@@ -168,7 +168,7 @@ def run(options: Options) -> None:
         weights = learned_weights(laid)
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
         config = replace(config, confidence_weights=tuple(float(w) for w in weights))
-    scored = np.array([confidence_of(p.parts, config) for p in laid])
+    scored = np.array([confidence_of(p.parts) for p in laid])
     error = np.array([p.error_m for p in laid])
     right, wrong = scored[error <= RIGHT_M], scored[error >= WRONG_M]
     figures = {

@@ -94,10 +94,10 @@ def measured(
         surface = integration.flattening(view).surface
         angle = surface.frame.angle_deg + random.normal(0.0, spoiling.angle_deg)
         surfaces.append(replace(surface, frame=replace(surface.frame, angle_deg=angle)))
-    scans = [scan(surface, CONFIG) for surface in surfaces]  # once unmeasured: compiles
+    scans = [scan(surface) for surface in surfaces]  # once unmeasured: compiles
     register_all(scans[:3], axis, integration.held_point_m, CONFIG)
     started = time.perf_counter()
-    scans = [scan(surface, CONFIG) for surface in surfaces]
+    scans = [scan(surface) for surface in surfaces]
     scanned = time.perf_counter()
     found = register_all(scans, axis, integration.held_point_m, CONFIG)
     ended = time.perf_counter()

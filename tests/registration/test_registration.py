@@ -13,7 +13,7 @@ ANGLES = (0.0, 20.0, 340.0)
 
 
 def scans_of(made: Integration, views: tuple[int, ...]) -> list[Scan]:
-    return [scan(made.flattening(view).surface, made.config.registration) for view in views]
+    return [scan(made.flattening(view).surface) for view in views]
 
 
 def registered(made: Integration, views: tuple[int, ...] = (0, 1, 2)) -> Registered:

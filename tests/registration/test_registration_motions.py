@@ -103,7 +103,7 @@ def scans_of(
             color = color * lit(depth)[..., None]
         depth = spoiled(depth, n)
         shown = frame(depth, np.isfinite(depth), np.clip(color, 0, 255), n, angle)
-        found.append(scan(observe_surface(shown, AXIS, SurfaceConfig()), CONFIG))
+        found.append(scan(observe_surface(shown, AXIS, SurfaceConfig())))
     return found
 
 
@@ -295,7 +295,7 @@ def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_a_scan_still() -> No
     at = np.argwhere(whole.usable)[1000]
     usable = np.zeros_like(whole.usable)
     usable[at[0], at[1]] = True
-    few = scan(replace(whole, usable=usable), replace(CONFIG, points_per_view=1))
+    few = scan(replace(whole, usable=usable))
     assert len(few.points_m) == 1
     found = register_all([few, *scans_of(angles=(0.0,))], AXIS, HELD_M, CONFIG)
     assert found.pairs == ()

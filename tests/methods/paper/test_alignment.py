@@ -26,7 +26,7 @@ def test_a_known_turn_is_found_to_two_pixels(turn_deg: float) -> None:
 
 def test_the_initial_estimate_comes_from_lines_of_the_common_z_angle() -> None:
     current, new = views(0.0, 40.0)
-    made = correspond(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0, CONFIG)
+    made = correspond(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0)
     assert made.rotation_deg == 40.0
     # Seen by both within 50 deg: from -50 to 10 deg before the turn.
     assert made.common_range_deg == pytest.approx((-49.5, 9.5), abs=2.0)
