@@ -28,9 +28,9 @@ from flatcloth.flattening.sampling import Samples, sample_surface
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
-_MAJORISATIONS = 6
+MAJORISATIONS = 6
 """Majorisation steps at each interval, before the Gauss-Newton steps."""
-_ENERGY_TOLERANCE = 2e-3
+ENERGY_TOLERANCE = 2e-3
 """The minimisation ends when a step promises to lower the energy by a smaller share than this."""
 
 
@@ -204,8 +204,8 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
             initial[members],
             local,
             samples.edge_length_m[own],
-            majorisations=_MAJORISATIONS,
-            energy_tolerance=_ENERGY_TOLERANCE,
+            majorisations=MAJORISATIONS,
+            energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
         uv[members] = result.uv_m

@@ -33,7 +33,7 @@ from flatcloth.registration.pose_prior import (
     twist_of,
     variances,
 )
-from flatcloth.registration.view_features import UNKNOWNS, Scan, scan
+from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
 
 _LOOSE_TURN_DEG = 0.4
 """The known rotation is kept unless the views say that angles, ..."""
@@ -41,7 +41,7 @@ _LOOSE_AXIS_M = 0.0025
 """... axis ..."""
 _LOOSE_SWING_DEG = 0.5
 """... or swing are off by more than this."""
-_MOST_APART_DEG = 65.0
+MOST_APART_DEG = 65.0
 """Views that look from farther apart than this show little of the same cloth."""
 _MOST_PARTNERS = 6
 """A view is compared with at most so many."""
@@ -57,7 +57,6 @@ __all__ = [
     "describe",
     "extend_registration",
     "register_all",
-    "scan",
 ]
 
 _SHARED, _EACH = np.arange(COMMON), np.arange(OWN)
@@ -106,7 +105,7 @@ class Registered:
     axis: RotationAxis
     held_point_m: Float64
     prior: PosePrior
-    scans: tuple[Scan, ...] = ()
+    features: tuple[ViewFeatures, ...] = ()
     known: tuple[Rigid3, ...] = ()
     jacobians: tuple[Float64, ...] = ()
     pairs: tuple[PairFit, ...] = ()
@@ -155,13 +154,13 @@ class Registered:
     @cached_property
     def held_from_camera(self) -> tuple[Rigid3, ...]:
         """Where the camera of each view stands."""
-        angles_deg = [seen.angle_deg for seen in self.scans]
+        angles_deg = [seen.angle_deg for seen in self.features]
         return poses(self.axis, self.held_point_m, angles_deg, self.common, self.own)
 
     @cached_property
     def views(self) -> tuple[Registration, ...]:
         """Each view's report, in order of acceptance."""
-        return tuple(_report(self, n) for n in range(len(self.scans)))
+        return tuple(_report(self, n) for n in range(len(self.features)))
 
 
 def describe(registered: Registered) -> str:
@@ -207,16 +206,19 @@ def begin_registration(
 
 
 def register_all(
-    scans: Sequence[Scan], axis: RotationAxis, held_point_m: Float64, prior: PosePrior | None = None
+    features: Sequence[ViewFeatures],
+    axis: RotationAxis,
+    held_point_m: Float64,
+    prior: PosePrior | None = None,
 ) -> Registered:
     """Register views in order; see :func:`begin_registration` and :func:`extend_registration`."""
     registered = begin_registration(axis, held_point_m, prior)
-    for seen in scans:
+    for seen in features:
         registered = extend_registration(registered, seen)
     return registered
 
 
-def extend_registration(registered: Registered, new: Scan) -> Registered:
+def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
     """Add a view; the poses of all views are found anew.
 
     Parameters
@@ -237,12 +239,12 @@ def extend_registration(registered: Registered, new: Scan) -> Registered:
     Only the new pairs are compared, and those old ones that were compared at another fattening.
     Costs 10 ms for a garment of 12 views, up to 35 ms at 36 views in steps of 10 degrees.
     """
-    n = len(registered.scans)
+    n = len(registered.features)
     known = held_from_camera(registered.axis, new.angle_deg)
     own = np.concatenate([registered.own, np.zeros((1, OWN))])
     grown = replace(
         registered,
-        scans=(*registered.scans, new),
+        features=(*registered.features, new),
         known=(*registered.known, known),
         jacobians=(*registered.jacobians, jacobian(registered.axis, registered.held_point_m, new.angle_deg)),
         own=own,
@@ -264,11 +266,11 @@ def _partners(registered: Registered, n: int) -> list[int]:
     looks = np.array([held.rotation[:, 2] for held in registered.known])
     cos = looks[:n] @ looks[n]
     order = np.argsort(-cos, kind="stable")[:_MOST_PARTNERS]
-    return [int(i) for i in order if cos[i] >= math.cos(math.radians(_MOST_APART_DEG))]
+    return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
 
 
 def _fitted(registered: Registered, first: int, second: int, before: PairFit | None) -> PairFit | None:
-    one, other = registered.scans[first], registered.scans[second]
+    one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
     if before is None:
         center: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
@@ -287,7 +289,7 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     )
 
 
-def _middle(seen: Scan, held: Rigid3) -> Float64:
+def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
     return held.apply(np.median(seen.points_m, axis=0))
 
 
@@ -301,7 +303,7 @@ def _stale(registered: Registered, pair: PairFit) -> bool:
 
 def _solved(registered: Registered) -> Registered:
     """Find the unknowns that explain all pairs, averaged over how loose the recording may be."""
-    prior, n = registered.prior, len(registered.scans)
+    prior, n = registered.prior, len(registered.features)
     grid, chance = grades(prior), chances(prior)
     shares = _shares(registered)
     posterior = registered.posterior
@@ -338,10 +340,10 @@ def _solved(registered: Registered) -> Registered:
 
 def _shares(registered: Registered) -> Float64:
     """Weights (P,) of the pairs: k views of the same cloth make k (k - 1) / 2 pairs, but k measurements."""
-    sees = np.ones(len(registered.scans))
+    sees = np.ones(len(registered.features))
     for p in registered.pairs:
         for view in (p.first, p.second):
-            sees[view] += min(1.0, 0.5 * p.count / len(registered.scans[view].points_m))
+            sees[view] += min(1.0, 0.5 * p.count / len(registered.features[view].points_m))
     return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in registered.pairs])
 
 
@@ -350,7 +352,7 @@ def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tu
 
     Unless trusting, a pair that contradicts the others loses its weight (Student's t).
     """
-    size = COMMON + OWN * len(registered.scans)
+    size = COMMON + OWN * len(registered.features)
     matrix, right = np.zeros((size, size)), np.zeros(size)
     moved = zip(registered.held_from_camera, registered.known, strict=True)
     corrections = [now @ known.inverse() for now, known in moved]
@@ -375,8 +377,8 @@ def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tu
 
 
 def _report(registered: Registered, n: int) -> Registration:
-    seen, known, pose = registered.scans[n], registered.known[n], registered.held_from_camera[n]
-    own, middle = registered.own[n], _middle(registered.scans[n], registered.known[n])
+    seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
+    own, middle = registered.own[n], _middle(registered.features[n], registered.known[n])
     pairs = [p for p in registered.pairs if n in (p.first, p.second)]
     partners = [p.second if p.first == n else p.first for p in pairs]
     counts = np.array([float(p.count) for p in pairs])
@@ -398,7 +400,7 @@ def _report(registered: Registered, n: int) -> Registration:
         moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
         std_deg=np.degrees(std[:3]),
         std_m=std[3:],
-        views=tuple(registered.scans[i].view_index for i in partners),
+        views=tuple(registered.features[i].view_index for i in partners),
         points=int(counts.sum()),
         distance_m=(typical[0], typical[1]),
     )

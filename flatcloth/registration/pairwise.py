@@ -15,7 +15,7 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64
 from flatcloth.registration.pose_prior import motion
-from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, Scan, compare
+from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, ViewFeatures, compare
 
 _SEARCH_RADIUS_M = 0.02
 """Points farther from the other surface than this are no pair; less from round to round, ..."""
@@ -25,7 +25,7 @@ _ROUNDS = 6
 """Steps with half of the points to register a pair of views, ..."""
 _FINE_ROUNDS = 3
 """... and with all of them; these alone to register it anew nearby."""
-_LEAST_POINTS = 60
+LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared."""
 _MOST_SURPRISE = 40.0
 """A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
@@ -73,7 +73,7 @@ class PairFit:
 
 
 def fit_pair(
-    scans: tuple[Scan, Scan],
+    features: tuple[ViewFeatures, ViewFeatures],
     held: tuple[Rigid3, Rigid3],
     numbers: tuple[int, int],
     covariance: Float64,
@@ -110,16 +110,16 @@ def fit_pair(
         None if they have too little in common, or agree only where they cannot stand.
     """
     precision = np.linalg.inv(covariance)
-    noise_m = max(seen.surface.noise_m for seen in scans)
+    noise_m = max(seen.surface.noise_m for seen in features)
     plan, spread = _rounds(before)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()
     for n, (reach_m, every) in enumerate(plan):
         found = compare(
-            scans[0], scans[1], motion(twist, center_m) @ held[0], held[1], center_m, fattening_px, reach_m,
-            spread, every,
+            features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
+            fattening_px, reach_m, spread, every,
         )  # fmt: skip
-        if found.count * every < _LEAST_POINTS:
+        if found.count * every < LEAST_POINTS:
             return None
         if n == 0 and before is None:
             at_first = float(found.spread[0])

@@ -19,7 +19,7 @@ from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import accumulate
 
-_POINTS_PER_VIEW = 1200
+POINTS_PER_VIEW = 1200
 """About so many points of a view are compared."""
 _NORMAL_SMOOTHING_PX = 2.0
 """Smoothing of the normals where the depth is noisy."""
@@ -44,7 +44,7 @@ _LEAST_FACING = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scan:
+class ViewFeatures:
     """What registration needs of one view, camera frame.
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
@@ -97,7 +97,7 @@ class Agreement:
     inertia: Float64
 
 
-def scan(surface: Surface) -> Scan:
+def extract_features(surface: Surface) -> ViewFeatures:
     """Prepare a view for registration.
 
     Parameters
@@ -117,14 +117,14 @@ def scan(surface: Surface) -> Scan:
     for channel in range(CHANNELS):
         cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
         cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
-    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / _POINTS_PER_VIEW)))
+    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / POINTS_PER_VIEW)))
     grid = np.zeros_like(surface.usable)
     grid[::stride, ::stride] = True
     pixel = np.argwhere(grid & surface.usable).astype(np.int32)
     if not len(pixel):
         pixel = np.argwhere(surface.usable).astype(np.int32)  # a scrap between the grid's points
     at = pixel[:, 0], pixel[:, 1]
-    return Scan(
+    return ViewFeatures(
         surface=surface,
         pixel_pitch_m=pitch_m,
         points_m=surface.xyz_m[at].astype(np.float64),
@@ -196,8 +196,8 @@ def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
 
 
 def compare(
-    one: Scan,
-    other: Scan,
+    one: ViewFeatures,
+    other: ViewFeatures,
     one_held: Rigid3,
     other_held: Rigid3,
     center_m: Float64,

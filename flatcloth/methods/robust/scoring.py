@@ -9,7 +9,7 @@ come to lie on itself. Color is compared where the accepted view that saw the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -38,7 +38,7 @@ _REFINE_RADIUS_M = 0.02
 """Refinement begins with cloth that is apart by about this in space."""
 _CORRELATED_SAMPLES = 20.0
 """So many samples count as one independent measurement."""
-_CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
+CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
 """Logistic regression of a right placement: constant, place, color and outline agreement, shares of
     other cloth and of cloth that is there twice, log10 of the overlap in cm2, median distance in cm."""
 
@@ -279,9 +279,9 @@ def _color_agreement(
     return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
 
 
-def confidence_of(parts: Mapping[str, float]) -> float:
+def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
     """Return the chance that a placement with these parts is right (logistic regression)."""
-    logit = sum(w * v for w, v in zip(_CONFIDENCE_WEIGHTS, features_of(parts), strict=True))
+    logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
 

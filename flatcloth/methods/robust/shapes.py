@@ -20,7 +20,7 @@ from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint
 from flatcloth.methods.robust.observations import Association, associate
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
 from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
-from flatcloth.registration.view_features import Scan, scan
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
 _GATE_M = 0.025
@@ -40,7 +40,7 @@ class JointShapes:
         self._views, self._config = views, views.config
         self._shapes: Cache[JointShape] = Cache(64)
         self._drawn: Cache[Canonical] = Cache(16)
-        self._scans: Cache[Scan] = Cache(48)
+        self._features: Cache[ViewFeatures] = Cache(48)
         self._registrations: Cache[Registered] = Cache(64)
         self._component_maps: Cache[Int32] = Cache(48)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
@@ -75,7 +75,7 @@ class JointShapes:
             return begin_registration(self._views.axis, self._views.held_point_m)
 
         def make() -> Registered:
-            return extend_registration(self.registered(views[:-1]), self._scan(views[-1]))
+            return extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
 
         return self._registrations.get(views, make)
 
@@ -84,8 +84,10 @@ class JointShapes:
         registered = self.registered(views)
         return registered.held_from_camera if registered.is_loose else registered.known
 
-    def _scan(self, view_index: int) -> Scan:
-        return self._scans.get(view_index, lambda: scan(self._views.flattening(view_index).surface))
+    def _view_features(self, view_index: int) -> ViewFeatures:
+        return self._features.get(
+            view_index, lambda: extract_features(self._views.flattening(view_index).surface)
+        )
 
     def _begin(self, start: int) -> JointShape:
         flattening = self._views.flattening(start)

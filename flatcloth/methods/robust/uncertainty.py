@@ -39,7 +39,7 @@ _NOISE_SHARE = 0.85
 """Independent error of each pair, in its standard deviations."""
 _STRIP_NOISE_M = 0.0017
 """Strips are folded and seen aslant: each of their pairs is off by this besides."""
-_LEAST_M = 0.002
+LEAST_STD_M = 0.002
 """No place is surer than this: the part that the others are told against is strained itself."""
 _DRAWS = 48
 """Random strain fields from which the standard deviations are taken."""
@@ -53,7 +53,7 @@ _BESIDE_RADIUS_PX = 5
 """... within so many pixels of a layer ..."""
 _BESIDE_STEP_M = 0.012
 """... that is so much farther or nearer."""
-_MOST_STD_M = 0.034
+MOST_STD_M = 0.034
 """A part of which half is less sure than this floats: nothing determines its place."""
 
 
@@ -108,7 +108,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
     std = np.full(len(shape.nodes), np.nan)
     std[placed] = np.sqrt(spread.mean(axis=1))
-    result: Float64 = np.hypot(std, _LEAST_M)
+    result: Float64 = np.hypot(std, LEAST_STD_M)
     return result
 
 
@@ -127,7 +127,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
     for rigid_part in range(int(nearest.max(initial=-1)) + 1):
         own = placed[nearest == rigid_part]
-        loose[own] = float(np.median(std_m[own])) > _MOST_STD_M
+        loose[own] = float(np.median(std_m[own])) > MOST_STD_M
     return loose
 
 

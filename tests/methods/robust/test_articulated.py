@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import JointConfig, UncertaintyConfig
 from flatcloth.methods.robust.articulated import (
     FlexibleSheet,
     flexible,
@@ -18,9 +17,14 @@ from flatcloth.methods.robust.articulated import (
     settle_flexible,
 )
 from flatcloth.methods.robust.observations import _offsets
-from flatcloth.methods.robust.uncertainty import _layer_rims, placement_std_m, undetermined
+from flatcloth.methods.robust.uncertainty import (
+    LEAST_STD_M,
+    MOST_STD_M,
+    _layer_rims,
+    placement_std_m,
+    undetermined,
+)
 
-CONFIG = JointConfig()
 STEP_M = 0.008
 
 
@@ -148,7 +152,6 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
 def std_of_far_plate(neck: int, gap: float) -> tuple[float, np.ndarray]:
     uv, edges, plate = plates(neck, gap)
     shape = shape_of(uv, edges, plate)
-    config = UncertaintyConfig()
     std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     assert np.median(std[plate == 0]) < 0.003
     return float(np.median(std[plate == 1])), undetermined(shape, std)[plate == 1]
@@ -160,18 +163,18 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     string_m, string_floats = std_of_far_plate(neck=1, gap=0.12)
     assert wide_m < 0.005 < strip_m < string_m
     assert not wide_floats.any()
-    assert string_m > UncertaintyConfig().most_std_m
+    assert string_m > MOST_STD_M
     assert string_floats.all()
 
 
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
     uv, edges, plate = plates(2, STEP_M)
-    shape, config = shape_of(uv, edges, plate), UncertaintyConfig()
+    shape = shape_of(uv, edges, plate)
     corner = int(uv.sum(axis=1).argmax())
     held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     held_here = placement_std_m(shape, shape.nodes.xyz_m[corner])
     assert held_here[corner] > 2.0 * held_far[corner]
-    assert min(held_far.min(), held_here.min()) >= config.least_m
+    assert min(held_far.min(), held_here.min()) >= LEAST_STD_M
 
 
 def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
