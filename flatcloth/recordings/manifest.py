@@ -1,4 +1,4 @@
-"""``recording.json``: read strictly, every value checked, nothing decoded."""
+"""Strict reading of ``recording.json``: every value is checked, no image is decoded."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class ViewFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """A recording of image files: what ``recording.json`` says, or what was found in another folder.
+    """Description of a recording of image files, from ``recording.json`` or from another folder.
 
-    Lengths in metres, camera frame. ``truth`` is what a synthetic recording says of itself,
-    unchecked: only the evaluation reads it. ``any_depth`` allows depth in other kinds of files than
-    16-bit PNG; ``notes`` are sentences that the operator must know.
+    Lengths are in metres, camera frame. ``truth`` is a synthetic recording's own description of its
+    truth, unchecked: only the evaluation reads it. ``any_depth`` allows other depth files than 16-bit
+    PNG; ``notes`` are remarks for the operator.
     """
 
     folder: Path
@@ -64,7 +64,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     RecordingError
-        One line with the file, the cause and the remedy.
+        In one line: file, cause and remedy.
     """
     folder = folder.resolve()
     return _Reader(folder).manifest(_load(folder / HEADER))
@@ -72,7 +72,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _load(path: Path) -> Any:
     if not path.is_file():
-        raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
+        raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
     return load_json(path)
 
 
@@ -82,20 +82,20 @@ def load_json(path: Path) -> Any:
     Raises
     ------
     RecordingError
-        If it cannot be read, or is not JSON.
+        If it cannot be read or is not JSON.
     """
     try:
         return json.loads(read_text(path))
     except RecursionError as error:
-        raise RecordingError(f"{path}: nested too deeply. Write it as the format says.") from error
-    except ValueError as error:  # also numbers with thousands of digits
+        raise RecordingError(f"{path}: nested too deeply. Write it as the format describes.") from error
+    except ValueError as error:  # includes numbers with thousands of digits
         raise RecordingError(
-            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it there."
+            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it at this place."
         ) from error
 
 
 class _Reader:
-    """Turns the parsed JSON into a manifest; every complaint names the file and the key."""
+    """Converts the parsed JSON to a manifest; every error names the file and the key."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -130,7 +130,7 @@ class _Reader:
         if found == FORMAT:
             return
         if isinstance(found, str) and found.startswith("flatcloth-recording/"):
-            self._fail(f"format {_short(found)} is unknown", f"This flatcloth reads {FORMAT}: update it.")
+            self._fail(f"format {_short(found)} is unknown", f"Update flatcloth: it reads {FORMAT}.")
         self._fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
 
     def _depth_scale(self, header: dict[str, Any]) -> float:
@@ -138,9 +138,7 @@ class _Reader:
         if scale == 0:
             self._fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
         if not 1e-6 <= scale <= 0.1:
-            self._fail(
-                f"depth_scale_m is {scale:g}", "It is the metres per depth unit, 0.001 for millimetres."
-            )
+            self._fail(f"depth_scale_m is {scale:g}", "Give metres per depth unit, 0.001 for millimetres.")
         return scale
 
     def _camera(self, data: Any) -> tuple[Intrinsics, Lens]:
@@ -158,7 +156,7 @@ class _Reader:
                 f"intrinsics.distortion_model {_short(model)} is unknown", f"Known are {', '.join(_MODELS)}."
             )
         if not isinstance(values, list):
-            self._fail("intrinsics.distortion is no list", "Write [k1, k2, p1, p2, k3], or [] for none.")
+            self._fail("intrinsics.distortion is not a list", "Write [k1, k2, p1, p2, k3], or [] for none.")
         numbers = [self._number(v, f"intrinsics.distortion[{i}]") for i, v in enumerate(values)]
         if model == "none" and any(numbers):
             self._fail(
@@ -170,7 +168,7 @@ class _Reader:
         return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
 
     def _axis(self, data: Any) -> tuple[RotationAxis | None, float]:
-        """Return the axis, and the sense (1 or -1) in which the file's angles turn about it."""
+        """Return the axis, and the sign (1 or -1) of the file's angles about it."""
         if data is None:
             return None, 1.0
         table = self._table(data, "rotation_axis")
@@ -178,14 +176,14 @@ class _Reader:
         direction = self._vector(table.get("direction"), "rotation_axis.direction")
         length = math.hypot(*direction)
         if abs(length - 1) > 1e-3:
-            self._fail(f"rotation_axis.direction has length {length:g}", "It must be a unit vector.")
+            self._fail(f"rotation_axis.direction has length {length:g}", "Give a unit vector.")
         direction = direction / length
         if abs(direction[2]) > 0.9:
             self._fail(
                 "the camera looks along rotation_axis.direction", "It must see the item from the side."
             )
-        # Inside the program the axis points up (y is down): turning about the opposite direction is
-        # turning the other way.
+        # Inside the program the axis points up (y is down); a rotation about the opposite direction has
+        # the opposite sign.
         turns = -1.0 if direction[1] > 0 else 1.0
         return RotationAxis(point_m=point, direction=turns * direction), turns
 
@@ -193,7 +191,7 @@ class _Reader:
         if not isinstance(data, list) or not data:
             self._fail("views is not a list, or is empty", "List at least one view.")
         if len(data) > MAX_VIEWS:
-            self._fail(f"{len(data)} views", f"At most {MAX_VIEWS} are read: split the recording.")
+            self._fail(f"{len(data)} views", f"The limit is {MAX_VIEWS}: split the recording.")
         views = tuple(
             self._view(self._table(v, f"views[{i}]"), f"views[{i}]", turns) for i, v in enumerate(data)
         )
@@ -272,7 +270,7 @@ class _Reader:
     def _point(self, value: Any, where: str) -> Float64:
         point = self._vector(value, where)
         if np.abs(point).max() > 100:
-            self._fail(f"{where} lies more than 100 m away", "It is in metres, camera frame.")
+            self._fail(f"{where} lies more than 100 m away", "Give metres, camera frame.")
         return point
 
 

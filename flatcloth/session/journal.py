@@ -288,7 +288,7 @@ class SessionFolder:
                 os.ftruncate(self._journal_fd, before)
             raise JournalError(
                 f"{self._folder / 'journal.jsonl'}: cannot be written ({error.strerror}). "
-                "The decision was not taken; make room and repeat it."
+                "The decision was not taken; free disk space and repeat it."
             ) from error
         self._lines += 1
 

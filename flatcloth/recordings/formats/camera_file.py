@@ -1,4 +1,4 @@
-"""The camera of another program's folder: Open3D's ``intrinsic.json``, or ``calibration.txt``."""
+"""The camera of a folder of another program: Open3D's ``intrinsic.json``, or ``calibration.txt``."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera as a file describes it; ``units_per_m`` of whole-numbered depth, where the file says so.
+    """A camera read from a file; ``units_per_m`` of integer depth is set if the file gives it.
 
-    ``assumed`` is set if no file described it.
+    ``assumed`` is True if no file describes the camera.
     """
 
     intrinsics: Intrinsics
@@ -36,7 +36,7 @@ class Camera:
 
 
 def camera_file(folder: Path) -> Path | None:
-    """Return the file of a folder that describes its camera, if there is one."""
+    """Return the file of a folder that describes its camera; None if there is none."""
     return next((f for name in (*JSON_NAMES, TEXT_NAME) if (f := folder / name).is_file()), None)
 
 
@@ -46,10 +46,10 @@ def read_camera(folder: Path, first_color: Path) -> Camera:
     Parameters
     ----------
     folder : Path
-        Where ``intrinsic.json`` or ``calibration.txt`` lies. Without either, images of 640x480 px
-        are taken for those of a Kinect, as in the TUM RGB-D data set.
+        Folder with ``intrinsic.json`` or ``calibration.txt``. Without either, images of 640x480 px
+        are assumed to be those of a Kinect, as in the TUM RGB-D data set.
     first_color : Path
-        Tells the size of the images where the file does not.
+        Image that gives the size if the file does not.
 
     Raises
     ------
@@ -85,9 +85,7 @@ def _from_text(path: Path, size: tuple[int, int]) -> Camera:
     except ValueError:
         numbers = []
     if len(numbers) - 4 not in _LENSES or not all(map(math.isfinite, numbers)):
-        fail(
-            "is not a line of numbers", "Write fx fy cx cy, and k1 k2 p1 p2 k3 behind them if there are any."
-        )
+        fail("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
     fx, fy, cx, cy, *distortion = numbers
     intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
     lens = checked_lens(intrinsics, distortion, fail, model=_LENSES[len(distortion)])
@@ -110,7 +108,7 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     if given != size:
         fail(
             f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
-            "Write the camera of these images.",
+            "Describe the camera of these images.",
         )
     if "intrinsic_matrix" in table:
         fx, fy, cx, cy = _of_matrix(
@@ -127,12 +125,12 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     scale = table.get("depth_scale")
     units_per_m = None if scale is None else number(scale, "depth_scale")
     if units_per_m is not None and not 10 <= units_per_m <= 1e6:
-        fail(f"depth_scale is {units_per_m:g}", "It is the depth units per metre, 1000 for millimetres.")
+        fail(f"depth_scale is {units_per_m:g}", "Give the depth units per metre, 1000 for millimetres.")
     return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m)
 
 
 def _flat(matrix: Any) -> list[Any]:
-    """Return the nine values by columns, as Open3D writes them; rows of rows are turned."""
+    """Return the nine values by columns, as Open3D writes them; nested rows are transposed."""
     if (
         isinstance(matrix, list)
         and len(matrix) == 3
@@ -144,7 +142,7 @@ def _flat(matrix: Any) -> list[Any]:
 
 def _of_matrix(m: list[float], fail: Any) -> tuple[float, float, float, float]:
     if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
-        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # was written by rows
+        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # written by rows
     if len(m) != 9 or m[8] != 1 or any(m[i] for i in (1, 2, 5)):
-        fail("intrinsic_matrix is no camera's", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
+        fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
     return m[0], m[4], m[6], m[7]
