@@ -20,10 +20,12 @@ from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.methods.robust.placement_search import recorded_rc
 from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Accept, Command, Document, Event, SessionState
+from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
@@ -43,8 +45,8 @@ class Laid:
 def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
     """Return right and wrong placements of one recording."""
     integration = Integration(open_recording(name))
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     truth = read_truth(integration.recording.location)
     laid: list[Laid] = []
     documents: list[tuple[Document, int]] = []
@@ -54,19 +56,19 @@ def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
             documents.append((before[0], event.view_index))
         before[0] = run.state.document
 
-    run = Run(integration, SessionState(len(integration.recording)), record=watch)
+    run = Run(integration, MemorySession(SessionState(len(integration.recording))), watch=watch)
     before = [run.state.document]
     run.finish()
     for document, view in documents:
-        shape, parts = robust.shapes.shape(document), robust.parts(document, view)
-        placing = integration.proposal(document).placing
-        found = {p.component: p.hypothesis for p in placing.parts if p.hypothesis is not None}
+        shape, parts = robust.shapes.shape(document), robust.search.components(document, view)
+        placement = integration.proposal(document).placement
+        found = {p.component: p.hypothesis for p in placement.parts if p.hypothesis is not None}
         node_truth = _truth_of_nodes(integration, document, truth)
         for component, part in parts.items():
             hypothesis = found.get(component)
             if hypothesis is None:
                 continue
-            true = _truth_at(truth, view, robust.part_rc(view, part))
+            true = _truth_at(truth, view, recorded_rc(integration, view, part))
             motions = [(hypothesis.current_from_new, False)]
             motions.append((_disturbed(hypothesis.current_from_new, part.uv_m, random, 0.003, 1.0), False))
             motions += [
@@ -103,13 +105,13 @@ def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
 
 
 def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     shape = robust.shapes.shape(document)
     result = np.full((len(shape.nodes), 2), np.nan)
-    for sighting in shape.sightings:
-        offset = np.array(robust.shapes.surfaces(shape)[sighting.view_index].frame.offset_rc)
-        result[sighting.node] = _truth_at(truth, sighting.view_index, sighting.rc + offset)
+    for observation in shape.observations:
+        offset = np.array(robust.shapes.surfaces(shape)[observation.view_index].frame.offset_rc)
+        result[observation.node] = _truth_at(truth, observation.view_index, observation.rc + offset)
     return result
 
 

@@ -15,7 +15,7 @@ from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import Story, read_story
 from flatcloth.grasping.grasps import Grip
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.machine import Document
@@ -82,8 +82,7 @@ def open_session(
     recording: Path | None = None,
     progress: Progress = no_progress,
     *,
-    angles: Path | None = None,
-    step_deg: float | None = None,
+    options: SourceOptions | None = None,
 ) -> OpenedSession:
     """Open a session folder for export, without locking or changing it.
 
@@ -95,9 +94,8 @@ def open_session(
         Where its recording is now; by default where the session found it.
     progress : callable
         Told how far the work is.
-    angles, step_deg
-        The angles that the recording was opened with, if it has none of its own; see
-        :func:`flatcloth.recordings.open_recording`.
+    options : SourceOptions, optional
+        What the recording was opened with, if it does not tell everything itself.
 
     Raises
     ------
@@ -113,7 +111,7 @@ def open_session(
     story = read_story(folder)
     place = story.recording_location if recording is None else str(recording)
     try:
-        opened = open_recording(place, angles=angles, step_deg=step_deg)
+        opened = open_recording(place, options)
     except RecordingError as error:
         if recording is not None:
             raise

@@ -5,6 +5,7 @@ import pytest
 from scenes import Cylinder
 
 from flatcloth.engine.integration import Integration
+from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.registration.cameras import Registered, register_all
 from flatcloth.registration.view_features import Scan, scan
 
@@ -29,8 +30,9 @@ def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -
     for pose, known in zip(found.held_from_camera, found.known, strict=True):
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=2e-3)
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=2e-3)
-    assert exact.robust is not None
-    for pose, known in zip(exact.robust.shapes.poses((0, 1, 2)), found.known, strict=True):
+    robust = exact.algorithm
+    assert isinstance(robust, RobustMethod)
+    for pose, known in zip(robust.shapes.poses((0, 1, 2)), found.known, strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
 
 
@@ -54,8 +56,9 @@ def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> 
 
 
 def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None:
-    assert exact.robust is not None
-    stepwise = exact.robust.shapes.registered((0, 1, 2))
+    robust = exact.algorithm
+    assert isinstance(robust, RobustMethod)
+    stepwise = robust.shapes.registered((0, 1, 2))
     once = registered(exact)
     for a, b in zip(stepwise.held_from_camera, once.held_from_camera, strict=True):
         np.testing.assert_array_equal(a.rotation, b.rotation)

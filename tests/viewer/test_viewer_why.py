@@ -28,7 +28,7 @@ class Stage:
 def desk():
     views, stage, jobs = CylinderViews(), Stage(), []
     hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
-    proposal = SimpleNamespace(view_index=1, component=0, placing=SimpleNamespace(hypotheses=hypotheses))
+    proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
     overlay = SimpleNamespace(revision=7, proposal=proposal)
     document = proposed(1)
     held = SimpleNamespace(

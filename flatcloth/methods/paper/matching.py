@@ -125,6 +125,7 @@ class Matcher:
                 "overlap_cm2": area * 1e4,
                 "overlap_share": float(result[1]),
             },
+            "height_rms_mm",
         )
 
     def _chance_disagreement(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""What each view still to come promises, by what the joint shape already knows in space.
+"""Next best view: the new area expected of each view, from the joint shape in space.
 
 The paper chooses the next rotation from the columns of the flattened view (4.1): enough overlap,
 and as much new cloth beyond the occluding edge as that allows. Here the same is asked of every node:
@@ -19,18 +19,18 @@ from scipy.spatial import cKDTree
 from flatcloth.core.config import OutlookConfig
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Bool, Float64, RotationAxis
-from flatcloth.methods.base import Prospect
+from flatcloth.methods.base import Candidate
 from flatcloth.methods.robust.joint import JointShape
 
 
-def prospects(
+def rate_candidates(
     shape: JointShape,
     axis: RotationAxis,
     angles_deg: Sequence[float],
     candidates: Iterable[int],
     seen: Iterable[int],
     config: OutlookConfig,
-) -> list[Prospect]:
+) -> list[Candidate]:
     """Rate views that were not looked at yet.
 
     Parameters
@@ -48,7 +48,7 @@ def prospects(
 
     Returns
     -------
-    list of Prospect
+    list of Candidate
         The most promising first; too small an overlap takes away in proportion.
     """
     placed = shape.has_place
@@ -74,7 +74,7 @@ def prospects(
         nearest = float(gap.min()) if gap.size else 180.0
         novelty = min(1.0, nearest / config.novel_turn_deg)
         rated.append(
-            Prospect(
+            Candidate(
                 view_index=view,
                 overlap_m2=float(area * (good & (best < config.poor_incidence_deg)).sum()),
                 improved_m2=float(area * (good & (best >= config.poor_incidence_deg)).sum()),
@@ -111,8 +111,8 @@ _CELL_M = 0.02
 def _best_incidence_deg(shape: JointShape) -> Float64:
     """Return the least angle (N,) at which any view saw each node."""
     best = np.full(len(shape.nodes), 90.0)
-    for sighting in shape.sightings:
-        np.minimum.at(best, sighting.node, sighting.incidence_deg)
+    for observation in shape.observations:
+        np.minimum.at(best, observation.node, observation.incidence_deg)
     return best
 
 
@@ -158,10 +158,10 @@ def _rim(shape: JointShape) -> _Rim:
     beyond = math.cos(math.radians(40.0)) * normal[at] + math.sin(math.radians(40.0)) * outwards
     spacing = math.sqrt(_node_area_m2(shape))
     # A rim that stays where it is in several views is where the cloth ends.
-    sightings = np.zeros(len(shape.nodes))
-    for sighting in shape.sightings:
-        np.add.at(sightings, sighting.node, sighting.incidence_deg < 60.0)
-    promise = spacing * 0.03 * 0.4 ** np.maximum(sightings[placed][at] - 1.0, 0.0)
+    observations = np.zeros(len(shape.nodes))
+    for observation in shape.observations:
+        np.add.at(observations, observation.node, observation.incidence_deg < 60.0)
+    promise = spacing * 0.03 * 0.4 ** np.maximum(observations[placed][at] - 1.0, 0.0)
     return _Rim(at, beyond, promise)
 
 

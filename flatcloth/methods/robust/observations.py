@@ -1,4 +1,4 @@
-"""What one view tells about the nodes of the joint shape: where it sees each, and how far apart.
+"""Observations: the nodes of the joint shape that one view shows, and the lengths between them.
 
 A node is a point of the cloth, kept at its place in the held frame. A view sees it if the node,
 turned to the view, lies on the view's visible surface with the same normal: then it is the same
@@ -37,7 +37,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
+class Observation:
     """The nodes that one view sees, and the pairs between them.
 
     ``node`` (K,) int32 their numbers; ``rc`` (K, 2) where the view's (cropped) image shows them;
@@ -71,7 +71,7 @@ def no_nodes() -> Nodes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recognised:
+class Association:
     """Nodes that a view shows: numbers (K,), places (K, 2) in its image, incidence (K,) in degrees."""
 
     node: Int32
@@ -79,7 +79,7 @@ class Recognised:
     incidence_deg: Float64
 
 
-def recognise(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: JointConfig) -> Recognised:
+def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: JointConfig) -> Association:
     """Find the nodes that lie on the visible surface of a view.
 
     Parameters
@@ -95,7 +95,7 @@ def recognise(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: 
 
     Returns
     -------
-    Recognised
+    Association
         The place is the foot of the node on the surface along its normal.
     """
     k = surface.frame.intrinsics
@@ -114,40 +114,40 @@ def recognise(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: 
             foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
             rc = project(foot, k)
     found = np.flatnonzero(same).astype(np.int32)
-    return Recognised(
+    return Association(
         node=found,
         rc=rc[found],
         incidence_deg=_incidence_deg(rc[found], seen_normal[found], k),
     )
 
 
-def sight(
+def observe(
     nodes: Nodes,
-    recognised: Recognised,
+    associated: Association,
     surface: Surface,
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
     config: JointConfig,
-) -> tuple[Nodes, Sighting]:
-    """Let a view see the recognised nodes, and add nodes where it shows other cloth.
+) -> tuple[Nodes, Observation]:
+    """Observe the associated nodes in a view, and add nodes where it shows other cloth.
 
-    Returns the nodes, moved to the mean of what all views say, and the sighting.
+    Returns the nodes, moved to the mean of what all views say, and the observation.
     """
     d = flattening.sampling_intervals_px[-1]
     limit = config.noisy_incidence_limit_deg if surface.noisy else config.incidence_limit_deg
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     fresh = np.argwhere(grid & surface.usable).astype(np.float64)
-    if len(recognised.rc):
-        distance, _ = cKDTree(recognised.rc).query(fresh)
+    if len(associated.rc):
+        distance, _ = cKDTree(associated.rc).query(fresh)
         fresh = fresh[distance > config.new_node_distance * d]
     if not surface.noisy:
-        known = np.concatenate([recognised.rc, fresh])
+        known = np.concatenate([associated.rc, fresh])
         fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known, config)])
     # Cloth that is known already is not measured again where it is seen too steeply.
-    steep = recognised.incidence_deg > limit
-    node = np.concatenate([recognised.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
-    rc = np.concatenate([recognised.rc[~steep], fresh])
+    steep = associated.incidence_deg > limit
+    node = np.concatenate([associated.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
+    rc = np.concatenate([associated.rc[~steep], fresh])
     points, normal, known = fit_samples(surface, rc, flattening)
     incidence = _incidence_deg(rc, normal, surface.frame.intrinsics)
     known &= (node >= 0) | (incidence <= config.incidence_limit_deg)
@@ -158,7 +158,7 @@ def sight(
     edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface, flattening, config)
     smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= config.smooth_cos
     evidence = np.square(config.pair_std_m / std) * np.where(smooth, 1.0, config.creased_evidence)
-    sighting = Sighting(
+    observation = Observation(
         view_index=surface.frame.view_index,
         node=node,
         rc=rc,
@@ -172,7 +172,7 @@ def sight(
         edge_evidence=evidence,
         offset=offset,
     )
-    return averaged(nodes, sighting, held_from_camera), sighting
+    return averaged(nodes, observation, held_from_camera), observation
 
 
 def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: JointConfig) -> Float64:
@@ -263,15 +263,15 @@ def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, be
     return offset
 
 
-def averaged(nodes: Nodes, sighting: Sighting, held_from_camera: Rigid3) -> Nodes:
+def averaged(nodes: Nodes, observation: Observation, held_from_camera: Rigid3) -> Nodes:
     """Nodes at the mean of what the views say; frontal views, which measure best, count most."""
-    added = int(sighting.is_new.sum())
+    added = int(observation.is_new.sum())
     xyz = np.concatenate([nodes.xyz_m, np.zeros((added, 3))])
     normal = np.concatenate([nodes.normal, np.zeros((added, 3))])
     weight = np.concatenate([nodes.weight, np.zeros(added)])
-    held_points, held_normal = held_from_camera.apply_with_normal(sighting.points_m, sighting.normal)
-    own = np.cos(np.radians(sighting.incidence_deg))[:, None] ** 2
-    at = sighting.node
+    held_points, held_normal = held_from_camera.apply_with_normal(observation.points_m, observation.normal)
+    own = np.cos(np.radians(observation.incidence_deg))[:, None] ** 2
+    at = observation.node
     before = weight[at][:, None]
     xyz[at] = (before * xyz[at] + own * held_points) / (before + own)
     mean = before * normal[at] + own * held_normal

@@ -1,4 +1,4 @@
-"""How sure each place of a joint shape is: the spread that strain and noise give it.
+"""The uncertainty of each node's place on the plane, from strain and noise.
 
 Cloth stretches by a percent or so, alike over some centimetres, and differently from what the
 flattening can know; each pair carries noise besides. Both are drawn at random, and the linearised
@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.config import JointConfig, UncertaintyConfig
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import bodies, factor, limp, nearest_body
+from flatcloth.methods.robust.articulated import factor, flexible, nearest_rigid_part, rigid_parts
 from flatcloth.methods.robust.joint import JointShape
 
 
@@ -33,7 +33,7 @@ def placement_std_m(
     shape : JointShape
         The shape.
     held_point_m : (3,) float64
-        Where the item is held, held frame: cloth is gathered there, and surest to be misjudged.
+        Where the item is held, held frame: cloth is gathered in folds there, and its lengths are worst.
     config : UncertaintyConfig
         Strain, its extent, and the number of draws.
     joint : JointConfig
@@ -61,18 +61,20 @@ def placement_std_m(
     change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
     noise = config.noise_share * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
-    body = bodies(uv, edges, joint)
-    loose = limp(body, edges)
+    rigid_part = rigid_parts(uv, edges, joint)
+    loose = flexible(rigid_part, edges)
     own = np.hypot(noise * links.std_m[inside], config.strip_noise_m * loose)[:, None]
     change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, joint.direction_weight, stars)
     moved = _displaced(sheet, change, own, random)
-    anchor = number[shape.sightings[0].node]
+    anchor = number[shape.observations[0].node]
     anchor = anchor[anchor >= 0]
-    if (body[anchor] >= 0).any():
-        anchor = anchor[body[anchor] == np.bincount(body[anchor][body[anchor] >= 0]).argmax()]
+    if (rigid_part[anchor] >= 0).any():
+        anchor = anchor[
+            rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
+        ]
     spread = np.empty((len(uv), config.draws))
     for k in range(config.draws):
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
@@ -83,9 +85,9 @@ def placement_std_m(
 
 
 def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, joint: JointConfig) -> Bool:
-    """Tell which nodes (N,) of the main piece hang on it so loosely that their place is anybody's guess.
+    """Return which nodes (N,) of the main piece have an undetermined place.
 
-    They are told by their wide parts, each as a whole: half of its nodes have a standard deviation
+    Each rigid part is judged as a whole: half of its nodes have a standard deviation
     ``std_m`` (N,) of more than the limit.
     """
     placed = np.flatnonzero(shape.placed)
@@ -93,10 +95,10 @@ def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, j
     number[placed] = np.arange(placed.size)
     edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
     uv = shape.uv_m[placed]
-    nearest = nearest_body(uv, edges, bodies(uv, edges, joint))
+    nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges, joint))
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
-    for body in range(int(nearest.max(initial=-1)) + 1):
-        own = placed[nearest == body]
+    for rigid_part in range(int(nearest.max(initial=-1)) + 1):
+        own = placed[nearest == rigid_part]
         loose[own] = float(np.median(std_m[own])) > config.most_std_m
     return loose
 
@@ -108,7 +110,7 @@ def with_placement_std(
     surfaces: Mapping[int, Surface],
     config: UncertaintyConfig,
 ) -> FlattenedView:
-    """Return a view of a joint shape that says how sure the place of each pixel is.
+    """Return a view of a joint shape with the standard deviation of each pixel's place.
 
     Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. Where the view
     that it is taken from is noisy and shows another layer beside it, its depth may be that one's.
@@ -199,7 +201,7 @@ class _Sheet:
 def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Float64:
     """Solve for the displacements (n, 2, draws) that changes of length (M, draws) bring about.
 
-    Where lengths leave a sheet limp (a string of nodes, a hinge), every node sees its neighbours in
+    Where lengths leave a sheet flexible (a strip, a neck), every node observes its neighbours in
     directions relative to each other that are off too: by ``off_m`` (M, 1) at the other end.
     """
     n, (i, j) = sheet.n, sheet.edges.T

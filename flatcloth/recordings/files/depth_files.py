@@ -1,4 +1,6 @@
-"""Depth images of other programs: PNG, TIFF, OpenEXR and NumPy.
+"""Depth images of other programs: PNG, TIFF, OpenEXR, NumPy and organised PCD.
+
+Headers come first, pixels when they are asked for.
 
 Headers are read first. As for color, an image is decoded only after its size has been compared
 with the camera's.
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Float32
+from flatcloth.recordings.files import pcd
 from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
 
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
@@ -25,7 +28,7 @@ _NPY = b"\x93NUMPY"
 _FARTHEST_M = 100.0
 """Programs write a very large number, or infinity, where a ray meets no surface."""
 
-KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel"
+KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel, or organised PCD"
 
 
 def read_depth_header(path: Path) -> ImageHeader:
@@ -45,6 +48,8 @@ def read_depth_header(path: Path) -> ImageHeader:
                 header = _npy_header(file)
             elif start.startswith(_EXR):
                 header = _exr_header(path)
+            elif start.startswith(pcd.START):
+                header = _pcd_header(file)
             else:
                 header = read_header(path)
     except (FileNotFoundError, IsADirectoryError):
@@ -95,6 +100,8 @@ def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
         return np.frombuffer(data[header.data_start :], header.dtype).reshape(header.height, header.width)
     if header.kind == "exr":
         return _exr_pixels(path)
+    if header.kind == "pcd":
+        return pcd.read_pcd(path).depth_m
     return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
 
 
@@ -115,6 +122,12 @@ def _npy_header(file: BinaryIO) -> ImageHeader | None:
         kind="npy", width=shape[1], height=shape[0], channels=1, bits=8 * dtype.itemsize,
         dtype=dtype.str, data_start=start,
     )  # fmt: skip
+
+
+def _pcd_header(file: BinaryIO) -> ImageHeader | None:
+    size = file.seek(0, 2)
+    file.seek(0)
+    return pcd.image_header(file.read(4096), size)
 
 
 def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:

@@ -1,7 +1,8 @@
-"""The camera of a folder of another program: Open3D's ``intrinsic.json``, or ``calibration.txt``."""
+"""The camera of another program's folder: Open3D's ``intrinsic.json``, ``calibration.txt``, or as given."""
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,14 @@ from typing import Any, NoReturn
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
+from flatcloth.recordings.files.depth_files import read_depth_header
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.lens import Lens
 from flatcloth.recordings.files.paths import read_text
+from flatcloth.recordings.files.pcd import camera_of, read_pcd
 from flatcloth.recordings.files.text import shortened
 from flatcloth.recordings.manifest import load_json
+from flatcloth.recordings.source import SourceOptions
 
 JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "camera.json")
 TEXT_NAME = "calibration.txt"
@@ -24,15 +28,15 @@ _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera read from a file; ``units_per_m`` of integer depth is set if the file gives it.
+    """A camera, as a file or the user describes it; ``units_per_m`` of whole-numbered depth, where said.
 
-    ``assumed`` is True if no file describes the camera.
+    ``notes`` are what the operator must know: that it is rough, or assumed.
     """
 
     intrinsics: Intrinsics
     lens: Lens
     units_per_m: float | None = None
-    assumed: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def camera_file(folder: Path) -> Path | None:
@@ -40,16 +44,21 @@ def camera_file(folder: Path) -> Path | None:
     return next((f for name in (*JSON_NAMES, TEXT_NAME) if (f := folder / name).is_file()), None)
 
 
-def read_camera(folder: Path, first_color: Path) -> Camera:
-    """Read the camera of a folder.
+def read_camera(
+    folder: Path, first_color: Path, first_depth: Path, options: SourceOptions | None = None
+) -> Camera:
+    """Return the camera of a folder of images.
 
     Parameters
     ----------
     folder : Path
-        Folder with ``intrinsic.json`` or ``calibration.txt``. Without either, images of 640x480 px
-        are assumed to be those of a Kinect, as in the TUM RGB-D data set.
-    first_color : Path
-        Image that gives the size if the file does not.
+        Where ``intrinsic.json`` or ``calibration.txt`` lies, if the user gives no camera. Without
+        either, depth in organised PCD files tells the camera itself, and images of 640x480 px are
+        taken for those of a Kinect, as in the TUM RGB-D data set.
+    first_color, first_depth : Path
+        The color image tells the size of the images where the file does not.
+    options : SourceOptions, optional
+        A camera file, or a field of view.
 
     Raises
     ------
@@ -58,16 +67,112 @@ def read_camera(folder: Path, first_color: Path) -> Camera:
     """
     header = read_header(first_color)
     size = (header.width, header.height)
+    given = given_camera(size, options or SourceOptions())
+    if given is not None:
+        return given
     path = camera_file(folder)
-    if path is None:
-        if size != _KINECT[0]:
-            raise RecordingError(
-                f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
-                "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy."
-            )
-        intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
-        return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), assumed=True)
-    return _from_text(path, size) if path.name == TEXT_NAME else _from_json(path, size)
+    if path is not None:
+        return camera_of_file(path, size)
+    if first_depth.suffix.lower() == ".pcd" and read_depth_header(first_depth).kind == "pcd":
+        intrinsics, lens = camera_of(read_pcd(first_depth), first_depth)
+        return Camera(intrinsics=intrinsics, lens=lens)
+    if size != _KINECT[0]:
+        raise RecordingError(
+            f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
+            "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy; or give --camera-file "
+            "or, roughly, --fov."
+        )
+    intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
+    note = (
+        "The camera of this recording is not described; it is taken for a Kinect's, with a focal length of "
+        f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
+    )
+    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(note,))
+
+
+def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
+    """Return the camera that the user gave, None if none was given.
+
+    A camera file that does not exist yet is written if there is a field of view to make it from.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Of the images, pixels.
+    options : SourceOptions
+        What was given.
+
+    Raises
+    ------
+    RecordingError
+        If the file or the field of view is not valid, or both were given.
+    """
+    path = None if options.camera_file is None else options.camera_file.expanduser()
+    if options.fov_deg is None:
+        return None if path is None else camera_of_file(path, size)
+    if path is not None and path.exists():
+        raise RecordingError(f"{path}: was given together with --fov. Give one of them.")
+    intrinsics = camera_of_fov(size, options.fov_deg)
+    if path is not None:
+        write_camera_file(path, intrinsics, rough=True)
+    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(_rough(intrinsics),))
+
+
+def camera_of_file(path: Path, size: tuple[int, int]) -> Camera:
+    """Read a camera file: numbers in a line in a ``.txt``, else JSON.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or not valid, or describes images of another size.
+    """
+    return _from_text(path, size) if path.suffix.lower() == ".txt" else _from_json(path, size)
+
+
+def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
+    """Return the camera that has a field of view (horizontal, vertical), its axis in the middle of the image.
+
+    Raises
+    ------
+    RecordingError
+        If no camera has it.
+    """
+
+    def fail(cause: str, remedy: str) -> NoReturn:
+        raise RecordingError(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}: {cause}. {remedy}")
+
+    if not all(5 <= angle <= 150 for angle in fov_deg):
+        fail("is no field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
+    # The image ends half a pixel beyond the middle of its outermost pixels.
+    fx, fy = (n / 2 / math.tan(math.radians(angle) / 2) for n, angle in zip(size, fov_deg, strict=True))
+    return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
+
+
+def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> None:
+    """Write a camera file (JSON), which says of itself whether it is rough.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be written.
+    """
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    table = {name: round(float(getattr(intrinsics, name)), 4) for name in names}
+    table |= {"width": intrinsics.width, "height": intrinsics.height}
+    try:
+        path.write_text(json.dumps({**table, "rough": rough}, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be written ({error.strerror}). Choose another place."
+        ) from error
+
+
+def _rough(intrinsics: Intrinsics) -> str:
+    return (
+        f"The camera is rough: made from a field of view alone (focal length {intrinsics.fx:.0f} and "
+        f"{intrinsics.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
+        "calibrate the camera for measuring."
+    )
 
 
 def _failing(path: Path) -> Any:
@@ -125,8 +230,9 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     scale = table.get("depth_scale")
     units_per_m = None if scale is None else number(scale, "depth_scale")
     if units_per_m is not None and not 10 <= units_per_m <= 1e6:
-        fail(f"depth_scale is {units_per_m:g}", "Give the depth units per metre, 1000 for millimetres.")
-    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m)
+        fail(f"depth_scale is {units_per_m:g}", "It is the depth units per metre, 1000 for millimetres.")
+    notes = (_rough(intrinsics),) if table.get("rough") is True else ()
+    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m, notes=notes)
 
 
 def _flat(matrix: Any) -> list[Any]:

@@ -126,7 +126,7 @@ class WhyDesk:
         overlay = None if picture is None else picture.overlay
         if picture is None or overlay is None or picture.revision != asked["revision"]:
             return PlainTextResponse(_GONE, status_code=404)
-        hypotheses = overlay.proposal.placing.hypotheses
+        hypotheses = overlay.proposal.placement.hypotheses
         if overlay.proposal.view_index != asked["view"] or not 0 <= asked["index"] < len(hypotheses):
             return PlainTextResponse(_GONE, status_code=404)
 

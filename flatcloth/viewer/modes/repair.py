@@ -17,7 +17,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2, finite
-from flatcloth.engine.repair import PairFit, Reach, apart_mm, fit_pairs
+from flatcloth.engine.repair import PairFit, Reach, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import nudge_about
@@ -123,7 +123,7 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     FlatclothError
         If the view has no such part.
     """
-    parts = () if overlay is None else overlay.proposal.placing.parts
+    parts = () if overlay is None else overlay.proposal.placement.parts
     part = next((p for p in parts if p.component == component), None)
     if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
         raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
@@ -134,9 +134,9 @@ def told_reach(found: Reach) -> dict[str, Any]:
     """Return what a tab is told of a placement and of what refining it reaches."""
     return {
         "score": finite(found.score.total),
-        "apart_mm": apart_mm(found.score),
+        "apart_mm": found.score.apart_mm,
         "reached_score": finite(found.refined_score.total),
-        "reached_apart_mm": apart_mm(found.refined_score),
+        "reached_apart_mm": found.refined_score.apart_mm,
     }
 
 

@@ -213,7 +213,7 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
 
 def _pieces(pending: Pending, overlay: Overlay | None) -> list[dict[str, Any]]:
     """Return the parts of the proposal that can be placed; ``waits``: the method finds no place for it."""
-    placing = None if overlay is None else overlay.proposal.placing
+    placement = None if overlay is None else overlay.proposal.placement
     return [
         {
             "component": part.component,
@@ -221,7 +221,7 @@ def _pieces(pending: Pending, overlay: Overlay | None) -> list[dict[str, Any]]:
             "waits": part.hypothesis is None,
             "chosen": part.component == pending.component,
         }
-        for part in (() if placing is None else placing.parts)
+        for part in (() if placement is None else placement.parts)
     ]
 
 
@@ -236,16 +236,16 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
     """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
-    placing = None if overlay is None else overlay.proposal.placing
-    if placing is None or not placing.hypotheses:
+    placement = None if overlay is None else overlay.proposal.placement
+    if placement is None or not placement.hypotheses:
         return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
     return {
-        "cameras": placing.cameras,
-        "margin": finite(float(placing.margin)),
-        "undetermined": list(placing.hypotheses[0].undetermined),
+        "cameras": placement.cameras,
+        "margin": finite(float(placement.margin)),
+        "undetermined": list(placement.hypotheses[0].undetermined),
         "hypotheses": [
             {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
-            for h in placing.hypotheses
+            for h in placement.hypotheses
         ],
     }
 
