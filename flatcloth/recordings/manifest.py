@@ -118,7 +118,7 @@ class _View(msgspec.Struct, frozen=True):
 
 
 class _Header(msgspec.Struct, frozen=True):
-    """What ``recording.json`` may hold; what else stands there is for others."""
+    """The fields of ``recording.json`` that are used; others are ignored."""
 
     intrinsics: _Camera
     views: tuple[_View, ...]

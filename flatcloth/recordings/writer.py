@@ -52,7 +52,7 @@ class _Camera(msgspec.Struct, frozen=True):
 
 
 class _Kept(msgspec.Struct, frozen=True):
-    """What must be alike in a recording that is gone on with."""
+    """The part of a header that must match on resuming."""
 
     format: str
     intrinsics: _Camera
@@ -256,14 +256,14 @@ class RecordingWriter:
 
     def _take_up(self, path: Path) -> None:
         try:
-            # Only what is gone on with is looked at here; the rest is, where the recording is read.
+            # Only this part is checked here; reading the recording checks the rest.
             header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
             kept = fitted(header, _Kept)
             if kept.views:
-                FolderRecording(self._folder)  # says what is wrong with it
+                FolderRecording(self._folder)  # raises the error
         except ValueError as error:
             raise RecordingError(
-                f"{path}: no recording that can be gone on with ({error}). Choose another folder."
+                f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
         own = fitted(self._header, _Kept)
         same = kept.format == FORMAT and math.isclose(kept.depth_scale_m, own.depth_scale_m, rel_tol=1e-6)

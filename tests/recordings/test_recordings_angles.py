@@ -115,5 +115,5 @@ def test_angles_are_given_once_and_only_where_there_are_none(tmp_path: Path) -> 
         open_recording(folder, angles=tmp_path / "angles.csv", step_deg=10)
     with pytest.raises(RecordingError, match=r"angles\.csv: missing"):
         open_recording(folder, angles=tmp_path / "angles.csv")
-    with pytest.raises(RecordingError, match="has its own angles"):
+    with pytest.raises(RecordingError, match="contains its angles"):
         open_recording(write_recording(tmp_path / "native"), step_deg=10)

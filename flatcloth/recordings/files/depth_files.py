@@ -1,7 +1,5 @@
 """Depth images of other programs: PNG, TIFF, OpenEXR, NumPy and organised PCD.
 
-Headers come first, pixels when they are asked for.
-
 Headers are read first. As for color, an image is decoded only after its size has been compared
 with the camera's.
 """

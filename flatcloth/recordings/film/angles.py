@@ -53,7 +53,7 @@ class GivenAngles:
             If there is a table or a step.
         """
         if self.table is not None or self.step_deg is not None:
-            raise RecordingError(f"{source}: has its own angles. Leave out --angles and --step.")
+            raise RecordingError(f"{source}: contains its angles. Leave out --angles and --step.")
 
     def film_step_deg(self, shots: Shots) -> float | None:
         """Return the step between the stops of a film; None if the shots are views.
