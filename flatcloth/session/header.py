@@ -59,7 +59,7 @@ def default_session_folder(recording: Recording, method: str, config: Config | N
     state_home = os.environ.get("XDG_STATE_HOME", "")
     # The XDG specification says to ignore relative paths.
     root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
-    settings = (config or Config()).to_dict()
+    settings = (config or Config()).to_former_dict()  # sessions of earlier versions are found again
     about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
     return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
