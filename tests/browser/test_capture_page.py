@@ -81,13 +81,13 @@ def test_warnings_and_the_end_of_the_camera_are_shown(tab: Tab, camera: SceneCam
     tab.until("flatcloth.frame !== null && flatcloth.frame.grid !== null")
     camera.empty = True
     tab.until("flatcloth.capture.warnings.length === 1")
-    tab.page.locator("#capture-warnings li", has_text="Nothing is measured").wait_for()
+    tab.page.locator("#capture-warnings li", has_text="No depth is measured").wait_for()
     camera.empty = False
     tab.until("flatcloth.capture.warnings.length === 0")
     camera.unplug()
     toast = tab.page.locator(".toast.error")
     toast.wait_for()
-    assert "gives no pictures any more" in toast.inner_text()
+    assert "delivers no images any more" in toast.inner_text()
     assert "The camera has ended." in tab.page.locator("#capture-task").inner_text()
     assert not tab.page.get_by_role("button", name="Begin capture").is_visible()
     tab.shoot("capture-ended")

@@ -50,7 +50,7 @@ def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
     book = GripStore(tmp_path)
     book.set(1, SIDEWAYS)
     (tmp_path / ".grips.json.partial").mkdir()  # where the draft would be written
-    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*was not changed"):
+    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*is unchanged"):
         book.set(1, Grip())
     assert book.get(1) == SIDEWAYS
     assert read_grips(tmp_path) == {1: SIDEWAYS}

@@ -93,7 +93,7 @@ def test_a_recording_that_moved_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="nowhere"):
         open_session(tmp_path / "session", tmp_path / "nowhere")
     other = write_cylinder(tmp_path / "other", name="another")
-    with pytest.raises(JournalError, match="about another recording"):
+    with pytest.raises(JournalError, match="belongs to another recording"):
         open_session(tmp_path / "session", other)
 
 

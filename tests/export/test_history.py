@@ -185,7 +185,7 @@ def test_a_damaged_journal_names_its_line(place: Path) -> None:
 
 
 def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
-    with pytest.raises(JournalError, match=r"no session folder.*--out or --session"):
+    with pytest.raises(JournalError, match=r"not a session folder.*--out or --session"):
         read_history(tmp_path / "nowhere")
     (tmp_path / "session.json").mkdir()
     with pytest.raises(JournalError, match="cannot be read"):
@@ -212,7 +212,7 @@ def test_a_header_with_wrong_parts_is_one_clear_line(place: Path, key: str, valu
     header = json.loads((place / "session.json").read_text())
     header[key] = value
     (place / "session.json").write_text(json.dumps(header))
-    with pytest.raises(JournalError, match="cannot be understood"):
+    with pytest.raises(JournalError, match="not valid"):
         read_history(place)
 
 

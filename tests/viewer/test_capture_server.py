@@ -264,7 +264,7 @@ def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
     with Tab(server):
         camera.empty = True
         status = robot.until(lambda s: s["warnings"])
-        assert status["warnings"][0].startswith("Nothing is measured")
+        assert status["warnings"][0].startswith("No depth is measured")
         camera.empty = False
         robot.until(lambda s: not s["warnings"])
         assert robot.status()["camera_fps"] > 5
@@ -280,9 +280,9 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
         robot.until(lambda s: s["kept_deg"])
         camera.unplug()
         robot.until(lambda s: s["ended"])
-        tab.state(lambda s: any("gives no pictures any more" in n["text"] for n in s["log"]))
+        tab.state(lambda s: any("delivers no images any more" in n["text"] for n in s["log"]))
         refused = robot.post("angle", {"angle_deg": 10})
-        assert (refused.status_code, "no pictures" in refused.json()["error"]) == (503, True)
+        assert (refused.status_code, "no images" in refused.json()["error"]) == (503, True)
         assert robot.post("finish").status_code == 200
     assert len(open_recording(tmp_path / "coat")) == 1
 
@@ -309,7 +309,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
         (["--camera", "none.db3"], "no such file"),
         (["--camera", "--live"], "give one of them"),
         (["--camera", "--step", "0"], "step of 0"),
-        (["--camera", "--frames", "2"], "2 frames a view"),
+        (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out belongs to --camera"),
         (["--resume"], "--resume belongs to --camera"),
     ],

@@ -204,7 +204,7 @@ class PageController(ABC):
             self._tell(client, "error", str(error))
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
+            self._tell(client, "error", f"Unexpected error: {error!r}. See the terminal.")
 
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)

@@ -331,7 +331,7 @@ class Application(PageController):
             _log.warning("%s", error)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the work on %s failed", request)
-            text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+            text = f"Unexpected error while computing: {error!r}. See the terminal."
         else:
             self._put(None, lambda: self._answered(event))
             return
@@ -378,7 +378,7 @@ class Application(PageController):
             text = str(error)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a picture could not be computed")
-            text = f"Unexpected error while drawing: {error!r}. The terminal shows more."
+            text = f"Unexpected error while drawing: {error!r}. See the terminal."
         else:
             self._put(None, lambda: self._show_picture(picture))
             return

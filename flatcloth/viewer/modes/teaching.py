@@ -90,7 +90,7 @@ class TeachingRoutes:
                 answer = record({"kind": "error", "text": str(error)})
             except Exception as error:  # noqa: BLE001 - told and logged
                 _log.exception("the lesson %s failed", part)
-                text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+                text = f"Unexpected error while computing: {error!r}. See the terminal."
                 answer = record({"kind": "error", "text": text})
             tell(answer, True)
 

@@ -111,9 +111,7 @@ class ExportRoutes:
             return PlainTextResponse(str(error), status_code=409)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the export of %s failed", name)
-            return PlainTextResponse(
-                f"Unexpected error: {error!r}. The terminal shows more.", status_code=500
-            )
+            return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         # As a file to keep, never shown in the page's own place: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
         return Response(data, media_type=KINDS[name][0], headers=headers)
