@@ -15,8 +15,8 @@ from pathlib import Path
 
 import httpx
 import pytest
+from exported_sessions import write_cylinder, write_session
 from page_tabs import get, open_socket
-from takeaway_sessions import write_cylinder, write_session
 from viewer_fakes import MemoryFolder
 
 from flatcloth.core.errors import CancelledError

@@ -56,7 +56,7 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
         from flatcloth.export.outline import outline_text
 
-        return outline_text(session.view, session.story.recording_name, suffix).encode()
+        return outline_text(session.view, session.history.recording_name, suffix).encode()
 
     return make
 
@@ -88,13 +88,13 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
 
 BUSY = "Another export is being made; ask again when it is done."
 _LOOK_S = 0.25
-"""How often it is looked whether the client is still there."""
+"""Interval at which the client is checked for having left."""
 
 
-class ExportDesk:
-    """Makes exports, one at a time and in a thread of its own: they take all the processor that there is.
+class ExportRoutes:
+    """Makes exports, one at a time and in a thread of its own: each uses all processors.
 
-    Who asks meanwhile is told so (429). An export is given up when its client leaves.
+    Requests that come meanwhile are answered 429. An export is cancelled when its client leaves.
 
     Parameters
     ----------
@@ -136,9 +136,7 @@ class ExportDesk:
             return PlainTextResponse(str(error), status_code=409)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the export of %s failed", name)
-            return PlainTextResponse(
-                f"Unexpected error: {error!r}. The terminal shows more.", status_code=500
-            )
+            return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         finally:
             left.set()
         # As a file to keep, never shown in the page's own place: its texts come from the recording.
