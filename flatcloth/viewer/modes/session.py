@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import RotationAxis, finite
+from flatcloth.session.axis_file import check_axis
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -112,6 +113,14 @@ class Application(PageController):
         else:
             self._settle()
 
+    def _restart(self) -> None:
+        if self._cancel is not None:
+            self._cancel[1].set()
+        self._cancel = self._asked = None
+        self._page_status = replace(self._page_status, auto=False, progress=None)
+        self._folder.reload()
+        self._settle()
+
     def _stop_work(self) -> None:
         if self._cancel is not None:
             self._cancel[1].set()
@@ -204,6 +213,7 @@ class Application(PageController):
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
+        check_axis(axis)
         if self._state.request is not None:
             raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
         self._folder.keep_axis(axis)
