@@ -25,7 +25,7 @@ from flatcloth.methods.robust.placement_search import recorded_rc
 from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Accept, Command, Document, Event, SessionState
+from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
@@ -56,7 +56,7 @@ def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
             documents.append((before[0], event.view_index))
         before[0] = run.state.document
 
-    run = Run(integration, SessionState(len(integration.recording)), record=watch)
+    run = Run(integration, MemorySession(SessionState(len(integration.recording))), watch=watch)
     before = [run.state.document]
     run.finish()
     for document, view in documents:

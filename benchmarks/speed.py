@@ -14,7 +14,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Command, Event, Propose, SessionState
+from flatcloth.session.machine import Command, Event, MemorySession, Propose, SessionState
 
 REPEATS = 5
 
@@ -72,7 +72,7 @@ def whole_s(source: str, method: str) -> tuple[float, Stopwatch]:
     began_s = time.perf_counter()
     recording = open_recording(source)
     integration = Integration(recording, method=method)
-    document = Run(integration, SessionState(len(recording)), record=watch).finish().document
+    document = Run(integration, MemorySession(SessionState(len(recording))), watch=watch).finish().document
     integration.canonical(document)
     return time.perf_counter() - began_s, watch
 

@@ -15,7 +15,7 @@ from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.live_camera import CameraRecording
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 
 
 class SceneCamera:

@@ -15,8 +15,8 @@ from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.grasping.grasps import Grip, grasp_at
 from flatcloth.grasping.grips import GripBook
 from flatcloth.recordings import open_recording
-from flatcloth.session.journal import SessionFolder
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
+from flatcloth.session.store import SessionFolder
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 330.0)
 NAME = "cylinder </script><b>&"

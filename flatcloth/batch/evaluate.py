@@ -14,7 +14,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.session.machine import SessionState
+from flatcloth.session.machine import MemorySession, SessionState
 
 
 def evaluate_one(
@@ -42,7 +42,7 @@ def evaluate_one(
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()
-    state = Run(integration, SessionState(len(recording))).finish(progress)
+    state = Run(integration, MemorySession(SessionState(len(recording)))).finish(progress)
     view = integration.canonical(state.document).view
     seconds = time.perf_counter() - started
     comparison = compare(view, truth, recording)

@@ -19,7 +19,7 @@ from flatcloth.export.session import frames_of
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import settle_axis
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ def integrate(
     try:
         settle_axis(folder.folder, integration)
         with stages.stage("integrating"):
-            unattended = Run(integration, folder.state, record=folder.record)
+            unattended = Run(integration, folder)
             document = unattended.finish(progress).document
             canonical = integration.canonical(document)
         progress(1.0, "writing")

@@ -54,7 +54,8 @@ def _serve(options: argparse.Namespace) -> None:
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live_camera import CameraRecording
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder, default_session_folder
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
     from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
 

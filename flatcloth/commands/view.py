@@ -61,7 +61,8 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.engine.live import LivePlayer
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder, default_session_folder
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
+from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import ConfigError
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -400,7 +398,7 @@ class Config:
         ConfigError
             If a name is unknown or a value has the wrong type; the message names it.
         """
-        return _read(cls, values, "config")
+        return _read(values)
 
 
 def _plain(value: Any) -> Any:
@@ -411,26 +409,37 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _read(kind: type[T], values: Any, where: str) -> T:
+def _read(values: Any) -> Config:
+    _check_names(Config, values, "config")
+    for section in dataclasses.fields(Config):
+        if section.name in values:
+            _check_names(
+                type(getattr(Config(), section.name)), values[section.name], f"config.{section.name}"
+            )
+    try:
+        return fitted(_whole(values), Config)
+    except MisfitError as error:
+        where, found = error.where.partition("[")[0], found_at(values, error.where)
+        raise ConfigError(
+            f"config.{where}: {found!r:.60} does not fit; expected {error.expected}."
+        ) from error
+
+
+def _check_names(kind: type, values: Any, where: str) -> None:
     if not isinstance(values, Mapping):
         raise ConfigError(f"{where}: expected a table of settings, got {type(values).__name__}.")
-    hints = typing.get_type_hints(kind)
-    unknown = sorted(set(values) - set(hints))
+    known = [field.name for field in dataclasses.fields(kind)]
+    unknown = sorted(set(values) - set(known))
     if unknown:
-        raise ConfigError(f"{where}.{unknown[0]}: no such setting; known are {', '.join(hints)}.")
-    return kind(**{k: _value(hints[k], v, f"{where}.{k}") for k, v in values.items()})
+        raise ConfigError(f"{where}.{unknown[0]}: no such setting; known are {', '.join(known)}.")
 
 
-def _value(hint: Any, value: Any, where: str) -> Any:
-    if dataclasses.is_dataclass(hint):
-        return _read(cast("type[Any]", hint), value, where)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is float and number and math.isfinite(value):
-        return float(value)
-    if hint is str and isinstance(value, str):
-        return value
-    if hint is int and number and float(value).is_integer():
-        return int(value)
-    if typing.get_origin(hint) is tuple and isinstance(value, list | tuple) and value:
-        return tuple(_value(typing.get_args(hint)[0], v, where) for v in value)
-    raise ConfigError(f"{where}: {value!r} does not fit; expected {getattr(hint, '__name__', hint)}.")
+def _whole(value: Any) -> Any:
+    """Write whole numbers as such, whatever wrote them; what is empty or not finite fits nowhere."""
+    if isinstance(value, Mapping):
+        return {name: _whole(v) for name, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_whole(v) for v in value] or None
+    if isinstance(value, float):
+        return None if not math.isfinite(value) else int(value) if value.is_integer() else value
+    return value

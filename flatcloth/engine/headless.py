@@ -13,6 +13,7 @@ from flatcloth.session.machine import (
     Accept,
     Command,
     Event,
+    Keeper,
     Nudge,
     Phase,
     Propose,
@@ -21,8 +22,6 @@ from flatcloth.session.machine import (
     Start,
     apply,
 )
-
-Record = Callable[[Command | Event], None]
 
 
 class Policy(Protocol):
@@ -76,12 +75,12 @@ class Run:
     ----------
     integration : Integration
         What computes.
-    state : SessionState
-        Where to begin: new, or resumed from a journal.
-    record : callable
-        Told every command and answer that changed the state, in order.
+    session : Keeper
+        Owns the state, new or resumed, and records every command and answer.
     policy : Policy
         Decides about proposals.
+    watch : callable
+        Told every command and answer once it is recorded, in order.
 
     Attributes
     ----------
@@ -90,10 +89,15 @@ class Run:
     """
 
     integration: Integration
-    state: SessionState
-    record: Record = field(default=lambda _: None)
+    session: Keeper
     policy: Policy = accept_by_score
+    watch: Callable[[Command | Event], None] = field(default=lambda _: None)
     decisions: list[Decision] = field(default_factory=list)
+
+    @property
+    def state(self) -> SessionState:
+        """The session as it stands."""
+        return self.session.state
 
     def finish(self, progress: Progress = no_progress) -> SessionState:
         """Integrate until nothing more is to be had, and return the final state.
@@ -123,8 +127,8 @@ class Run:
             self.decisions.append(
                 Decision(view_index=pending.view_index, accepted=accepted, score=pending.score, reason=reason)
             )
-        self.state = apply(self.state, command)
-        self.record(command)
+        self.session.record(command)
+        self.watch(command)
 
     def _ask(self, command: Start | Propose, progress: Progress) -> None:
         self._do(command)

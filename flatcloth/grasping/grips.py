@@ -4,19 +4,40 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
+
+from flatcloth.core.decoding import Vector3, decoded
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
 
 FILE = "grips.json"
 FORMAT = "flatcloth-grips/1"
+
+
+class _Grip(msgspec.Struct, frozen=True):
+    axis_held: Vector3 | None
+    opening_m: Annotated[float, msgspec.Meta(ge=OPENING_RANGE_M[0], le=OPENING_RANGE_M[1])]
+
+    def checked(self) -> Grip:
+        if self.axis_held is None:
+            return Grip(opening_m=self.opening_m)
+        x, y, z = self.axis_held
+        length = math.hypot(x, y, z)
+        if not (math.isfinite(length) and length > 0.5):
+            raise ValueError("an axis has no direction")
+        return Grip(axis_held=(x / length, y / length, z / length), opening_m=self.opening_m)
+
+
+class _File(msgspec.Struct, frozen=True):
+    format: Literal["flatcloth-grips/1"]
+    grips: dict[str, _Grip]
 
 
 def read_grips(folder: Path) -> dict[int, Grip]:
@@ -29,15 +50,13 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     """
     path = folder / FILE
     try:
-        content = json.loads(read_plain(path))
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}")
-        return {int(key): _read(value) for key, value in content["grips"].items()}
+        kept = decoded(read_plain(path), _File)
+        return {int(key): grip.checked() for key, grip in kept.grips.items()}
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except ValueError as error:
         raise FlatclothError(
             f"{path}: is damaged ({error}). Delete it: every grip then follows the outline again."
         ) from error
@@ -94,10 +113,9 @@ class GripBook:
                 for key, grip in sorted(grips.items())
             }
             path = self._folder / FILE
-            draft = self._folder / f".{FILE}.partial"
+            content = {"format": FORMAT, "grips": table}
             try:
-                draft.write_text(json.dumps({"format": FORMAT, "grips": table}, indent=1) + "\n")
-                os.replace(draft, path)
+                replace_file(path, json.dumps(content, indent=1).encode() + b"\n")
             except OSError as error:
                 raise FlatclothError(
                     f"{path}: cannot be written ({error.strerror}). The grip was not changed; make room."
@@ -118,20 +136,6 @@ def check_opening_m(opening_m: float) -> None:
         raise FlatclothError(
             f"A gripper opens {1000 * low:.0f} to {1000 * high:.0f} mm, not {1000 * opening_m:g} mm."
         )
-
-
-def _read(value: Mapping[str, Any]) -> Grip:
-    opening_m = float(value["opening_m"])
-    low, high = OPENING_RANGE_M
-    if not low <= opening_m <= high:
-        raise ValueError("an opening is out of range")
-    if value["axis_held"] is None:
-        return Grip(opening_m=opening_m)
-    x, y, z = (float(number) for number in value["axis_held"])
-    length = math.hypot(x, y, z)
-    if not (math.isfinite(length) and length > 0.5):
-        raise ValueError("an axis has no direction")
-    return Grip(axis_held=(x / length, y / length, z / length), opening_m=opening_m)
 
 
 def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:

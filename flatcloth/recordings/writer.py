@@ -14,11 +14,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.recordings.folder import FolderRecording
@@ -31,6 +33,31 @@ ANGLE_TOLERANCE_DEG = 0.01
 
 _PNG_LEVEL = 3
 _SAME_CAMERA_PX = 1e-3
+
+
+class _Camera(msgspec.Struct, frozen=True):
+    width: float
+    height: float
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: list[float] = []
+
+    def is_like(self, other: _Camera) -> bool:
+        own, theirs = (
+            np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy], dtype=np.float64) for c in (self, other)
+        )
+        return bool(np.all(np.abs(own - theirs) < _SAME_CAMERA_PX)) and not any(self.distortion)
+
+
+class _Kept(msgspec.Struct, frozen=True):
+    """What must be alike in a recording that is gone on with."""
+
+    format: str
+    intrinsics: _Camera
+    depth_scale_m: float
+    views: list[dict[str, Any]] = []
 
 
 class RecordingWriter:
@@ -229,31 +256,27 @@ class RecordingWriter:
 
     def _take_up(self, path: Path) -> None:
         try:
-            header = json.loads(read_plain(path))
-            views = header.pop("views")
-            camera, own = header["intrinsics"], self._header["intrinsics"]
-            same = header["format"] == FORMAT and math.isclose(
-                header["depth_scale_m"], self._header["depth_scale_m"], rel_tol=1e-6
-            )
-            near = all(
-                abs(camera[k] - own[k]) < _SAME_CAMERA_PX for k in ("width", "height", "fx", "fy", "cx", "cy")
-            )
-            plain = not any(camera.get("distortion", []))
-            if views:
+            # Only what is gone on with is looked at here; the rest is, where the recording is read.
+            header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
+            kept = fitted(header, _Kept)
+            if kept.views:
                 FolderRecording(self._folder)  # says what is wrong with it
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except ValueError as error:
             raise RecordingError(
-                f"{path}: no recording that can be gone on with ({error!r}). Choose another folder."
+                f"{path}: no recording that can be gone on with ({error}). Choose another folder."
             ) from error
-        if not (same and near and plain):
+        own = fitted(self._header, _Kept)
+        same = kept.format == FORMAT and math.isclose(kept.depth_scale_m, own.depth_scale_m, rel_tol=1e-6)
+        if not (same and kept.intrinsics.is_like(own.intrinsics)):
             raise RecordingError(
                 f"{path}: was recorded with another camera or other settings. Choose another folder."
             )
+        views = header.pop("views", [])
         self._header, self._views = header, list(views)
 
     def _write_header(self, views: list[dict[str, Any]]) -> None:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
-        _write(self._folder / HEADER, text.encode())
+        replace_file(self._folder / HEADER, text.encode())
 
     def _free_stem(self) -> str:
         # A recording that was edited by hand may use any name for any view.
@@ -269,8 +292,8 @@ class RecordingWriter:
         assert done  # the kind and the shape were checked
         if not path.parent.is_dir():
             path.parent.mkdir()
-            _sync(self._folder)
-        _write(path, data.tobytes())
+            sync_folder(self._folder)
+        replace_file(path, data.tobytes())
 
     # --- checks ------------------------------------------------------------------------------
 
@@ -310,26 +333,3 @@ class RecordingWriter:
 
 def _apart_deg(a_deg: float, b_deg: float) -> float:
     return (a_deg - b_deg + 180) % 360 - 180
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Put a file in its place in one step; it is on disk when this returns."""
-    draft = path.with_name(path.name + ".new")
-    try:
-        with draft.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
-    _sync(path.parent)
-
-
-def _sync(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

@@ -15,6 +15,9 @@ from flatcloth.core.types import Rigid2
 UNSURE = "score too low"
 """Reason of an automatic refusal: such a view may be tried again once the shape has grown."""
 
+MAX_EXTENT_M = 10.0
+"""No garment's plane reaches further: curtains and bed linen stay below 6 m."""
+
 
 class Side(StrEnum):
     """The side of the flattened view at which a view extends it (paper: occluding edge)."""

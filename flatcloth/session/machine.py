@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.session import document as edits
@@ -51,7 +52,9 @@ __all__ = [
     "Failed",
     "Followed",
     "HistoryItem",
+    "Keeper",
     "Later",
+    "MemorySession",
     "NothingMore",
     "Nudge",
     "Pending",
@@ -128,6 +131,30 @@ class SessionState:
         if self.document.finished is not None:
             return Phase.FINISHED
         return Phase.READY
+
+
+class Keeper(Protocol):
+    """Owns the state of a session: a session folder, or :class:`MemorySession`."""
+
+    @property
+    def state(self) -> SessionState:
+        """The session as it is kept."""
+        ...
+
+    def record(self, command: Command | Event) -> None:
+        """Apply a command or an answer and keep it; raises ``IllegalDecisionError``."""
+        ...
+
+
+@dataclass
+class MemorySession:
+    """A session that is kept nowhere else."""
+
+    state: SessionState
+
+    def record(self, command: Command | Event) -> None:
+        """Apply a command or an answer; raises ``IllegalDecisionError``."""
+        self.state = apply(self.state, command)
 
 
 def why_illegal(state: SessionState, command: Command) -> str | None:

@@ -20,6 +20,7 @@ from flatcloth.session.machine import (
     Accept,
     Command,
     Document,
+    MemorySession,
     Nudge,
     Phase,
     Propose,
@@ -159,10 +160,10 @@ def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
         state = done(made, state, Skip(pending.view_index), Propose())
     assert len(set(asked[:2])) == 2  # first the other one,
     assert asked[2:] == [*asked[:2], asked[0]]  # then in the order in which they were put off
-    left = outcome_of(made, Run(made, state))["left"]
+    left = outcome_of(made, Run(made, MemorySession(state)))["left"]
     put_off = [s.view_index for s in state.document.skipped]
     assert [(v["view_index"], v["reason"]) for v in left] == [(view, "skipped") for view in put_off]
-    end = Run(made, state).finish()
+    end = Run(made, MemorySession(state)).finish()
     assert end.phase is Phase.FINISHED
     assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
 
@@ -171,7 +172,7 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
     made = integration("robust")
     waiting = apply(done(made, three_accepted(made), Reopen(2)), Reject(2))
     assert waiting.request is not None
-    end = Run(made, waiting).finish()
+    end = Run(made, MemorySession(waiting)).finish()
     assert end.phase is Phase.FINISHED
     assert end.document.later == ()
     assert 3 in end.document.used_views

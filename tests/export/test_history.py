@@ -16,7 +16,6 @@ from flatcloth.core.types import Rigid2
 from flatcloth.export.history import Decision, Story, read_story
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import GripBook
-from flatcloth.session.journal import SessionFolder
 from flatcloth.session.machine import (
     Accept,
     Followed,
@@ -32,6 +31,7 @@ from flatcloth.session.machine import (
     Started,
     Undo,
 )
+from flatcloth.session.store import SessionFolder
 
 RECORDING = MemoryRecording(name="a <b>")
 

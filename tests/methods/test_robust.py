@@ -12,6 +12,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
+    MemorySession,
     Nudge,
     Phase,
     Propose,
@@ -49,7 +50,7 @@ def errors_m(view: FlattenedView) -> np.ndarray:
 @pytest.fixture(scope="module")
 def finished() -> tuple[Integration, SessionState, Run]:
     made = integration()
-    run = Run(made, SessionState(len(STEPS)))
+    run = Run(made, MemorySession(SessionState(len(STEPS))))
     return made, run.finish(), run
 
 
@@ -77,7 +78,7 @@ def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, Ses
 
 def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
     made = Integration(open_recording(str(sample_recordings()["trousers-waist-d435"])))
-    document = Run(made, SessionState(len(made.recording))).finish().document
+    document = Run(made, MemorySession(SessionState(len(made.recording)))).finish().document
     view = made.canonical(document).view
     assert np.abs(view.uv_from_rc(np.argwhere(view.valid))).max() < 2.0
 

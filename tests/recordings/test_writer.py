@@ -121,7 +121,7 @@ def test_a_full_disk_is_told_and_the_view_can_be_repeated(
             made.add(10, color(1), depth(1))
         monkeypatch.undo()
         assert len(open_recording(tmp_path)) == len(made) == 1
-        assert not list(tmp_path.rglob("*.new"))
+        assert not list(tmp_path.rglob("*.partial"))
         assert made.add(10, color(1), depth(1)) == 1
     assert len(open_recording(tmp_path)) == 2
 

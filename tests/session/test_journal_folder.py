@@ -16,8 +16,9 @@ from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import JournalError
-from flatcloth.session.journal import SessionFolder, default_session_folder
+from flatcloth.session.header import default_session_folder
 from flatcloth.session.machine import Undo, apply
+from flatcloth.session.store import SessionFolder
 
 
 @pytest.fixture
@@ -109,7 +110,7 @@ def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
         "from pathlib import Path\n"
         "from tiny_recordings import MemoryRecording\n"
         "from flatcloth.core.config import Config\n"
-        "from flatcloth.session.journal import SessionFolder\n"
+        "from flatcloth.session.store import SessionFolder\n"
         "SessionFolder.open(Path(sys.argv[1]), MemoryRecording(), Config(), 'paper')"
     )
     here = Path(__file__).parents[1]

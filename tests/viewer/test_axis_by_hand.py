@@ -18,7 +18,7 @@ from flatcloth.core.errors import JournalError
 from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.scene.axis_panel import AxisPanel, moved_axis
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 

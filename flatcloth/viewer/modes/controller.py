@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import Pick, SessionFolder
+    from flatcloth.session.journal import Pick
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -269,7 +271,7 @@ class PageDesk(ABC):
             self._publish()
 
     def _set(self, message: messages.Set) -> None:
-        values = {k: v for k, v in vars(message).items() if k != "reset" and v is not None}
+        values = {k: v for k, v in structs.asdict(message).items() if k != "reset" and v is not None}
         if message.reset:
             self._page_settings.reset()
         if values:

@@ -24,7 +24,7 @@ from flatcloth.viewer.protocol.snapshot import grid, live_snapshot
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 DEFAULT_FPS = 30.0
 STATE_INTERVAL_S = 0.25

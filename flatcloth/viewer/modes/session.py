@@ -23,10 +23,10 @@ from flatcloth.session.machine import (
     Propose,
     Reject,
     Request,
+    SessionState,
     Skip,
     Start,
     TakePart,
-    apply,
 )
 from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
 from flatcloth.viewer.modes.diagnostics import WhyDesk
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.repair import Reach
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +70,6 @@ class Application(PageDesk):
         audience: Audience,
     ) -> None:
         super().__init__(integration, folder, stage, audience)
-        self._state = folder.state
         self._made: Picture | None = None
         self._asked: Document | None = None
         self._cancel: tuple[int, threading.Event] | None = None
@@ -79,6 +78,10 @@ class Application(PageDesk):
         self._back = Worker("flatcloth-work")
         self._repair = RepairBench(integration, audience.tell)
         self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
+
+    @property
+    def _state(self) -> SessionState:
+        return self._folder.state
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -232,13 +235,11 @@ class Application(PageDesk):
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
-        state = apply(self._state, command)
-        if state is self._state:
-            return  # the answer to a question that nobody asks any more
-        # The journal comes first: what is not on disk has not been decided.
+        before = self._state
+        # What is not on disk has not been decided.
         self._folder.record(command)
-        self._state = state
-        self._settle()
+        if self._state is not before:  # else it answers a question that nobody asks any more
+            self._settle()
 
     def _settle(self) -> None:
         """Bring the work, the picture, Auto and the tabs in line with the state."""

@@ -25,7 +25,8 @@ from flatcloth.grasping.grips import GripBook, grip_numbers
 from flatcloth.viewer.protocol.picture import Picture
 
 if TYPE_CHECKING:
-    from flatcloth.session.journal import Pick, SessionFolder
+    from flatcloth.session.journal import Pick
+    from flatcloth.session.store import SessionFolder
 
 TOO_FAR_M = 0.030
 """A click in 3D further than this from the shape picks nothing; nearer, it picks the nearest of it."""

@@ -21,7 +21,7 @@ from flatcloth.export.session import OpenedSession, of_page
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 

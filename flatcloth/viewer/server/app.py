@@ -41,7 +41,7 @@ from flatcloth.viewer.server.relay import relay
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
