@@ -76,7 +76,13 @@ def settings_of(method: str) -> dict[str, Any]:
 
 
 def run_batch(
-    tasks: Sequence[Task], out: Path, engine: Engine, limits: Limits, tell: Tell, *, again: bool = False
+    tasks: Sequence[Task],
+    out: Path,
+    start: Callable[[], Engine],
+    limits: Limits,
+    tell: Tell,
+    *,
+    again: bool = False,
 ) -> Count:
     """Run what is not done, and write the table.
 
@@ -86,8 +92,8 @@ def run_batch(
         All of them; what is done is not done again.
     out : Path
         Where a folder for each is written, and the table.
-    engine : Engine
-        Runs them.
+    start : callable
+        Returns the engine that runs them; called only if there is something to do.
     limits : Limits
         Of each task.
     tell : callable
@@ -117,13 +123,14 @@ def run_batch(
     ]
     next_table_s = time.monotonic() + _TABLE_EVERY_S
     try:
-        for number, answer in engine.run(questions, limits) if questions else ():
-            row = _row_of(waiting[number], answer, out)
-            count.rows.append(row)
-            tell(count, row)
-            if time.monotonic() > next_table_s:
-                write_results(out)
-                next_table_s = time.monotonic() + _TABLE_EVERY_S
+        with start() if questions else contextlib.nullcontext() as engine:
+            for number, answer in engine.run(questions, limits) if engine else ():
+                row = _row_of(waiting[number], answer, out)
+                count.rows.append(row)
+                tell(count, row)
+                if time.monotonic() > next_table_s:
+                    write_results(out)
+                    next_table_s = time.monotonic() + _TABLE_EVERY_S
     finally:
         write_results(out)
     return count

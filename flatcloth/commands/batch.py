@@ -19,6 +19,7 @@ from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
     from flatcloth.batch.drive import Count
+    from flatcloth.batch.engines import Engine
 
 NAME = "batch"
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
@@ -70,10 +71,15 @@ def run(options: argparse.Namespace) -> None:
     out: Path = options.out.expanduser()
     with owned(out):
         tasks = tasks_of(options.sources, options.method, source_options_of(options), out)
-        with engine_of(options.jobs, options.scheduler, str(out.resolve())) as engine, _Teller() as teller:
+
+        def start() -> Engine:
+            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()))
             print(f"{len(tasks)} recordings; {engine.about}", flush=True)
+            return engine
+
+        with _Teller() as teller:
             try:
-                count = run_batch(tasks, out, engine, limits_of(options), teller.tell, again=options.again)
+                count = run_batch(tasks, out, start, limits_of(options), teller.tell, again=options.again)
             except KeyboardInterrupt:
                 teller.stopped()
                 raise SystemExit(130) from None
