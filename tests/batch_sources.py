@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from takeaway_sessions import write_cylinder
+from exported_sessions import write_cylinder
 
 MISBEHAVING = """
 import ctypes, os, time

@@ -33,6 +33,7 @@ export function showDetails(place, row, columns) {
   }
   const title = document.createElement("h2");
   title.textContent = row.name;
+  /** @type {HTMLElement[]} */
   const parts = [title];
   if (row.thumbnail) {
     const image = document.createElement("img");

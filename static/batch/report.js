@@ -3,8 +3,8 @@
 import { showDetails } from "/static/batch/details.js";
 import { makeHistograms } from "/static/batch/histograms.js";
 import { makeTable } from "/static/batch/table.js";
+import { byId } from "/static/page/dom.js";
 
-const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("data").textContent);
 const served = data.served && location.protocol.startsWith("http");
 const rows = data.rows;
@@ -56,12 +56,37 @@ function FORMAT_OF(name) {
 
 const named = new Map(every.map((column) => [column.name, column]));
 const IN_TABLE = [
-  "name", "outcome", "reliability", "area_cm2", "coverage_estimate", "reliable_share", "uncertainty_mm",
-  "floating_cm2", "views_used", "garment", "seconds", "peak_memory_mb", "review",
+  "name",
+  "outcome",
+  "reliability",
+  "area_cm2",
+  "coverage_estimate",
+  "reliable_share",
+  "uncertainty_mm",
+  "floating_cm2",
+  "views_used",
+  "garment",
+  "seconds",
+  "peak_memory_mb",
+  "review",
 ];
-const WIDTHS = { name: 180, outcome: 170, uncertainty_mm: 116, floating_cm2: 96, views_used: 60, seconds: 60, peak_memory_mb: 80 };
+const WIDTHS = {
+  name: 180,
+  outcome: 170,
+  uncertainty_mm: 116,
+  floating_cm2: 96,
+  views_used: 60,
+  seconds: 60,
+  peak_memory_mb: 80,
+};
 const HISTOGRAMS = [
-  "reliability", "coverage_estimate", "area_cm2", "uncertainty_mm", "floating_cm2", "seconds", "peak_memory_mb",
+  "reliability",
+  "coverage_estimate",
+  "area_cm2",
+  "uncertainty_mm",
+  "floating_cm2",
+  "seconds",
+  "peak_memory_mb",
 ];
 
 // --- the table -------------------------------------------------------------------------------
@@ -87,7 +112,8 @@ function link(row) {
 function outcome(row) {
   const span = document.createElement("span");
   span.className = row.outcome === "done" ? "done" : "bad";
-  span.textContent = row.outcome === "done" ? (row.edited ? "done, edited" : "done") : `${row.outcome}: ${text(row.reason)}`;
+  span.textContent =
+    row.outcome === "done" ? (row.edited ? "done, edited" : "done") : `${row.outcome}: ${text(row.reason)}`;
   span.title = text(row.reason);
   return span;
 }
@@ -112,7 +138,10 @@ const table = makeTable({
   scroller: byId("scroller"),
   head: byId("head"),
   body: byId("body"),
-  columns: [{ name: "picture", title: "shape", width: 64, sortable: false, node: picture, show: () => "" }, ...shownColumns],
+  columns: [
+    { name: "picture", title: "shape", width: 64, sortable: false, node: picture, show: () => "" },
+    ...shownColumns,
+  ],
   onChoose(row, isOpen, event) {
     choose(row);
     if (isOpen) {
@@ -125,6 +154,10 @@ const table = makeTable({
     refresh();
   },
 });
+
+/** For whoever drives the page. */
+const state = { revision: 0, shown: 0, rows: rows.length, chosen: null };
+Object.assign(window, { flatclothBatch: state });
 
 const filters = { find: byId("find"), outcome: byId("outcome"), review: byId("review"), garment: byId("garment") };
 const histograms = makeHistograms(
@@ -149,7 +182,11 @@ const counted = (name) => {
   return [...count].map(([value, n]) => [value, `${value} (${n})`]);
 };
 fill(filters.outcome, counted("outcome"));
-fill(filters.review, [["none", "not reviewed"], ["accepted", "accepted"], ["rejected", "rejected"]]);
+fill(filters.review, [
+  ["none", "not reviewed"],
+  ["accepted", "accepted"],
+  ["rejected", "rejected"],
+]);
 fill(filters.garment, counted("garment"));
 byId("garment-label").hidden = !anyGarment;
 
@@ -182,18 +219,16 @@ function refresh() {
   table.show(shown, sort);
   histograms.draw((except) => matching.filter((row) => histograms.keeps(row, except)));
   byId("shown").textContent = `${shown.length} of ${rows.length} shown`;
-  window.flatclothBatch.shown = shown.length;
-  window.flatclothBatch.revision += 1;
+  state.shown = shown.length;
+  state.revision += 1;
 }
-
-window.flatclothBatch = { revision: 0, shown: 0, rows: rows.length, chosen: null };
 
 // --- review ----------------------------------------------------------------------------------
 
 function choose(row, how) {
   table.choose(row, how);
   showDetails(byId("details"), row, every);
-  window.flatclothBatch.chosen = row?.name ?? null;
+  state.chosen = row?.name ?? null;
 }
 
 function told() {
@@ -254,8 +289,7 @@ async function openSession() {
   });
   if (answer.ok) {
     const { url } = await answer.json();
-    if (tab) tab.location = url;
-    else location = url;
+    (tab ?? window).location.href = url;
     told();
   } else {
     tab?.close();
@@ -279,6 +313,7 @@ function clearFilters() {
 
 for (const filter of Object.values(filters)) filter.addEventListener("input", refresh);
 byId("clear").addEventListener("click", clearFilters);
+/** @type {Record<string, [string, () => void]>} */
 const ACTIONS = {
   j: ["next", next],
   a: ["accept", () => decide("accepted")],
@@ -289,8 +324,10 @@ const ACTIONS = {
 for (const [id, act] of Object.values(ACTIONS)) byId(id).addEventListener("click", act);
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || byId("command").open) return;
-  if (event.target.closest("input, select, textarea")) return;
-  if (event.key === "Enter" && event.target.closest("button, a")) return;
+  /** @type {any} */
+  const at = event.target;
+  if (at.closest("input, select, textarea")) return;
+  if (event.key === "Enter" && at.closest("button, a")) return;
   ACTIONS[event.key]?.[1]();
 });
 

@@ -5,9 +5,11 @@ const SPARE = 6;
 
 /**
  * A table of many rows, of fixed height and widths: nothing moves while it is scrolled.
- * @param columns {name, title, width (px), number, show(row), node(row)}
- * @param onChoose called with a row when it is chosen, and with true if its link was clicked
- * @param onSort called with the name of a column
+ *
+ * `columns` are {name, title, width (px), number, show(row), node(row)}; `onChoose` is called with a row when it
+ * is chosen, and with true if its link was clicked; `onSort` with the name of a column.
+ *
+ * @param {any} parts
  */
 export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
   let rows = [];

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
 import shlex
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
-from starlette.testclient import TestClient
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, reliability, verdicts
@@ -86,7 +88,7 @@ def test_a_session_that_was_edited_since_is_marked(out: Path) -> None:
 
 
 def test_the_command_opens_the_session_with_its_options(out: Path) -> None:
-    said = {"turning_deg": -240.0, "fov_deg": [60.0, 40.0], "angles": "/data/my angles.csv"}
+    said = {"turning_deg": -240.0, "fov_deg": [60.0, 40.0], "camera_file": "/data/my camera.json"}
     row = {"name": "sure", **GOOD, "source": "/data/a b", "options": json.dumps(said)}
     words = shlex.split(command_of(row, out))
     assert words[:3] == ["flatcloth", "view", "/data/a b"]
@@ -96,7 +98,7 @@ def test_the_command_opens_the_session_with_its_options(out: Path) -> None:
 
     options = source_options_of(_parser().parse_args(words[1:]))
     assert (options.turning_deg, options.fov_deg) == (-240.0, (60.0, 40.0))
-    assert options.angles == Path("/data/my angles.csv")
+    assert options.camera_file == Path("/data/my camera.json")
 
 
 def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
@@ -132,15 +134,34 @@ def pages() -> Pages:
     return Pages()
 
 
+class Asker:
+    """Asks an application, in a thread of its own."""
+
+    def __init__(self, app: Any) -> None:
+        self._app = app
+
+    def _ask(self, method: str, path: str, **given: Any) -> httpx.Response:
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+                return await client.request(method, path, **given)
+
+        with ThreadPoolExecutor(1) as thread:
+            return thread.submit(asyncio.run, ask()).result()
+
+    def get(self, path: str, **given: Any) -> httpx.Response:
+        return self._ask("GET", path, **given)
+
+    def post(self, path: str, **given: Any) -> httpx.Response:
+        return self._ask("POST", path, **given)
+
+
 @pytest.fixture
-def client(out: Path, pages: Pages) -> TestClient:
-    app = Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80)
-    return TestClient(app, base_url="http://127.0.0.1")
+def client(out: Path, pages: Pages) -> Asker:
+    return Asker(Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
 
 
-def test_served_the_page_keeps_verdicts_and_opens_sessions(
-    client: TestClient, out: Path, pages: Pages
-) -> None:
+def test_served_the_page_keeps_verdicts_and_opens_sessions(client: Asker, out: Path, pages: Pages) -> None:
     assert data_of(client.get("/").text)["served"] is True
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 200
     assert verdicts(out) == {"sure": "accepted"}
@@ -150,7 +171,7 @@ def test_served_the_page_keeps_verdicts_and_opens_sessions(
     assert pages.asked[0][1][0] == "/data/x"
 
 
-def test_served_it_refuses_what_is_not_its_own(client: TestClient, out: Path, pages: Pages) -> None:
+def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: Pages) -> None:
     said = {"name": "sure", "verdict": "accepted"}
     foreign = {"Origin": "http://evil.example"}
     assert client.post("/verdict", json=said, headers=foreign).status_code == 403

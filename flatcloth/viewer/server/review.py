@@ -89,12 +89,13 @@ def _address_said(process: subprocess.Popen[str]) -> str:
 
     def read() -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            if not found:
-                said.append(line.strip())
-                found.extend(word for word in line.split() if word.startswith("http://"))
-                if found:
-                    ready.set()
+        with process.stdout:
+            for line in process.stdout:
+                if not found:
+                    said.append(line.strip())
+                    found.extend(word for word in line.split() if word.startswith("http://"))
+                    if found:
+                        ready.set()
         ready.set()
 
     threading.Thread(target=read, daemon=True).start()
