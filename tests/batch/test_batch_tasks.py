@@ -67,7 +67,7 @@ def test_a_json_lines_manifest_may_name_one_source_twice(data: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "cause"),
     [
-        ("l.csv", "source,speed\na,3\n", "line 2: no option is called 'speed'"),
+        ("l.csv", "source,speed\na,3\n", "line 2: unknown option 'speed'"),
         ("l.csv", "name\nx\n", "line 2: names no source"),
         ("l.csv", "source,name\na,b,c\n", "not as many columns"),
         ("l.csv", "source,name\na,../x\n", "is no folder name"),
