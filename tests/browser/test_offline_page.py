@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import SCREENSHOTS, WAIT_MS, Tab
+from conftest import SCREENSHOTS, WAIT_MS, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from playwright.sync_api import Browser, Page, expect
 from takeaway_sessions import NAME, cylinder_session
 
