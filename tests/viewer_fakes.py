@@ -276,7 +276,7 @@ class MemoryFolder:
 
     def record(self, command: Any, score_parts: Any = None) -> None:
         if self.full:
-            raise JournalError("journal.jsonl: cannot be written (disk full). Make room and repeat it.")
+            raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         self.state = apply(self.state, command)
         self.recorded.append(command)
 

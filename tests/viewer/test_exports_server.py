@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from takeaway_sessions import write_cylinder, write_session
+from exported_sessions import write_cylinder, write_session
 from viewer_fakes import MemoryFolder
 from websockets.sync.client import connect
 
