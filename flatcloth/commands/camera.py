@@ -81,6 +81,7 @@ def _serve(options: argparse.Namespace) -> None:
                 folder,
                 host=options.host,
                 port=options.port,
+                token=not options.no_token,
                 controller=capture_controller(integration, folder, feed, settings),
             )
         finally:

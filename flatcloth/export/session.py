@@ -134,7 +134,7 @@ def open_session(
     return OpenedSession(history, integration, progress)
 
 
-def of_page(integration: Integration, folder: object) -> OpenedSession:
+def of_page(integration: Integration, folder: object, progress: Progress = no_progress) -> OpenedSession:
     """Return the session of an open page for export.
 
     Parameters
@@ -143,6 +143,8 @@ def of_page(integration: Integration, folder: object) -> OpenedSession:
         What the page shows; safe to be used by several threads.
     folder : object
         The session folder that the page writes.
+    progress : callable
+        Told how far the work is; may raise ``CancelledError``.
 
     Raises
     ------
@@ -154,4 +156,4 @@ def of_page(integration: Integration, folder: object) -> OpenedSession:
     path = getattr(folder, "folder", None)
     if path is None:
         raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration)
+    return OpenedSession(read_history(path), integration, progress)
