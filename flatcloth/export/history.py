@@ -1,4 +1,4 @@
-"""The history of a session, read from its folder: proposals, decisions and picks.
+"""The history of a session, read from its folder: what was proposed, what was decided, what was picked.
 
 The folder is neither locked nor changed. As on resuming, an incomplete last line is ignored.
 """
@@ -56,8 +56,8 @@ class Decision:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Story:
-    """The content of a session folder; ``document`` is its present state."""
+class SessionHistory:
+    """A session as its folder tells it; ``document`` is where it stands now."""
 
     folder: Path
     recording_name: str
@@ -140,7 +140,7 @@ def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _
     )
 
 
-def read_story(folder: Path) -> Story:
+def read_history(folder: Path) -> SessionHistory:
     """Read a session folder without opening it for writing.
 
     Raises
@@ -151,7 +151,7 @@ def read_story(folder: Path) -> Story:
     header = read_header(folder)
     told = _told(folder / JOURNAL, Replay(SessionState(n_views=header.recording.views)))
     standing = told.present().standing
-    return Story(
+    return SessionHistory(
         folder=folder,
         recording_name=header.recording.name,
         recording_location=header.recording.location,

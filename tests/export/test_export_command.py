@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from takeaway_sessions import write_cylinder, write_session
+from exported_sessions import write_cylinder, write_session
 
 from flatcloth.cli import main
 

@@ -33,7 +33,7 @@ _STILL_MM = 0.05
 _STILL_DEG = 0.005
 
 
-class RepairBench:
+class RepairService:
     """Computes what repairs need; its methods may be called from any thread and return at once.
 
     Parameters
