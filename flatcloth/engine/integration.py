@@ -74,7 +74,7 @@ class Proposal:
 
 
 class Integration(RecordedViews):
-    """One recording, one configuration, one method, and all that is derived from them.
+    """A recording, a configuration and a method, and everything computed from them.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Growth:
 
 
 def grow(integration: Integration, history: SessionHistory, progress: Progress = no_progress) -> Growth:
-    """Follow the shape of a session from its start view on.
+    """Compute the growth of a session's shape from its start view on.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
     document = history.document
     if document.start_view is None:
         raise FlatclothError(
-            f"{history.folder}: the session has no start view yet; there is nothing to export."
+            f"{history.folder}: the session has no start view, so there is nothing to export."
         )
     views = [document.start_view, *(a.view_index for a in document.accepted)]
     shape = integration.canonical(document).view

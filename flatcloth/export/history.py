@@ -57,7 +57,7 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionHistory:
-    """A session as its folder tells it; ``document`` is where it stands now."""
+    """The content of a session folder; ``document`` is its present state."""
 
     folder: Path
     recording_name: str

@@ -76,7 +76,7 @@ def page(session: OpenedSession) -> str:
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
-        # No text can end the element that it stands in.
+        # No text can close its own element.
         "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
         "arrays": parcel.packed(),
         "script": script,

@@ -22,7 +22,7 @@ from flatcloth.rendering.drawing import Drawing, data_url, png_of
 
 
 def report(session: OpenedSession) -> str:
-    """Return the report as HTML that needs nothing else."""
+    """Return the report as self-contained HTML."""
     history = session.history
     style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
     title = f"{history.recording_name}: integration report"
@@ -70,7 +70,7 @@ def _head(session: OpenedSession) -> Iterable[str]:
         [
             (
                 "Session",
-                f"begun {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
+                f"started {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
             ),
             (
                 "Recording",
@@ -146,7 +146,7 @@ def _picks(session: OpenedSession) -> Iterable[str]:
     yield "<h2>Picks</h2>"
     history = session.history
     if not history.picks:
-        yield "<p>No grasp point was picked.</p>"
+        yield "<p>There are no picks.</p>"
         return
     view, axis = session.growth.view, session.integration.axis
     rows = []

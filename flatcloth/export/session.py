@@ -37,7 +37,7 @@ class OpenedSession:
 
     @cached_property
     def growth(self) -> Growth:
-        """The shape and how it grew."""
+        """The shape and its growth."""
         return grow(self.integration, self.history, self.progress)
 
     @property
@@ -117,12 +117,12 @@ def open_session(
             raise
         raise RecordingError(
             f"{folder}: its recording {history.recording_name!r} cannot be opened ({error})"
-            " Name its present place with --recording."
+            " Give its present location with --recording."
         ) from error
     if fingerprint(opened) != history.recording_fingerprint:
         raise JournalError(
-            f"{folder}: the session is about another recording ({history.recording_name!r}) than {place}."
-            " Name the right one with --recording."
+            f"{folder}: the session belongs to another recording ({history.recording_name!r}) than {place}."
+            " Give the right one with --recording."
         )
     try:
         integration = Integration(opened, history.config, history.method)
@@ -130,7 +130,7 @@ def open_session(
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
-        integration.turn_about(axis)  # what was decided was decided with it
+        integration.turn_about(axis)  # the decisions were made with it
     return OpenedSession(history, integration, progress)
 
 
@@ -142,9 +142,9 @@ def of_page(integration: Integration, folder: object, progress: Progress = no_pr
     integration : Integration
         The page's integration; safe to use from several threads.
     folder : object
-        The session folder that the page writes.
+        The page's session folder.
     progress : callable
-        Told how far the work is; may raise ``CancelledError``.
+        Called with the progress of the work; may raise ``CancelledError``.
 
     Raises
     ------
@@ -155,5 +155,5 @@ def of_page(integration: Integration, folder: object, progress: Progress = no_pr
     """
     path = getattr(folder, "folder", None)
     if path is None:
-        raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
+        raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
     return OpenedSession(read_history(path), integration, progress)

@@ -76,7 +76,7 @@ def test_shapes_that_share_too_little_have_no_motion() -> None:
 
 
 def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:
-    with pytest.raises(FlatclothError, match="no start view yet; there is nothing to export"):
+    with pytest.raises(FlatclothError, match="no start view, so there is nothing to export"):
         grow(session.integration, replace(session.history, document=Document()))
 
 

@@ -88,8 +88,8 @@ def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
     document = Document(start_view=0, finished="One view <only>.")
     history = replace(session.history, document=document, decisions=(), picks=(), config=Config())
     seen = words(report(OpenedSession(history, session.integration)))
-    assert "Nothing was decided" in seen
-    assert "No grasp point was picked" in seen
+    assert "There are no decisions" in seen
+    assert "There are no picks" in seen
     assert "One view <only>." in seen
     assert "All settings have their default values." in seen
 
