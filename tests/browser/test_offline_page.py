@@ -389,5 +389,5 @@ def test_what_cannot_be_taken_away_is_told(open_tab: Callable[..., Tab]) -> None
     tab.until("flatcloth.frame !== null")
     tab.page.keyboard.press("x")
     tab.page.get_by_role("button", name="Report").click()
-    tab.page.locator(".toast.error", has_text="the session has no start view yet").wait_for()
+    tab.page.locator(".toast.error", has_text="the session has no start view").wait_for()
     tab.page.get_by_role("button", name="Close").click()

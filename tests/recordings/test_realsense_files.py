@@ -424,4 +424,4 @@ def test_import_takes_any_recording(tmp_path: Path, capsys: pytest.CaptureFixtur
         np.testing.assert_allclose(now[n].depth_m, was[n].depth_m, atol=1e-7)
     capsys.readouterr()
     assert main(["import", str(source), "--out", str(tmp_path / "b"), "--align", "color"]) == 2
-    assert "no RealSense file" in capsys.readouterr().err
+    assert "not a RealSense file" in capsys.readouterr().err

@@ -307,7 +307,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
     [
         (["--camera"], "No RealSense camera is connected"),
         (["--camera", "none.db3"], "no such file"),
-        (["--camera", "--live"], "give one of them"),
+        (["--camera", "--live"], "give only one of them"),
         (["--camera", "--step", "0"], "step of 0"),
         (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out belongs to --camera"),
