@@ -1,4 +1,4 @@
-"""The command ``evaluate``: comparison with the truth."""
+"""The command ``evaluate``: comparison of an unattended integration with the truth."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print a row of figures for each recording."""
+    """Print a row of figures per recording."""
     rows: list[dict[str, Any]] = []
     print(_table_head())
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):

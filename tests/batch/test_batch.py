@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 from batch_sources import add_misbehaving_format, write_cylinders
 
-from flatcloth.batch import engines
 from flatcloth.batch.drive import owned
 from flatcloth.batch.rows import COLUMNS, read_row, rows_in
 from flatcloth.cli import main
@@ -30,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where Dask is not installed."""
-    monkeypatch.setattr(engines.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +74,8 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
     assert found["c"]["outcome"] == "failed"
     assert "truncated or damaged" in found["c"]["reason"]
 
-    with (out / "results.csv").open() as file:
-        table = {row["name"]: row for row in csv.DictReader(file)}
+    with (out / "results.csv").open() as csv_file:
+        table = {row["name"]: row for row in csv.DictReader(csv_file)}
     assert list(table["a"]) == [column.name for column in COLUMNS]
     assert float(table["a"]["area_cm2"]) == found["a"]["area_cm2"]
     assert table["c"]["reason"] == found["c"]["reason"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from batch_sources import write_cylinders
-from conftest import ROOT, SCREENSHOTS, WAIT_MS
+from conftest import ROOT, SCREENSHOTS, WAIT_MS  # type: ignore[attr-defined]  # mypy takes that of tests/
 from playwright.sync_api import Browser, Page, expect
 
 from flatcloth.batch.report import write_report
