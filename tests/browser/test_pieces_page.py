@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from conftest import Program
+from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
 from playwright.sync_api import expect
 
