@@ -40,6 +40,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
+from flatcloth.core.memory import return_freed_memory
+return_freed_memory()
 made = Integration(open_recording(str(sample_recordings()[sys.argv[1]])))
 folder = SessionFolder.open(Path(sys.argv[2]), made.recording, made.config, made.method)
 first = None

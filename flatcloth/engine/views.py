@@ -194,7 +194,7 @@ class RecordedViews:
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )
         except (SurfaceError, FlatteningError) as error:
-            return error
+            return type(error)(f"{self.recording.location}: {error}")
 
     def _unusable(self) -> set[int]:
         failed = (

@@ -23,6 +23,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
+from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -100,6 +101,7 @@ class PageServer:
             raise ServerError(
                 f"Without a token {host} would let everybody in; use --host 127.0.0.1, or a token."
             )
+        return_freed_memory()
         self._integration = integration
         self._socket = bind(host, port)
         self.token = _token(host) if token else None
