@@ -1,4 +1,4 @@
-"""The session as one HTML page that needs no server and no network: 3D and flattened, with its timeline."""
+"""A session as one HTML page without server and network: 3D and flattened view, with its timeline."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-page/1"
 MOST_AROUND = 6000
-"""Points a step of what else the camera saw; more would only make the page larger."""
+"""Points per step of the camera's surroundings; more would only enlarge the page."""
 AROUND_SPACING_M = 0.007
 
 
 @dataclass
 class _Parcel:
-    """Bytes of arrays and pictures, one after the other, with a table of where they lie."""
+    """Arrays and pictures as one sequence of bytes, with a table of their positions."""
 
     data: bytearray = field(default_factory=bytearray)
     arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def add(self, name: str, values: NDArray[Any]) -> None:
-        """Add an array, little-endian, at a place that fits its elements."""
+        """Add an array, little-endian, aligned to its elements."""
         start = self.add_bytes(
             np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).tobytes(), 4
         )
         self.arrays[name] = {"kind": values.dtype.name, "start": start, "count": int(values.size)}
 
     def add_bytes(self, data: bytes, align: int = 1) -> int:
-        """Add bytes and return where they begin."""
+        """Add bytes and return their position."""
         self.data += bytes(-len(self.data) % align)
         start = len(self.data)
         self.data += data
         return start
 
     def packed(self) -> str:
-        """Return everything compressed, as text; the same bytes each time."""
+        """Return all data compressed, as text; reproducible."""
         squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
         return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
 
@@ -65,19 +65,19 @@ _STYLES = "page/page.css", "canvas/canvas.css", "offline/offline.css"
 
 
 def page(session: OpenedSession) -> str:
-    """Return the page as HTML text, which holds all it shows."""
+    """Return the page as HTML text, with all its data."""
     parcel = _Parcel()
-    story = _story(session, parcel)
+    history = _history(session, parcel)
     static = static_folder()
     style = "\n".join((static / name).read_text("utf-8") for name in _STYLES)
     script = bundle(static, "offline/offline.js")
     parts = {
         "policy": _policy(script, style),
-        "title": escape(f"{session.story.recording_name} \u00b7 flatcloth"),
+        "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
-        # No text can end the element that it stands in.
-        "story": json.dumps(story, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
+        # No text can close its own element.
+        "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
         "arrays": parcel.packed(),
         "script": script,
     }
@@ -86,7 +86,7 @@ def page(session: OpenedSession) -> str:
 
 
 def _policy(script: str, style: str) -> str:
-    """Return a policy by which the page runs its own script and loads nothing from anywhere."""
+    """Return a content security policy that allows only the page's own script and no loading."""
 
     def digest(text: str) -> str:
         return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
@@ -97,8 +97,8 @@ def _policy(script: str, style: str) -> str:
     )
 
 
-def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
-    story, growth, integration = session.story, session.growth, session.integration
+def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
+    history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
     window = _window(view)
     cloth = growth.first_step[window] >= 0
@@ -121,12 +121,12 @@ def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "recording": {
-            "name": story.recording_name,
+            "name": history.recording_name,
             "description": recording.description,
-            "n_views": story.n_views,
+            "n_views": history.n_views,
         },
-        "method": story.method,
-        "finished": story.document.finished,
+        "method": history.method,
+        "finished": history.document.finished,
         "count": len(xyz),
         "grid": {
             "rows": cloth.shape[0],
@@ -146,26 +146,26 @@ def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
         "around": [{"start": a, "count": b - a} for a, b in itertools.pairwise(starts)],
         "steps": _steps(growth, axis),
         "decisions": _decisions(session),
-        "picks": [_pick(session, pick) for pick in story.picks],
+        "picks": [_pick(session, pick) for pick in history.picks],
         "layers": _layers(session, parcel, window),
         "arrays": parcel.arrays,
     }
 
 
 def _window(view: FlattenedView) -> tuple[slice, slice]:
-    """Return the part of the grid that holds cloth."""
+    """Return the part of the grid that contains cloth."""
     rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
-    """Return points as steps from a corner: finer than any sensor, and half the size."""
+    """Return points as integer steps from a corner: finer than any sensor, and half the size."""
     levels: NDArray[np.uint16] = np.rint((xyz_m - low) / step_m).clip(0, 65535).astype(np.uint16)
     return levels
 
 
 def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint8]]]:
-    """Return for each step what else its view saw, thinned to about one point in a cube of the spacing."""
+    """Return for each step the rest of its view, reduced to about one point per cube of the spacing."""
     points, colors = [], []
     for step in session.growth.steps:
         cloud = session.integration.cloud(step.view_index)
@@ -179,7 +179,7 @@ def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint
 
 
 def _half_extents_m(xyz: Float64, center: Float64, axis: RotationAxis) -> list[float]:
-    """Return how far the item reaches from its middle: across the axis (all around), and along it."""
+    """Return the extent of the item from its centre: across the axis (all around), and along it."""
     offset = xyz - center
     along = offset @ axis.direction
     across = np.linalg.norm(offset - along[:, None] * axis.direction, axis=1)
@@ -219,13 +219,13 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
             "stands": decision.stands,
             "step": steps.get(decision.number),
         }
-        for decision in session.story.decisions
+        for decision in session.history.decisions
     ]
 
 
 def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
     view, axis = session.growth.view, session.integration.axis
-    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.story.grips.get(pick.id))
+    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.history.grips.get(pick.id))
     rc, distance_m = pixel_of_point(view, pick.position_held_m)
     on_shape = distance_m <= LOST_AT_M
     z_angle = float(view.z_angle_deg[rc]) if on_shape else float("nan")

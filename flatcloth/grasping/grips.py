@@ -62,7 +62,7 @@ def read_grips(folder: Path) -> dict[int, Grip]:
         ) from error
 
 
-class GripBook:
+class GripStore:
     """The grips of a session; with ``folder`` None they are kept in memory only. Used by one thread.
 
     Raises

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import Tab
+from conftest import Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
 sys.path.append(str(Path(__file__).parents[1]))
 
 from scene_camera import SceneCamera, opened
 
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 from flatcloth.viewer.server.app import PageServer
 
 pytestmark = pytest.mark.browser
@@ -29,8 +29,8 @@ def camera() -> SceneCamera:
 def tab(chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Tab]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
-    desk = capture_desk(integration, session, feed, settings)
-    with PageServer(integration, session, port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, settings)
+    with PageServer(integration, session, port=0, controller=controller) as server:
         page = chromium.new_page(viewport={"width": 1280, "height": 720})
         tab = Tab(page, server.url, has_scene=True)
         yield tab

@@ -13,10 +13,10 @@ import cv2
 import foreign_folders
 import numpy as np
 import ros_bags
+from exported_sessions import write_cylinder, write_session
 from garment_meshes import arc, write_glb, write_obj, write_ply
 from pcd_files import cloud_points, write_pcd
 from realsense_files import stop_and_go, turning, write_realsense
-from takeaway_sessions import write_cylinder, write_session
 from tiny_recordings import write_recording
 
 SMALL_CAMERA = ("--size", "64", "64", "--focal", "40", "--step", "90")
@@ -58,7 +58,9 @@ def _with_truth(place: Path) -> None:
     for n, view in enumerate(content["views"]):
         mask = cv2.imread(str(place / "in" / view["mask"]), cv2.IMREAD_UNCHANGED)
         rows, cols = np.indices(mask.shape)
-        truth = np.stack([np.full(mask.shape, 17), 25_000 + 20 * rows, 25_000 + 20 * cols], axis=-1)
+        truth: np.ndarray = np.stack(
+            [np.full(mask.shape, 17), 25_000 + 20 * rows, 25_000 + 20 * cols], axis=-1
+        )
         view["truth"] = f"truth/{n}.png"
         (place / "in/truth").mkdir(exist_ok=True)
         pixels = np.where(mask[..., None] > 0, truth, 0).astype(np.uint16)

@@ -9,8 +9,11 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import RotationAxis, finite
+from flatcloth.core.types import Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import place_of_piece
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -19,21 +22,23 @@ from flatcloth.session.machine import (
     Failed,
     Followed,
     Nudge,
+    Pending,
     Phase,
     Propose,
     Reject,
+    Reopen,
     Request,
     SessionState,
     Skip,
     Start,
     TakePart,
 )
-from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
-from flatcloth.viewer.modes.diagnostics import WhyDesk
-from flatcloth.viewer.modes.repair import RepairBench, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
+from flatcloth.viewer.modes.diagnostics import DiagnosticsService
+from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
@@ -49,7 +54,7 @@ _log = logging.getLogger(__name__)
 PROGRESS_INTERVAL_S = 0.05
 
 
-class Application(PageDesk):
+class Application(PageController):
     """Owns one session and its page; see the module's docstring for its threads.
 
     Parameters
@@ -58,7 +63,7 @@ class Application(PageDesk):
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
         Holds the state to start from, and keeps every decision and pick.
-    stage, audience
+    scene_view, sink
         Where things are shown.
     """
 
@@ -66,18 +71,18 @@ class Application(PageDesk):
         self,
         integration: Integration,
         folder: SessionFolder,
-        stage: Stage,
-        audience: Audience,
+        scene_view: SceneView,
+        sink: ClientSink,
     ) -> None:
-        super().__init__(integration, folder, stage, audience)
+        super().__init__(integration, folder, scene_view, sink)
         self._made: Picture | None = None
         self._asked: Document | None = None
         self._cancel: tuple[int, threading.Event] | None = None
         self._progress_at_s = 0.0
         self._going_on = False
         self._back = Worker("flatcloth-work")
-        self._repair = RepairBench(integration, audience.tell)
-        self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
+        self._repair = RepairService(integration, sink.tell)
+        self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
     @property
     def _state(self) -> SessionState:
@@ -87,7 +92,7 @@ class Application(PageDesk):
 
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of a session."""
-        return [*super().routes(), *self._why.routes()]
+        return [*super().routes(), *self._diagnostics.routes()]
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -103,7 +108,7 @@ class Application(PageDesk):
     # --- the application thread --------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._stage.follow(self._page_settings.now.follow)
+        self._scene_view.follow(self._page_settings.now.follow)
         document = self._state.document
         if self._state.request is None and document.start_view is None:
             self._do(Start())
@@ -121,13 +126,16 @@ class Application(PageDesk):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                self._repair.preview(client, message, self._state.document, self._center())
+                by = self._meant(message.theta_rad, message.u_m, message.v_m)
+                self._repair.preview(client, message, self._state.document, by)
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+                self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
                 pending = meant(self._state.document, view)
                 self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+            case messages.PlacePiece(label=label):
+                self._place_piece(label)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -138,11 +146,11 @@ class Application(PageDesk):
                 self._picks.add(self._picture, u, v)
                 self._publish()
             case messages.ShowEdges(show=show):
-                self._desk = replace(self._desk, edges=show)
-                self._why.show_edges(show)
+                self._page_status = replace(self._page_status, edges=show)
+                self._diagnostics.show_edges(show)
                 self._publish()
             case messages.SetAuto(running=running):
-                self._desk = replace(self._desk, auto=running)
+                self._page_status = replace(self._page_status, auto=running)
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
@@ -158,13 +166,33 @@ class Application(PageDesk):
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
-    def _center(self) -> tuple[float, float]:
-        """Return what a nudge turns about: the centre of the proposal."""
+    def _placed(self) -> tuple[Pending, Overlay] | None:
+        """Return the proposal with the picture of it, None while there is none."""
         overlay = None if self._picture is None else self._picture.overlay
         pending = self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
-            return 0.0, 0.0
-        return center_uv_m(pending, overlay)
+            return None
+        return pending, overlay
+
+    def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+        """Return the nudge that is meant by a turn about the proposal's centre and a shift, as shown."""
+        placed = self._placed()
+        if placed is None:
+            return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+        pending, overlay = placed
+        return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+
+    def _place_piece(self, label: str) -> None:
+        """Decide again about the view that shows most of a floating piece, with that component of it."""
+        sheet = None if self._picture is None else self._picture.sheet
+        pieces = () if sheet is None else sheet.pieces
+        piece = next((p for p in pieces if p.label == label), None)
+        if piece is None:
+            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+        accepted = [a.view_index for a in self._state.document.accepted]
+        found = place_of_piece(self._integration, piece, accepted)
+        self._by_hand(Reopen(found.view_index))
+        self._do(TakePart(found.view_index, found.component, found.placement))
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -179,18 +207,25 @@ class Application(PageDesk):
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
-        by, text = told_refined(pending, found, self._center())
+        placed = self._placed()
+        own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
+        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        pending = meant(self._state.document, pairs.view_index)
-        fit = fit_of(pending, pairs)
+        meant(self._state.document, pairs.view_index)
+        placed = self._placed()
+        if placed is None:
+            raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+        pending, overlay = placed
+        fit = fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
-            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
-            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
-        self._audience.tell(client, told_fit(fit))
+            fitted = fit.by @ overlay.shown(pending)
+            self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
+            fit = fit_of(fitted, pairs)
+        self._sink.tell(client, told_fit(fit))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
@@ -207,12 +242,12 @@ class Application(PageDesk):
         if self._state.request is not None:
             raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
         self._folder.keep_axis(axis)
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._back.put(lambda: self._work_on_axis(axis))
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
-        self._stage.set_axis(axis)
+        self._scene_view.set_axis(axis)
         self._asked = None
         self._settle()
         self._tell(None, "info", text)
@@ -231,7 +266,7 @@ class Application(PageDesk):
 
     def _by_hand(self, command: Command) -> None:
         # Whoever decides by hand takes over from Auto.
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
@@ -248,13 +283,13 @@ class Application(PageDesk):
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
-                self._stage.show(None)
-                self._why.picture_changed()
+                self._scene_view.show(None)
+                self._diagnostics.picture_changed()
         elif self._asked is not document:
             self._asked = document
             self._back.put(lambda: self._work_on_picture(document))
         self._publish()
-        if self._desk.auto:
+        if self._page_status.auto:
             self._put(None, self._auto_step)
         elif self._going_on and self._state.phase is not Phase.COMPUTING:
             self._put(None, self._go_on)
@@ -270,19 +305,19 @@ class Application(PageDesk):
         if self._cancel is not None and (request is None or self._cancel[0] != request.token):
             self._cancel[1].set()
             self._cancel = None
-            self._desk = replace(self._desk, progress=None)
+            self._page_status = replace(self._page_status, progress=None)
         if request is not None and self._cancel is None:
             cancelled = threading.Event()
             self._cancel = (request.token, cancelled)
-            self._desk = replace(self._desk, progress=(0.0, "Waiting"))
+            self._page_status = replace(self._page_status, progress=(0.0, "Waiting"))
             document = self._state.document
             self._back.put(lambda: self._work_on_request(document, request, cancelled))
 
     def _auto_step(self) -> None:
-        state, desk, threshold = self._state, self._desk, self._page_settings.now.auto_threshold
+        state, status, threshold = self._state, self._page_status, self._page_settings.now.auto_threshold
         up_to_date = self._picture is not None and self._picture.document is state.document
         started = state.document.start_view is not None
-        if not desk.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
+        if not status.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
             return
         pending = state.document.pending
         if state.phase is Phase.FINISHED:
@@ -299,12 +334,18 @@ class Application(PageDesk):
             )
 
     def _end_auto(self, level: str, text: str) -> None:
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         return snapshot(
-            revision, self._state, self._desk, self._picks, self._picture, self._integration, self._places
+            revision,
+            self._state,
+            self._page_status,
+            self._picks,
+            self._picture,
+            self._integration,
+            self._places,
         )
 
     # --- the worker --------------------------------------------------------------------------
@@ -340,18 +381,18 @@ class Application(PageDesk):
     def _failed(self, request: Request, text: str) -> None:
         if self._state.request != request:
             return
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._do(Failed(request.token))
         self._tell(None, "error", text)
 
     def _note_progress(self, request: Request, share: float, text: str) -> None:
         if self._state.request != request:
             return
-        self._desk = replace(self._desk, progress=(share, text))
+        self._page_status = replace(self._page_status, progress=(share, text))
         now_s = time.monotonic()
         if now_s - self._progress_at_s >= PROGRESS_INTERVAL_S:
             self._progress_at_s = now_s
-            self._audience.tell(None, {"type": "progress", "share": share, "text": text})
+            self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
         # After this, what is in the queue is computed with the new axis.
@@ -382,7 +423,7 @@ class Application(PageDesk):
         if self._asked is not picture.document:
             return
         self._picture = picture
-        self._stage.show(picture)
+        self._scene_view.show(picture)
         self._picks.redraw(picture)
-        self._why.picture_changed()
+        self._diagnostics.picture_changed()
         self._settle()

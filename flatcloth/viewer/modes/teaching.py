@@ -43,7 +43,7 @@ Tell = Callable[[bytes, bool], None]
 """Called with a record, and whether it is the last one; from any thread."""
 
 
-class TeachingDesk:
+class TeachingRoutes:
     """Answers what the teaching mode of a page asks; computes one lesson after the other.
 
     Parameters

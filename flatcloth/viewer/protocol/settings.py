@@ -99,13 +99,13 @@ SETTINGS = (
 )
 
 
-class SettingsBook:
+class SettingsStore:
     """The settings of a session; ``folder`` None keeps them in memory only. Used by one thread.
 
     Raises
     ------
     FlatclothError
-        If the file that is there is damaged.
+        If the existing file is damaged.
     """
 
     def __init__(self, folder: Path | None, defaults: Settings) -> None:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import Sheet, label_of
+from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
-from flatcloth.viewer.protocol.picks import CurrentPick, PickDesk, PlaceBook, numbers
+from flatcloth.viewer.protocol.picks import CurrentPick, PickStore, PlaceStore, numbers
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ class Note:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Desk:
+class PageStatus:
     """What belongs to the page and not to the session: Auto, progress, messages."""
 
     auto: bool = False
@@ -49,18 +51,18 @@ class Desk:
 def snapshot(
     revision: int,
     state: SessionState,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     picture: Picture | None,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     """Return the whole state of the page."""
     recording = integration.recording
     document = state.document
     present = document.present_view
     return {
-        **_common(revision, desk, picks, picture, integration, places),
+        **_common(revision, status, picks, picture, integration, places),
         "mode": "session",
         "phase": state.phase.value,
         "step": len(document.used_views),
@@ -77,7 +79,9 @@ def snapshot(
         "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
-        "progress": None if desk.progress is None else {"share": desk.progress[0], "text": desk.progress[1]},
+        "progress": None
+        if status.progress is None
+        else {"share": status.progress[0], "text": status.progress[1]},
         "pending": _pending(document, None if picture is None else picture.overlay),
     }
 
@@ -86,16 +90,16 @@ def live_snapshot(
     revision: int,
     head: Playhead,
     shown: Shown | None,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     """Return the whole state of the page in live mode; what changes with each frame comes with it."""
     angles_deg = integration.recording.angles_deg
     present = None if shown is None else shown.frame
     return {
-        **_common(revision, desk, picks, None if shown is None else shown.picture, integration, places),
+        **_common(revision, status, picks, None if shown is None else shown.picture, integration, places),
         "mode": "live",
         "phase": "live",
         "step": 0,
@@ -121,11 +125,11 @@ def live_snapshot(
 
 def _common(
     revision: int,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     picture: Picture | None,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     recording = integration.recording
     return {
@@ -138,12 +142,12 @@ def _common(
             "n_views": len(recording),
         },
         "notes": list(integration.notes),
-        "auto": {"running": desk.auto},
-        "edges": desk.edges,
+        "auto": {"running": status.auto},
+        "edges": status.edges,
         "layers": None if picture is None else _layers(picture),
         "pick": _pick(picks.current, picture, places, integration.axis),
         "picks": [_listed(p, picture, places) for p in picks.picks],
-        "log": [n.plain() for n in desk.log],
+        "log": [n.plain() for n in status.log],
     }
 
 
@@ -207,6 +211,7 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
+        "extends": None if overlay is None else label_of(overlay.piece(pending)),
         **_placing(overlay),
     }
 
@@ -229,22 +234,26 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
     """Return a nudge as a turn about the proposal's own centre and the shift of that, as one sees it."""
     if overlay is None:
         return pending.nudge
-    center = pending.proposed.apply(np.array(overlay.own_center_uv_m))
-    shift = pending.nudge.apply(center) - center
+    own = np.array(overlay.own_center_uv_m)
+    shift = overlay.shown(pending).apply(own) - overlay.sheet.shown(pending.proposed, own).apply(own)
     return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
     """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
     placement = None if overlay is None else overlay.proposal.placement
-    if placement is None or not placement.hypotheses:
+    if overlay is None or placement is None or not placement.hypotheses:
         return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
     return {
         "cameras": placement.cameras,
         "margin": finite(float(placement.margin)),
         "undetermined": list(placement.hypotheses[0].undetermined),
         "hypotheses": [
-            {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
+            {
+                "source": h.source,
+                "score": finite(h.score.total),
+                **_motion(_shown(overlay, h.current_from_new)),
+            }
             for h in placement.hypotheses
         ],
     }
@@ -268,11 +277,31 @@ def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
-        "area_cm2": picture.view.area_m2 * 1e4,
+        "area_cm2": (picture.view if picture.sheet is None else picture.sheet.canonical.view).area_m2 * 1e4,
+        "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
         **grid(picture.view),
     }
+
+
+def _floating(sheet: Sheet) -> list[dict[str, Any]]:
+    """Return the floating pieces: letter, area, reason, views, color, and their rectangles on the sheet."""
+    return [
+        {
+            "label": piece.label,
+            "area_cm2": 1e4 * piece.view.area_m2,
+            "reason": piece.reason,
+            "views": list(piece.views),
+            "color": "#" + bytes(piece_color(n).tolist()).hex(),
+            "grid": grid(piece.view),
+        }
+        for n, piece in enumerate(sheet.pieces, start=1)
+    ]
+
+
+def _shown(overlay: Overlay, motion: Rigid2) -> Rigid2:
+    return overlay.sheet.shown(motion, np.array(overlay.own_center_uv_m))
 
 
 def _overlay(picture: Picture) -> dict[str, Any] | None:
@@ -280,7 +309,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
     overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
     if overlay is None or pending is None:
         return None
-    at = pending.current_from_new
+    at = overlay.shown(pending)
     return {
         "revision": overlay.revision,
         "view_index": overlay.proposal.view_index,
@@ -293,12 +322,12 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
 
 def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
     """Return where the centre of the proposal lies on the plane: what a nudge turns about."""
-    u_m, v_m = pending.current_from_new.apply(np.array(overlay.own_center_uv_m)).tolist()
+    u_m, v_m = overlay.shown(pending).apply(np.array(overlay.own_center_uv_m)).tolist()
     return float(u_m), float(v_m)
 
 
 def _pick(
-    current: CurrentPick | None, picture: Picture | None, places: PlaceBook, axis: RotationAxis
+    current: CurrentPick | None, picture: Picture | None, places: PlaceStore, axis: RotationAxis
 ) -> dict[str, Any] | None:
     if current is None or picture is None:
         return None
@@ -306,7 +335,7 @@ def _pick(
     return numbers(current, place, picture, axis)
 
 
-def _listed(pick: Pick, picture: Picture | None, places: PlaceBook) -> dict[str, Any]:
+def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
     listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
     if picture is not None:
         place = places.place(picture, pick.position_held_m)

@@ -13,7 +13,7 @@ from scenes import AXIS, CAMERA, Cylinder
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.grasping.grasps import Grip, grasp_at
-from flatcloth.grasping.grips import GripBook
+from flatcloth.grasping.grips import GripStore
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
@@ -23,13 +23,14 @@ NAME = "cylinder </script><b>&"
 PICKS = ("middle", "edge <b>", "gone")
 
 
-def write_cylinder(folder: Path, name: str = NAME) -> Path:
-    """Write the cylinder as a recording folder."""
+def write_cylinder(folder: Path, name: str = NAME, cut_rows: slice = slice(0)) -> Path:
+    """Write the cylinder as a recording folder; of ``cut_rows`` of each image nothing is seen."""
     cylinder = Cylinder(angles_deg=ANGLES_DEG)
     folder.mkdir(parents=True)
     for n in range(len(ANGLES_DEG)):
         frame = cylinder[n]
         assert frame.mask is not None
+        frame.mask[cut_rows] = False
         for kind, pixels in (
             ("color", frame.color[..., ::-1]),
             ("depth", np.rint(frame.depth_m * 10_000).astype(np.uint16)),
@@ -100,7 +101,7 @@ def write_session(folder: Path, recording: Path) -> Path:
             session.add_pick(
                 name, grasp.position_held_m + away, grasp.normal_held, grasp.view_index, grasp.source_rc
             )
-        GripBook(folder).set(1, Grip(opening_m=0.06))
+        GripStore(folder).set(1, Grip(opening_m=0.06))
     finally:
         session.close()
     return folder
