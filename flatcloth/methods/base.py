@@ -282,6 +282,8 @@ class Method(Protocol):
     name: ClassVar[str]
     """The registered name."""
     angles_deg: Sequence[float]
+    is_unattended: bool = False
+    """Set by a run without an operator: what a further view would add decides, not a number of views."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...

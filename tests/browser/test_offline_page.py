@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import SCREENSHOTS, WAIT_MS, Tab
+from conftest import SCREENSHOTS, WAIT_MS, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import NAME, cylinder_session
 from playwright.sync_api import Browser, Page, expect
 

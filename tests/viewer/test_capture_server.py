@@ -73,7 +73,7 @@ def test_a_turntable_captures_a_turn_by_itself(
         answer = robot.post("angle", {"angle_deg": angle})
         assert answer.status_code == 200
         assert answer.json()["phase"] == "settle"
-        status = robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)
+        status = robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)  # type: ignore[misc]
         assert len(open_recording(tmp_path / "coat")) == n + 1  # it is on disk when it is told
         assert status["phase"] == "turn"
         assert status["announced"] is True

@@ -57,7 +57,7 @@ class Page:
     def get(self, address, **query):
         path, _, text = address.partition("?")
         text = "&".join([text, *(f"{name}={value}" for name, value in query.items())]).strip("&")
-        self.sent = []
+        self.sent: list[Any] = []
         run_apart(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
         body = b"".join(message.get("body", b"") for message in self.sent)
         return self.sent[0]["status"], body
