@@ -178,11 +178,11 @@ def test_unattended_what_a_further_view_promises_decides_with_an_operator_their_
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
     assert state.document.finished is not None
-    assert state.document.finished.startswith("Nothing more to give")
+    assert state.document.finished.startswith(("The best remaining view", "No view is left"))
     short = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=1)))  # type: ignore[arg-type]
     plan = short.plan(stepped(short, SessionState(len(STEPS)), Start(0)).document)
     assert plan.view_index is None
-    assert plan.reason.startswith("1 views, as many as are proposed;")
+    assert plan.reason.startswith("The limit of 1 views is reached;")
 
 
 def test_a_proposal_event_carries_the_confidence() -> None:

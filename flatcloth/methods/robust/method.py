@@ -59,7 +59,7 @@ class RobustMethod(Method):
         rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
-            return _no_plan(f"Nothing more to give: the best view left promises {1e4 * best.new_m2:.0f} cm2.")
+            return _no_plan(f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2.")
         if len(used) >= c.most_views and not self.is_unattended:
             return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2))
         return Plan(
@@ -150,8 +150,8 @@ class RobustMethod(Method):
 def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
     more = [area for area in new_m2 if area >= least_new_m2]
     return (
-        f"{used} views, as many as are proposed; {len(more)} more promise up to "
-        f"{1e4 * max(more):.0f} cm2 each. Choose one to go on."
+        f"The limit of {used} views is reached; {len(more)} more are expected to add up to "
+        f"{1e4 * max(more):.0f} cm2 each. Choose one to continue."
     )
 
 
