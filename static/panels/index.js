@@ -5,8 +5,18 @@ import { Diagnostics } from "/static/panels/diagnostics.js";
 import { PicksPanel } from "/static/panels/picks.js";
 import { ProposalPanel } from "/static/panels/proposal.js";
 import { Readout } from "/static/panels/readout.js";
+import { SidesPanel } from "/static/panels/sides.js";
 import { SettingsSheet } from "/static/panels/settings.js";
 import { SourcePanel } from "/static/panels/sources.js";
 
 /** Each is made with the page (page/page.js: Page) and may have what its typedef Panel names. */
-export const PANELS = [CapturePanel, ProposalPanel, PicksPanel, SettingsSheet, SourcePanel, Diagnostics, Readout];
+export const PANELS = [
+  CapturePanel,
+  ProposalPanel,
+  PicksPanel,
+  SidesPanel,
+  SettingsSheet,
+  SourcePanel,
+  Diagnostics,
+  Readout,
+];
