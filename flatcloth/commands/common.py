@@ -1,4 +1,4 @@
-"""What the commands of the command line share: options, opening a session's inputs, progress."""
+"""The common parts of the commands: options, opening a session's inputs, progress."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_method(parser: argparse.ArgumentParser) -> None:
         "--method",
         choices=method_names(),
         default=method_entry().name,
-        help="way of integrating the views (default: %(default)s)",
+        help="method of integrating the views (default: %(default)s)",
     )
 
 
@@ -42,20 +42,20 @@ def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> N
 
 
 def add_source_options(parser: argparse._ActionsContainer) -> None:
-    """Declare what a source may not tell itself: its angles and its camera (docs/datasets.md)."""
+    """Declare the options that a source may need: its angles and its camera (docs/datasets.md)."""
     given = parser.add_mutually_exclusive_group()
     given.add_argument(
         "--angles",
         type=Path,
         metavar="CSV",
-        help="for sources without angles: a table with a line for each view, its angle in degrees, or "
+        help="for sources without angles: a table with one line per view, its angle in degrees, or "
         "columns file, view or time_s, and angle_deg",
     )
     given.add_argument(
         "--step",
         type=float,
         metavar="DEG",
-        help="instead: how far each view is turned from the one before; negative if the side that faces "
+        help="instead: the rotation from view to view in degrees; negative if the side that faces "
         "the camera moves to the left",
     )
     given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
@@ -69,30 +69,30 @@ TURNING = (
 
 
 def add_camera_options(parser: argparse._ActionsContainer) -> None:
-    """Declare what a source may not tell of its camera, and which part of a data set's recording is read."""
+    """Declare the options on a source's camera, and on the part of a data set's recording to read."""
     parser.add_argument(
-        "--sweep", choices=("forth", "back"), help="which turn of a data set is read (default: forth)"
+        "--sweep", choices=("forth", "back"), help="turn of a data set that is read (default: forth)"
     )
     parser.add_argument(
         "--camera-file",
         type=Path,
         metavar="FILE",
-        help="for sources that do not describe their camera: its intrinsics, as intrinsic.json",
+        help="for sources without a camera: a file with its intrinsics, like intrinsic.json",
     )
     parser.add_argument(
         "--fov",
         type=float,
         nargs=2,
         metavar=("H", "V"),
-        help="instead, roughly: its field of view in degrees; with --camera-file, that file is made",
+        help="instead, approximately: its field of view in degrees; with --camera-file, writes that file",
     )
     parser.add_argument(
-        "--format", metavar="NAME", help="format of the source, if it is not to be found by what is in it"
+        "--format", metavar="NAME", help="format of the source (default: found from its content)"
     )
 
 
 def source_options_of(options: argparse.Namespace) -> SourceOptions:
-    """Return what the command line says about its source."""
+    """Return the options of the source."""
     from flatcloth.recordings import SourceOptions
 
     return SourceOptions(
@@ -107,7 +107,7 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
 
 
 def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
-    """Open a recording and what is derived from it; the heavy modules load here, not for ``--help``."""
+    """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import open_recording
 
@@ -115,7 +115,7 @@ def integration_of(source: str, method: str, options: SourceOptions | None = Non
 
 
 class ProgressBar:
-    """A bar on stderr where that is a terminal; else nothing, so that logs stay readable."""
+    """A bar on stderr if that is a terminal; otherwise nothing, so that logs stay readable."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -129,7 +129,7 @@ class ProgressBar:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
     def show(self, share: float, text: str) -> None:
-        """Draw the bar: ``share`` 0 to 1 and what is being done."""
+        """Draw the bar: ``share`` 0 to 1 and the current step."""
         if self._shown:
             filled = math.floor(20 * share)
             bar = "#" * filled + "." * (20 - filled)

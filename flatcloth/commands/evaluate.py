@@ -1,4 +1,4 @@
-"""The command ``evaluate``: comparison with the truth."""
+"""The command ``evaluate``: comparison of an unattended integration with the truth."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print a row of figures for each recording."""
+    """Print a row of figures per recording."""
     rows = []
     print(_table_head())
     for source in options.sources:

@@ -303,7 +303,7 @@ class Method(Protocol):
         Raises
         ------
         FlatclothError
-            If the session has no start view yet.
+            If the session has no start view.
         """
 
     @abstractmethod

@@ -3,6 +3,7 @@
 import { CapturePanel } from "/static/panels/capture.js";
 import { Diagnostics } from "/static/panels/diagnostics.js";
 import { PicksPanel } from "/static/panels/picks.js";
+import { PiecesPanel } from "/static/panels/pieces.js";
 import { ProposalPanel } from "/static/panels/proposal.js";
 import { Readout } from "/static/panels/readout.js";
 import { SidesPanel } from "/static/panels/sides.js";
@@ -13,6 +14,7 @@ import { SourcePanel } from "/static/panels/sources.js";
 export const PANELS = [
   CapturePanel,
   ProposalPanel,
+  PiecesPanel,
   PicksPanel,
   SidesPanel,
   SettingsSheet,
