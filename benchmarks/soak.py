@@ -167,6 +167,11 @@ class Operator:
     def act(self) -> None:
         """Do one thing that is possible now, and hear what comes of it."""
         self._hear(0.05)
+        with contextlib.suppress(TimeoutError):  # as after a restart that was cancelled
+            self.until(lambda s: s["layers"], 20.0)
+        if not self.state["layers"]:
+            self._step()
+            return
         pending = self.state.get("pending")
         weights = {
             "step": 0 if pending or self.state["phase"] != "ready" else 8,

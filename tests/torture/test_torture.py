@@ -44,7 +44,7 @@ def prefixes(data: bytes) -> dict[int, tuple[SessionState, tuple[int, ...]]]:
     lines = data.split(b"\n")[:-1]
     header_link = _links[data[:40]]
     replay = Replay(SessionState(len(RECORDING)), link=header_link, sealed=True)
-    found = {0: (replay.state, ())}
+    found: dict[int, tuple[SessionState, tuple[int, ...]]] = {0: (replay.state, ())}
     for line in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
         found[line.number] = (replay.state, tuple(replay.picks))
     return found
