@@ -293,7 +293,7 @@ class PageController(ABC):
             self._sink.tell(client, {"type": "note", **note.plain()})
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        # A click on the background picks nothing and changes nothing.
+        # A click on the background changes nothing.
         # Nor does the camera turn: who clicks in the scene sees what is clicked.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()

@@ -97,7 +97,7 @@ class Application(PageController):
     # --- from any thread ---------------------------------------------------------------------
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of a session."""
+        """Return the routes of a session."""
         return [
             *super().routes(),
             *self._diagnostics.routes(),
@@ -320,7 +320,7 @@ class Application(PageController):
             self._settle()
 
     def _settle(self) -> None:
-        """Bring the work, the picture, Auto and the tabs in line with the state."""
+        """Update the work, the picture, Auto and the tabs to the state."""
         document = self._state.document
         self._sides.follow(document)
         self._settle_work()

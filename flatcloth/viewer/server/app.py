@@ -275,7 +275,7 @@ async def _viser_page(_request: Request) -> Response:
 
 
 def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
-    # Hover read-outs need no turn in the queue: they only read the present picture.
+    # Hover read-outs bypass the queue: they only read the present picture.
     if '"hover' not in text[:200]:
         return None
     try:
