@@ -72,6 +72,20 @@ export interface Hover {
   view?: number | null;
 }
 
+/** Ask what a ray of the eye (object frame) hits first in 3D, and where that lies on the plane. */
+export interface HoverRay {
+  type: "hover_ray";
+  id: number;
+  origin_m: [number, number, number];
+  direction: [number, number, number];
+}
+
+/** Let the 3D camera look from where the real camera stood at a view. */
+export interface TurnTo {
+  type: "turn_to";
+  view_index: number;
+}
+
 /** Ask for the distance between two places of the plane; ``id`` comes back with the answer. */
 export interface Measure {
   type: "measure";
@@ -131,6 +145,7 @@ export interface Set {
   auto_threshold?: number | null;
   advance?: boolean | null;
   follow?: boolean | null;
+  turn_to_pick?: boolean | null;
   step_mm?: number | null;
   step_deg?: number | null;
 }
@@ -210,6 +225,8 @@ export type ClientMessage = Do
   | TakePart
   | Pairs
   | Hover
+  | HoverRay
+  | TurnTo
   | Measure
   | PickAt
   | ShowPick

@@ -153,7 +153,9 @@ export class SourcePanel {
     this.show();
   }
 
+  /** Look at another view: its image here, the item in 3D from where it was taken. */
   pin(view) {
+    this.page.send({ type: "turn_to", view_index: view });
     this.pinned = view === this.present ? null : view;
     this.show();
   }
@@ -248,7 +250,7 @@ export class SourcePanel {
         "aria-pressed": String(one.view_index === this.view),
         data: {
           id: `thumb-${one.view_index}`,
-          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image`,
+          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image, and turn the item to it`,
         },
         on: { click: () => this.pin(one.view_index) },
       },

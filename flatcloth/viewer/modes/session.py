@@ -155,6 +155,7 @@ class Application(PageController):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._turn_to_pick()
                 self._publish()
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)

@@ -134,6 +134,20 @@ class Hover(_Said, tag="hover", frozen=True, kw_only=True):
     view: Count | None = None
 
 
+class HoverRay(_Said, tag="hover_ray", frozen=True, kw_only=True):
+    """Ask what a ray of the eye (object frame) hits first in 3D, and where that lies on the plane."""
+
+    id: Count
+    origin_m: tuple[Pointed, Pointed, Pointed]
+    direction: tuple[Pointed, Pointed, Pointed]
+
+
+class TurnTo(_Said, tag="turn_to", frozen=True, kw_only=True):
+    """Let the 3D camera look from where the real camera stood at a view."""
+
+    view_index: Count
+
+
 class Measure(_Said, tag="measure", frozen=True, kw_only=True):
     """Ask for the distance between two places of the plane; ``id`` comes back with the answer."""
 
@@ -197,6 +211,7 @@ class Set(_Said, tag="set", frozen=True, kw_only=True):
     auto_threshold: Finite | None = None
     advance: bool | None = None
     follow: bool | None = None
+    turn_to_pick: bool | None = None
     step_mm: Finite | None = None
     step_deg: Finite | None = None
 
@@ -275,6 +290,8 @@ Message = (
     | TakePart
     | Pairs
     | Hover
+    | HoverRay
+    | TurnTo
     | Measure
     | PickAt
     | ShowPick
