@@ -42,6 +42,10 @@ class JournalError(FlatclothError):
     """A session folder cannot be written, read, or belongs to something else."""
 
 
+class SegmentationError(FlatclothError):
+    """The item, or its side of interest, cannot be told from the views, or a stroke is not valid."""
+
+
 class EvaluationError(FlatclothError):
     """A result cannot be compared with the truth."""
 
