@@ -27,11 +27,11 @@ SERVE = """
 import sys
 from dataclasses import replace
 from pathlib import Path
-from flatcloth.config import Config, FlatteningConfig
-from flatcloth.integration import Integration
-from flatcloth.journal import SessionFolder
+from flatcloth.core.config import Config, FlatteningConfig
+from flatcloth.engine.integration import Integration
+from flatcloth.session.store import SessionFolder
 from flatcloth.recordings import open_recording
-from flatcloth.resources import sample_recordings
+from flatcloth.core.resources import sample_recordings
 from flatcloth.viewer import PageServer
 made = Integration(
     open_recording(str(sample_recordings()[sys.argv[1]])),
@@ -55,7 +55,7 @@ FRAMES = """(ms) => {
 }"""
 
 DRAWS = """async () => {
-    const { FlatCanvas } = await import("/static/canvas.js");
+    const { FlatCanvas } = await import("/static/canvas/canvas.js");
     const draw = FlatCanvas.prototype.draw, times = [];
     FlatCanvas.prototype.draw = function () {
         const before = performance.now();

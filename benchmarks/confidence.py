@@ -9,7 +9,7 @@ neither.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,10 +20,12 @@ from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
+from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.methods.robust.placement_search import recorded_rc
+from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Accept, Command, Document, Event, SessionState
+from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
@@ -43,8 +45,8 @@ class Laid:
 def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
     """Return right and wrong placements of one recording."""
     integration = Integration(open_recording(name))
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     truth = read_truth(integration.recording.location)
     laid: list[Laid] = []
     documents: list[tuple[Document, int]] = []
@@ -54,19 +56,19 @@ def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
             documents.append((before[0], event.view_index))
         before[0] = run.state.document
 
-    run = Run(integration, SessionState(len(integration.recording)), record=watch)
+    run = Run(integration, MemorySession(SessionState(len(integration.recording))), watch=watch)
     before = [run.state.document]
     run.finish()
     for document, view in documents:
-        shape, parts = robust.shapes.shape(document), robust.parts(document, view)
-        placing = integration.proposal(document).placing
-        found = {p.component: p.hypothesis for p in placing.parts if p.hypothesis is not None}
+        shape, parts = robust.shapes.shape(document), robust.search.components(document, view)
+        placement = integration.proposal(document).placement
+        found = {p.component: p.hypothesis for p in placement.parts if p.hypothesis is not None}
         node_truth = _truth_of_nodes(integration, document, truth)
         for component, part in parts.items():
             hypothesis = found.get(component)
             if hypothesis is None:
                 continue
-            true = _truth_at(truth, view, robust.part_rc(view, part))
+            true = _truth_at(truth, view, recorded_rc(integration, view, part))
             motions = [(hypothesis.current_from_new, False)]
             motions.append((_disturbed(hypothesis.current_from_new, part.uv_m, random, 0.003, 1.0), False))
             motions += [
@@ -103,13 +105,13 @@ def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
 
 
 def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
-    robust = integration.robust
-    assert robust is not None
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
     shape = robust.shapes.shape(document)
     result = np.full((len(shape.nodes), 2), np.nan)
-    for sighting in shape.sightings:
-        offset = np.array(robust.shapes.surfaces(shape)[sighting.view_index].frame.offset_rc)
-        result[sighting.node] = _truth_at(truth, sighting.view_index, sighting.rc + offset)
+    for observation in shape.observations:
+        offset = np.array(robust.shapes.surfaces(shape)[observation.view_index].frame.offset_rc)
+        result[observation.node] = _truth_at(truth, observation.view_index, observation.rc + offset)
     return result
 
 
@@ -155,18 +157,17 @@ def learned_weights(laid: list[Laid]) -> Float64:
 
 def run(options: Options) -> None:
     """Measure, print and write ``results/confidence.json``."""
-    from flatcloth.core.config import AgreementConfig
+    from flatcloth.core.config import RobustConfig
     from flatcloth.core.resources import sample_recordings
 
     random = np.random.default_rng(0)
     names = options.recordings or sorted(str(path) for path in sample_recordings().values())
     laid = [placement for name in names for placement in placements_of(name, random)]
-    config = AgreementConfig()
+    weights, accept = CONFIDENCE_WEIGHTS, RobustConfig().accept_confidence
     if options.learn:
-        weights = learned_weights(laid)
+        weights = tuple(float(w) for w in learned_weights(laid))
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
-        config = replace(config, confidence_weights=tuple(float(w) for w in weights))
-    scored = np.array([confidence_of(p.parts, config) for p in laid])
+    scored = np.array([confidence_of(p.parts, weights) for p in laid])
     error = np.array([p.error_m for p in laid])
     right, wrong = scored[error <= RIGHT_M], scored[error >= WRONG_M]
     figures = {
@@ -174,8 +175,8 @@ def run(options: Options) -> None:
         "right": int(right.size),
         "wrong": int(wrong.size),
         "area_under_roc": round(area_under_roc(right, wrong), 4),
-        "right_accepted": round(float((right >= config.accept_confidence).mean()), 4),
-        "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
+        "right_accepted": round(float((right >= accept).mean()), 4),
+        "wrong_accepted": round(float((wrong >= accept).mean()), 4),
     }
     print(json.dumps(figures, indent=1))
     save("confidence", figures, names)

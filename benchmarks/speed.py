@@ -11,9 +11,10 @@ import numpy as np
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Command, Event, Propose, SessionState
+from flatcloth.session.machine import Command, Event, MemorySession, Propose, SessionState
 
 REPEATS = 5
 
@@ -45,19 +46,19 @@ def run(options: Options) -> None:
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
     """Return the best of several times of each method, in turns, after one run of each to warm up."""
-    best = dict.fromkeys(METHODS, np.inf)
+    best = dict.fromkeys(method_names(), np.inf)
     proposals_s = {}
-    for method in METHODS:
+    for method in method_names():
         whole_s(source, method)
     for _ in range(repeats):
-        for method in METHODS:
+        for method in method_names():
             seconds, watch = whole_s(source, method)
             if seconds < best[method]:
                 best[method], proposals_s[method] = seconds, watch.proposals_s
     own = 1e3 * np.array(proposals_s["robust"])
     return {
         "recording": open_recording(source).name,
-        **{f"{method}_s": round(best[method], 2) for method in METHODS},
+        **{f"{method}_s": round(best[method], 2) for method in method_names()},
         "to_paper": round(best["robust"] / best["paper"], 2),
         "proposals": len(own),
         "proposal_median_ms": round(float(np.median(own)), 1),
@@ -71,7 +72,7 @@ def whole_s(source: str, method: str) -> tuple[float, Stopwatch]:
     began_s = time.perf_counter()
     recording = open_recording(source)
     integration = Integration(recording, method=method)
-    document = Run(integration, SessionState(len(recording)), record=watch).finish().document
+    document = Run(integration, MemorySession(SessionState(len(recording))), watch=watch).finish().document
     integration.canonical(document)
     return time.perf_counter() - began_s, watch
 

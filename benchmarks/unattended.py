@@ -10,7 +10,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.session.machine import Document, SessionState
+from flatcloth.session.machine import Document, MemorySession, SessionState
 
 
 class Remembered:
@@ -41,5 +41,5 @@ def unattended(source: str) -> tuple[Integration, Document, Remembered]:
     """Integrate a recording by ``robust`` without an operator; return also its truth."""
     integration = Integration(Remembered(open_recording(source)))
     truth = Remembered(read_truth(integration.recording.location))
-    document = Run(integration, SessionState(len(integration.recording))).finish().document
+    document = Run(integration, MemorySession(SessionState(len(integration.recording)))).finish().document
     return integration, document, truth

@@ -9,11 +9,25 @@ from viewer_fakes import CylinderRecording, cylinder_view
 
 from flatcloth.core.config import Config
 from flatcloth.core.types import Rigid2
-from flatcloth.methods.base import Canonical
-from flatcloth.session.machine import Document, Pending, Side
+from flatcloth.methods.base import Canonical, Method
+from flatcloth.methods.paper.method import PaperMethod
+from flatcloth.session.machine import Document, Pending
 
 RECORDING = CylinderRecording()
 LIMIT_DEG = Config().planning.z_angle_limit_deg
+
+
+class _Fronts(PaperMethod):
+    """The paper's method on views that are laid already."""
+
+    def canonical(self, document):
+        return self._views.canonical(document)
+
+
+class _Neighbouring(_Fronts):
+    """A method that continues the view turned least."""
+
+    continued = Method.continued
 
 
 class CylinderViews:
@@ -21,7 +35,7 @@ class CylinderViews:
 
     def __init__(self, method="robust"):
         self.recording, self.axis, self.config = RECORDING, RECORDING.rotation_axis, Config()
-        self.method, self.robust = method, None
+        self.algorithm = (_Neighbouring if method == "robust" else _Fronts)(self, RECORDING.angles_deg)
         self.moved = Rigid2(0.0, 0.012, -0.004)
 
     def view(self, index):
@@ -31,9 +45,6 @@ class CylinderViews:
         return Canonical(
             view=self.view(document.start_view), current_from_view={document.start_view: Rigid2()}
         )
-
-    def fronts(self, document):
-        return {side: (document.start_view, 0.0) for side in Side}
 
     def part(self, view_index, component):
         assert component == 0

@@ -10,7 +10,6 @@ from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
 from flatcloth.core.types import Rigid2
-from flatcloth.session.journal import SessionFolder
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -27,6 +26,7 @@ from flatcloth.session.machine import (
     Undo,
     apply,
 )
+from flatcloth.session.store import SessionFolder
 
 RECORDING = MemoryRecording()
 SCRIPT: tuple[Command | Event, ...] = (

@@ -177,7 +177,9 @@ class CylinderIntegration:
         nudge = document.pending.nudge
         off_mm = 1000 * float(np.hypot(nudge.u_m, nudge.v_m))
         return AlignmentScore(
-            total=max(0.0, self.scores - 0.01 * off_mm), parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0}
+            total=max(0.0, self.scores - 0.01 * off_mm),
+            parts={"height_rms_mm": off_mm, "overlap_cm2": 42.0},
+            apart_part="height_rms_mm",
         )
 
     def reach(self, document: Document) -> Reach:
@@ -206,8 +208,8 @@ class CylinderIntegration:
             SimpleNamespace(component=0, area_m2=0.03, hypothesis=found),
             SimpleNamespace(component=1, area_m2=0.008, hypothesis=None),
         )
-        placing = SimpleNamespace(hypotheses=(), parts=parts)
-        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placing=placing)
+        placement = SimpleNamespace(hypotheses=(), parts=parts)
+        return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:
         self.answers += 1
@@ -272,7 +274,7 @@ class MemoryFolder:
 
     def record(self, command: Any, score_parts: Any = None) -> None:
         if self.full:
-            raise JournalError("journal.jsonl: cannot be written (disk full). Make room and repeat it.")
+            raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         self.state = apply(self.state, command)
         self.recorded.append(command)
 

@@ -54,9 +54,10 @@ def _serve(options: argparse.Namespace) -> None:
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.live_camera import CameraRecording
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder, default_session_folder
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
-    from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+    from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
@@ -80,7 +81,7 @@ def _serve(options: argparse.Namespace) -> None:
                 folder,
                 host=options.host,
                 port=options.port,
-                desk=capture_desk(integration, folder, feed, settings),
+                controller=capture_controller(integration, folder, feed, settings),
             )
         finally:
             folder.close()

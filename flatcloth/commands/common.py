@@ -8,10 +8,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flatcloth.methods.registry import method_entry, method_names
+
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
+    from flatcloth.recordings import SourceOptions
 
-METHODS = ("robust", "paper")
 DEFAULT_SAMPLE = "shirt-sleeve-clean"
 
 
@@ -19,8 +21,8 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     """Declare ``--method``."""
     parser.add_argument(
         "--method",
-        choices=METHODS,
-        default=METHODS[0],
+        choices=method_names(),
+        default=method_entry().name,
         help="way of integrating the views (default: %(default)s)",
     )
 
@@ -33,9 +35,14 @@ def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> N
         default=default,
         metavar="SOURCE",
         help="recording folder, TUM RGB-D folder, folder with color/ and depth/, RealSense .db3 or .bag, "
-        "ROS .mcap or .bag, or the name of a bundled recording"
+        "ROS .mcap or .bag, an area of MultimodalClothes, or the name of a bundled recording"
         + (" (default: %(default)s)" if default else ""),
     )
+    add_source_options(parser)
+
+
+def add_source_options(parser: argparse._ActionsContainer) -> None:
+    """Declare what a source may not tell itself: its angles and its camera (docs/datasets.md)."""
     given = parser.add_mutually_exclusive_group()
     given.add_argument(
         "--angles",
@@ -51,16 +58,60 @@ def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> N
         help="instead: how far each view is turned from the one before; negative if the side that faces "
         "the camera moves to the left",
     )
+    given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
+    add_camera_options(parser)
 
 
-def integration_of(
-    source: str, method: str, *, angles: Path | None = None, step: float | None = None
-) -> Integration:
+TURNING = (
+    "instead: the angle between the first and the last image of a turn (MultimodalClothes); "
+    "negative as with --step"
+)
+
+
+def add_camera_options(parser: argparse._ActionsContainer) -> None:
+    """Declare what a source may not tell of its camera, and which part of a data set's recording is read."""
+    parser.add_argument(
+        "--sweep", choices=("forth", "back"), help="which turn of a data set is read (default: forth)"
+    )
+    parser.add_argument(
+        "--camera-file",
+        type=Path,
+        metavar="FILE",
+        help="for sources that do not describe their camera: its intrinsics, as intrinsic.json",
+    )
+    parser.add_argument(
+        "--fov",
+        type=float,
+        nargs=2,
+        metavar=("H", "V"),
+        help="instead, roughly: its field of view in degrees; with --camera-file, that file is made",
+    )
+    parser.add_argument(
+        "--format", metavar="NAME", help="format of the source, if it is not to be found by what is in it"
+    )
+
+
+def source_options_of(options: argparse.Namespace) -> SourceOptions:
+    """Return what the command line says about its source."""
+    from flatcloth.recordings import SourceOptions
+
+    return SourceOptions(
+        angles=options.angles,
+        step_deg=options.step,
+        camera_file=options.camera_file,
+        fov_deg=None if options.fov is None else (options.fov[0], options.fov[1]),
+        turning_deg=options.turning,
+        sweep=options.sweep,
+        format=options.format,
+    )
+
+
+def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
     """Open a recording and what is derived from it; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, angles=angles, step_deg=step), method=method)
+    return Integration(open_recording(source, options), method=method)
 
 
 class ProgressBar:

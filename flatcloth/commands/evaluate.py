@@ -53,14 +53,14 @@ def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
     from flatcloth.engine.evaluation import compare
     from flatcloth.engine.headless import Run
     from flatcloth.recordings.truth import read_truth
-    from flatcloth.session.machine import SessionState
+    from flatcloth.session.machine import MemorySession, SessionState
 
     integration = integration_of(source, options.method)
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()
     with ProgressBar(recording.name) as bar:
-        state = Run(integration, SessionState(len(recording))).finish(bar.show)
+        state = Run(integration, MemorySession(SessionState(len(recording)))).finish(bar.show)
     view = integration.canonical(state.document).view
     seconds = time.perf_counter() - started
     comparison = compare(view, truth, recording)

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.common import ProgressBar, add_source_options, source_options_of
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -52,11 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recording", type=Path, metavar="SOURCE", help="where the recording is now, if it was moved"
     )
-    given = parser.add_mutually_exclusive_group()
-    given.add_argument(
-        "--angles", type=Path, metavar="CSV", help="the angles that the session was begun with, if any"
-    )
-    given.add_argument("--step", type=float, metavar="DEG", help="the step that it was begun with, if any")
+    add_source_options(parser.add_argument_group("what the session was begun with, if anything"))
 
 
 def add_hand_eye(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
     base_from_camera = hand_eye_of(options)
     with ProgressBar(str(options.session)) as bar:
         session = open_session(
-            options.session, options.recording, bar.show, angles=options.angles, step_deg=options.step
+            options.session, options.recording, bar.show, options=source_options_of(options)
         )
         for name in wanted:
             _write(name, session, getattr(options, name), base_from_camera, options.rotation)
@@ -121,11 +117,11 @@ def _write(
             from flatcloth.export.data import grasps_text
 
             frames = session.frames(base_from_camera, rotation_deg)
-            write_text(path, grasps_text(session.growth.view, session.story.picks, frames))
+            write_text(path, grasps_text(session.growth.view, session.history.picks, frames))
         case "outline":
             from flatcloth.export.outline import outline_text
 
-            write_text(path, outline_text(session.view, session.story.recording_name, path.suffix))
+            write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
 
 
 def _rotation(text: str) -> float:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.common import TURNING, ProgressBar, add_camera_options, source_options_of
 from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="table of the angles; of a RealSense file: seconds since its first frame, degrees",
     )
+    parser.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
+    add_camera_options(parser)
     parser.add_argument(
         "--turning-speed",
         type=float,
@@ -76,7 +78,7 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
             raise RecordingError(
                 f"{path}: no RealSense file. --turning-speed and --align are for those only."
             )
-        return open_recording(options.source, angles=options.angles, step_deg=options.step)
+        return open_recording(options.source, source_options_of(options))
     given = {
         "align": options.align,
         "step_deg": options.step,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of
+from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
 
 NAME = "run"
@@ -33,15 +33,15 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.export.session import frames_of
     from flatcloth.grasping.grips import read_grips
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
     base_from_camera = hand_eye_of(options)
-    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
+    integration = integration_of(options.source, options.method, source_options_of(options))
     folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
     try:
         settle_axis(folder.folder, integration)
         with ProgressBar(integration.recording.name) as bar:
-            unattended = Run(integration, folder.state, record=folder.record)
+            unattended = Run(integration, folder)
             state = unattended.finish(bar.show)
         frames = frames_of(integration, state.document, read_grips(options.out), base_from_camera)
         canonical = integration.canonical(state.document)

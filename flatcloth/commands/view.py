@@ -7,7 +7,13 @@ import math
 from pathlib import Path
 
 from flatcloth.commands.camera import add_camera, serve_camera
-from flatcloth.commands.common import DEFAULT_SAMPLE, add_method, add_source, integration_of
+from flatcloth.commands.common import (
+    DEFAULT_SAMPLE,
+    add_method,
+    add_source,
+    integration_of,
+    source_options_of,
+)
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
@@ -55,14 +61,15 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.engine.live import LivePlayer
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.journal import SessionFolder, default_session_folder
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:
         raise FlatclothError("--fps is the rate of --live; give both, or neither.")
     if serve_camera(options):
         return
-    integration = integration_of(options.source, options.method, angles=options.angles, step=options.step)
+    integration = integration_of(options.source, options.method, source_options_of(options))
     path = options.session or default_session_folder(
         integration.recording, options.method, integration.config
     )

@@ -1,4 +1,4 @@
-"""What everything stands on: types, geometry, settings, errors, access to files and processes.
+"""The base of all packages: types, geometry, settings, errors, access to files and processes.
 
-In: nothing of this program. Out: names that every other package may import.
+It imports nothing of this program; every other package may import it.
 """

@@ -55,7 +55,7 @@ class _Making(Generic[T]):
     value: list[T] = field(default_factory=list)
 
 
-class Memory(Generic[T]):
+class Cache(Generic[T]):
     """Keeps the values used last.
 
     Parameters

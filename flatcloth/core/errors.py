@@ -1,6 +1,6 @@
-"""The errors a user can meet: one root, one subclass a stage.
+"""The errors that are reported to the user: one root class, one subclass for each stage.
 
-Every message names the thing (file, view, option), the cause and the remedy in one line.
+Every message names the object (file, view, option), the cause and the remedy in one line.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class AlignmentError(FlatclothError):
 
 
 class IllegalDecisionError(FlatclothError):
-    """A decision that the session does not allow now; the message says why."""
+    """A decision that the session does not allow in its present state; the message gives the reason."""
 
 
 class JournalError(FlatclothError):
-    """A session folder cannot be written, read, or belongs to something else."""
+    """A session folder cannot be written or read, or belongs to another recording."""
 
 
 class SegmentationError(FlatclothError):

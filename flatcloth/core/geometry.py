@@ -1,4 +1,4 @@
-"""Back-projection, rotation about the axis, heights and Z-angles; no policy, only geometry."""
+"""Back-projection, rotation about the axis, heights and Z-angles."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Rigid3:
         return moved
 
     def turn(self, vectors: Floats) -> Float64:
-        """Turn directions (..., 3), without the translation."""
+        """Rotate directions (..., 3), without the translation."""
         turned: Float64 = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
         return turned
 
     def apply_with_normal(self, points_m: Floats, normals: Floats) -> tuple[Float64, Float64]:
-        """Move points (..., 3) and turn their normals (..., 3)."""
+        """Move points (..., 3) and rotate their normals (..., 3)."""
         return self.apply(points_m), self.turn(normals)
 
     def inverse(self) -> Rigid3:
@@ -52,13 +52,13 @@ def rotation_about(direction: Floats, angle_rad: float) -> Float64:
 
 
 def camera_from_held(axis: RotationAxis, angle_deg: float) -> Rigid3:
-    """Return the motion that turns held-frame points to the camera frame of a view at ``angle_deg``."""
+    """Return the motion from the object frame to the camera frame of a view at ``angle_deg``."""
     rotation = rotation_about(axis.direction, math.radians(angle_deg))
     return Rigid3(rotation, axis.point_m - rotation @ axis.point_m)
 
 
 def held_from_camera(axis: RotationAxis, angle_deg: float) -> Rigid3:
-    """Return the motion that turns camera-frame points of a view at ``angle_deg`` back to the held frame."""
+    """Return the motion from the camera frame of a view at ``angle_deg`` back to the object frame."""
     return camera_from_held(axis, -angle_deg)
 
 
@@ -82,11 +82,12 @@ def height_m(xyz_m: Floats, axis: RotationAxis) -> Float64:
 
 
 def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> Float64:
-    """Return the Z-angle (...) of normals (..., 3) given in the held frame, seen at ``angle_deg``.
+    """Return the Z-angle (...) of normals (..., 3) given in the object frame, seen at ``angle_deg``.
 
-    The angle about the axis from the direction to the camera to the normal's horizontal part, in
-    (-180, 180]; positive where the surface faces the right of the image (paper, 4.1, step 1, with
-    the camera's direction taken as the optical axis, so that turning the item adds the rotation).
+    It is the angle about the axis from the direction to the camera to the normal's horizontal
+    component, in (-180, 180], positive where the surface faces the right of the image (paper, 4.1,
+    step 1). The direction to the camera is taken as the optical axis, so that turning the item by an
+    angle adds that angle.
     """
     k = axis.direction
     to_camera = np.array([0.0, 0.0, -1.0])
@@ -100,10 +101,10 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
 
 
 def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:
-    """Return two unit tangents (N, 3) each of normals (N, 3), camera frame; they vary slowly with it.
+    """Return two unit tangents (N, 3) for each of the normals (N, 3), camera frame, varying smoothly.
 
-    The first is the image's right direction, made tangent. The second is down the image as seen
-    from outside, so that both turn as u and v do on the plane.
+    The first is the image's right direction projected onto the tangent plane. The second points down
+    in the image when seen from outside, so that the two have the orientation of u and v on the plane.
     """
     right = np.array([1.0, 0.0, 0.0]) - normal[:, :1] * normal
     small = np.linalg.norm(right, axis=1) < 0.2
@@ -114,7 +115,7 @@ def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:
 
 
 def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:
-    """Return where points (N, 3), camera frame, appear in the image: (row, col) (N, 2), not rounded."""
+    """Return the image positions (row, col) (N, 2) of points (N, 3), camera frame, not rounded."""
     k = intrinsics
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = points_m[:, 0] / points_m[:, 2], points_m[:, 1] / points_m[:, 2]
@@ -122,9 +123,9 @@ def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:
 
 
 def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None) -> Rigid2:
-    """Return the motion (no mirror, no scale) that brings points (N, 2) of the plane to the target.
+    """Return the motion (no mirror, no scale) that fits points (N, 2) of the plane to the target (N, 2).
 
-    By least squares, the squares weighted by ``weight`` (N,) if it is given.
+    The fit is least squares, weighted by ``weight`` (N,) if given.
     """
     p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
     w = np.ones((len(p), 1)) if weight is None else np.asarray(weight, dtype=np.float64)[:, None]

@@ -1,11 +1,12 @@
-"""Files that somebody else may have made: read only if they are files, and only so much of them.
+"""Files in folders of unknown origin: reads regular files only, and writes without following links.
 
-A name may stand for a pipe, which keeps whoever opens it waiting, or for a device or a file without
-end. What is wrong is an ``OSError`` whose ``strerror`` fits into a message.
+A name may refer to a pipe, on which opening blocks, to a device or an endless file, or to a link whose
+target must not be overwritten. Errors are ``OSError`` with a ``strerror`` that fits into a message.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
@@ -13,18 +14,18 @@ from pathlib import Path
 from typing import BinaryIO
 
 MOST_TEXT_BYTES = 16_000_000
-"""No list, table or description is longer."""
+"""Largest list, table or description that is read."""
 MOST_JOURNAL_BYTES = 200_000_000
-"""A decision takes some 300 bytes."""
+"""Largest journal that is read; one decision takes about 300 bytes."""
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a file for reading, never waiting for it.
+    """Open a file for reading without blocking.
 
     Raises
     ------
     OSError
-        If it cannot be opened, or is no plain file.
+        If it cannot be opened or is not a regular file.
     """
     fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
@@ -53,3 +54,56 @@ def read_plain(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
             if len(data) <= most_bytes:
                 return data
     raise OSError(errno.EFBIG, f"larger than {most_bytes // 10**6} MB", str(path))
+
+
+def open_new(path: Path) -> BinaryIO:
+    """Create a file for writing; an existing file or link of that name is removed first.
+
+    Raises
+    ------
+    OSError
+        If it cannot be created.
+    """
+    with contextlib.suppress(FileNotFoundError):
+        path.unlink()
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+    return os.fdopen(fd, "wb")
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file atomically; its content is on disk when this returns.
+
+    A link of that name is replaced, not followed. After a crash the file is either the old or the new one.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; an existing file then is unchanged.
+    """
+    draft = path.with_name(f".{path.name}.partial")
+    try:
+        with open_new(draft) as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            draft.unlink()
+        raise
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Flush the entries of a folder to disk.
+
+    Raises
+    ------
+    OSError
+        If it cannot be flushed.
+    """
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

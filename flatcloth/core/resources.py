@@ -1,6 +1,6 @@
-"""Where the files beside the code lie: the operator page and the sample recordings.
+"""Locations of the files that come with the code: the operator page and the sample recordings.
 
-An installed package carries them inside itself; a checkout has them beside the package.
+An installed package contains them; in a checkout they are beside the package.
 """
 
 from __future__ import annotations
@@ -22,5 +22,5 @@ def sample_recordings() -> dict[str, Path]:
 
 
 def _first_existing(installed: Path, checkout: Path) -> Path:
-    # The installed place is asked first: beside an installed package lie other people's packages.
+    # The installed place is checked first, because other packages lie beside an installed package.
     return installed if installed.is_dir() else checkout

@@ -1,7 +1,7 @@
-"""Work in a process of its own: for libraries that a damaged file makes crash, hang or fill the memory.
+"""A worker process for libraries that may crash, hang or fill the memory on a damaged file.
 
-The child runs a module of this package that calls :func:`serve`. Both talk in messages: a line of
-JSON, and behind it the bytes of arrays. Nothing else of the child's can reach the parent.
+The worker runs a module of this package that calls :func:`serve`. Both processes exchange messages:
+one line of JSON followed by the bytes of arrays. Nothing else of the worker reaches the parent.
 """
 
 from __future__ import annotations
@@ -31,43 +31,43 @@ from flatcloth.core.types import Progress, no_progress
 Arrays = Mapping[str, NDArray[Any]]
 
 MEMORY_BYTES = 1_200_000_000
-"""What a child may take beyond its libraries; any real recording needs less."""
+"""Memory that a worker may use in addition to its libraries; real recordings need less."""
 _START_S = 120.0
-"""A cold disk may take long to give the libraries; nobody's file is read meanwhile."""
+"""Longest start, in which only libraries are loaded; reading them from a cold disk can be slow."""
 _PATIENCE_S = 6.0
 _BYTES_PER_S = 20e6
-"""A sign of life is waited for longer where the file is large: as long as a slow disk takes to read it."""
+"""The timeout is extended for a large file by the time that a slow disk needs to read it."""
 
 
 class ChildError(Exception):
-    """The child could not do it; the text is for the user."""
+    """The worker could not complete the request; the text is for the user."""
 
 
 class ChildLostError(Exception):
-    """The child crashed, was too slow or took too much memory; the text says which."""
+    """The worker crashed, timed out or exceeded its memory; the text says which."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """What goes between the processes: a table for JSON, and arrays."""
+    """A message between the processes: a table for JSON, and arrays."""
 
     table: Mapping[str, Any]
     arrays: Arrays = field(default_factory=dict)
 
 
 class Child:
-    """A process that runs a module of this package; close it, or let go of it.
+    """A worker process that runs a module of this package; it ends when closed or garbage-collected.
 
     Parameters
     ----------
     module : str
-        It calls :func:`serve`.
+        The module to run; it calls :func:`serve`.
     file : Path
-        What it reads; tells for how long its silence is borne.
+        The file it reads; its size extends the timeout.
 
     Notes
     -----
-    Starting takes as long as the module's imports. Several threads may ask, one after the other.
+    Starting takes as long as the module's imports. Calls from several threads are serialised.
     """
 
     def __init__(self, module: str, file: Path) -> None:
@@ -79,7 +79,7 @@ class Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
-            start_new_session=True,  # Ctrl+C is the parent's to answer
+            start_new_session=True,  # only the parent handles Ctrl+C
         )
         self.close = weakref.finalize(self, _end, self._process)
         with self._closing_when_lost():
@@ -91,13 +91,13 @@ class Child:
         Raises
         ------
         ChildError
-            If the child says so.
+            If the worker reports one.
         ChildLostError
-            If it does not answer; it is ended then.
+            If the worker does not answer; it is then ended.
         """
         with self._lock, self._closing_when_lost():
             if not self.close.alive:
-                raise ChildLostError("has ended over an earlier view")
+                raise ChildLostError("ended while it read an earlier view")
             try:
                 _write(self._stdin, Message(table))
             except OSError as error:
@@ -126,7 +126,7 @@ class Child:
             pieces, missing = [], count
             while missing:
                 if not select.select([fd], [], [], max(0.0, until_s - time.monotonic()))[0]:
-                    raise ChildLostError("does not come to an end")
+                    raise ChildLostError("did not answer in time")
                 piece = os.read(fd, min(missing, 1 << 20))
                 if not piece:
                     raise ChildLostError(self._end_of_it())
@@ -140,7 +140,7 @@ class Child:
         try:
             code = self._process.wait(timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired:
-            return "has stopped answering"
+            return "stopped answering"
         return f"crashed ({signal.Signals(-code).name})" if code < 0 else f"ended with code {code}"
 
     @contextlib.contextmanager
@@ -153,11 +153,12 @@ class Child:
 
 
 def serve(answer: Callable[[Mapping[str, Any], Progress], Message], known: type[Exception]) -> None:
-    """Answer questions until there are no more: what the main program of a child calls.
+    """Answer requests until the input ends; the main program of a worker.
 
-    ``answer`` is given the question and a progress to tell; ``known`` errors are told as they are.
+    ``answer`` takes a request and a progress callback. Errors of type ``known`` are reported with
+    their own message.
     """
-    # Libraries print what they like: it must not come between the messages, nor to the user.
+    # Libraries print to standard output: that must neither mix with the messages nor reach the user.
     out = os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
@@ -187,7 +188,7 @@ def _answered(
         return Message({"error": str(error)})
     except MemoryError:
         return Message({"lost": f"needs more than {MEMORY_BYTES / 1e9:.1f} GB of memory"})
-    except Exception as error:  # noqa: BLE001 - in a damaged file a library stumbles anywhere
+    except Exception as error:  # noqa: BLE001 - on a damaged file a library may raise anything
         text = "".join(c for c in " ".join(str(error).split()) if c.isprintable())[:200]
         return Message({"lost": f"failed ({type(error).__name__}: {text})"})
 
@@ -212,7 +213,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
     for pipe in (process.stdin, process.stdout):
         assert pipe is not None
-        with contextlib.suppress(OSError):  # what was not sent has no reader any more
+        with contextlib.suppress(OSError):  # unsent data has no reader any more
             pipe.close()
 
 

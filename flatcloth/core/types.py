@@ -1,8 +1,9 @@
-"""The frozen data types that everybody shares.
+"""The frozen data types that all packages share.
 
-Frames: *camera* (x right, y down, z forward, of the view at hand), *held* (the camera frame of
-view 0, with every view turned back by its angle), *plane* (the flattened plane: u right, v down,
-metres, seen from outside the cloth). Arrays are never modified after construction.
+Frames: *camera* (x right, y down, z forward, of the view in question), *object* (the camera frame
+of view 0, with every view turned back by its angle; files call it the *held* frame), *plane* (the
+flattened plane: u right, v down, metres, seen from outside the cloth). Arrays are never modified
+after construction.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Progress = Callable[[float, str], None]
 
 
 def no_progress(_share: float, _text: str) -> None:
-    """Ignore the progress: the null object for headless calls."""
+    """Ignore the progress; the default of headless calls."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +46,10 @@ class Intrinsics:
 
 @dataclass(frozen=True, kw_only=True)
 class RotationAxis:
-    """The axis the item turns about, in the camera frame: ``point_m`` (3,), ``direction`` (3,) unit.
+    """The turning axis of the item in the camera frame: ``point_m`` (3,), ``direction`` (3,) unit.
 
-    ``direction`` points up; a positive angle turns right-handed about it, so that what faces the
-    camera moves to the right of the image.
+    ``direction`` points up. A positive angle is a right-handed rotation about it, so a surface that
+    faces the camera moves to the right of the image.
     """
 
     point_m: Float64
@@ -62,8 +63,8 @@ class RgbdFrame:
 
     ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured;
     ``mask`` (H, W) bool, True on the side of interest, or None if the recording has no masks;
-    ``angle_deg`` about the axis since view 0; ``offset_rc`` where its pixel (0, 0) lies in the
-    recorded image, if it was cropped.
+    ``angle_deg`` is the rotation about the axis since view 0; ``offset_rc`` the position of its pixel
+    (0, 0) in the recorded image, if it was cropped.
     """
 
     view_index: int
@@ -75,7 +76,7 @@ class RgbdFrame:
     offset_rc: tuple[int, int] = (0, 0)
 
     def cropped(self, rows: slice, cols: slice) -> RgbdFrame:
-        """Return a part of the image as a frame of its own, so that the whole one can be forgotten."""
+        """Return a part of the image as a copy, so that the memory of the whole one can be freed."""
         k = self.intrinsics
         top, left = rows.indices(k.height)[0], cols.indices(k.width)[0]
         depth = self.depth_m[rows, cols].copy()
@@ -126,7 +127,7 @@ class Rigid2:
         )
 
     def about(self, center_m: Floats) -> Rigid2:
-        """Return the motion that turns about ``center_m`` (2,) first and then shifts by (u, v)."""
+        """Return the motion that first rotates about ``center_m`` (2,) and then shifts by (u, v)."""
         c = np.asarray(center_m, dtype=np.float64)
         turned = Rigid2(self.theta_rad).apply(c)
         return Rigid2(
@@ -139,7 +140,7 @@ class Rigid2:
 def wrap_rad(angle_rad: float) -> float:
     """Return the angle in (-pi, pi]."""
     if -math.pi < angle_rad <= math.pi:
-        return angle_rad  # untouched, so that composing with the identity is exact
+        return angle_rad  # returned unchanged, so that composing with the identity is exact
     return -((math.pi - angle_rad) % (2 * math.pi) - math.pi)
 
 
@@ -149,14 +150,14 @@ class FlattenedView:
 
     All arrays are (H, W, ...). Pixel (row, col) has its centre at the plane point
     ``origin_uv_m + pixel_size_m * (col, row)``. ``rgb`` uint8; ``xyz_m`` and ``normal`` float32 in
-    the held frame (NaN where not valid); ``z_angle_deg`` float32, the Z-angle at which the source
+    the object frame (NaN where not valid); ``z_angle_deg`` float32, the Z-angle at which the source
     view saw the pixel (NaN where not valid); ``valid`` bool; ``view_index`` int16, the view of the
     recording the pixel came from (-1 none); ``source_rc`` float32 (row, col) in that view's image.
     ``quality`` float32 (H, W, 3), NaN where not valid: density of the measurement (image pixels per
     cm2 of cloth), incidence angle (deg, between line of sight and normal), and stretch (the largest
-    relative change of length that flattening caused nearby); None where it is not known.
-    ``placement_std_m`` float32 (H, W), NaN where not valid: standard deviation of the pixel's place on
-    the plane, relative to the main piece of the start view; None where it is not known.
+    relative change of length by flattening near the pixel); None if unknown. ``placement_std_m``
+    float32 (H, W), NaN where not valid: placement uncertainty, i.e. the standard deviation of the
+    pixel's position on the plane relative to the main piece of the start view; None if unknown.
     """
 
     rgb: Uint8
@@ -196,5 +197,5 @@ class FlattenedView:
 
 
 def finite(value: float | None) -> float | None:
-    """Return the value, or None where JSON has no word for it."""
+    """Return the value, or None if it is not finite, which JSON cannot express."""
     return value if value is not None and np.isfinite(value) else None

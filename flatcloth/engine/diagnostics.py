@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
-from flatcloth.core.geometry import held_from_camera
-from flatcloth.core.types import Float64, Int32, Rigid2
-from flatcloth.methods.base import ColumnCurves, Correspondence
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.methods.base import ColumnCurves, Correspondence, SurfaceEdges
+from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.paper.alignment import correspond
-from flatcloth.methods.paper.method import side_of
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg
 from flatcloth.session.machine import Document, Side
 
@@ -87,7 +86,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     if pending is None:
         raise FlatclothError("There is no proposal to give reasons for; step first.")
     angles, config, axis = integration.recording.angles_deg, integration.config, integration.axis
-    side, front = _continued(integration, document)
+    side, front = integration.algorithm.continued(document, pending.view_index, pending.side)
     canonical = integration.canonical(document)
     front_from_current = canonical.current_from_view[front].inverse()
     turn = (angles[pending.view_index] - angles[front] + 180.0) % 360.0 - 180.0
@@ -98,7 +97,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     found, trouble = None, ""
     try:
         seen = (angles[front], angles[front] + turn)
-        found = correspond(canonical.view, new, axis, seen, front_from_current, limit, config.alignment)
+        found = correspond(canonical.view, new, axis, seen, front_from_current, limit)
     except AlignmentError as error:
         trouble = str(error)
     return Reasons(
@@ -115,39 +114,22 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         trouble=trouble,
         front_from_current=front_from_current,
         current_from_new=pending.current_from_new,
-        shape_edges=_edges_of_shape(integration, document),
-        new_edges=_edges_of_view(
-            integration, pending.view_index, pending.component, pending.current_from_new
+        shape_edges=strained_edges(integration.algorithm.surface_edges(document)),
+        new_edges=strained_edges(
+            edges_of_view(
+                integration,
+                angles[pending.view_index],
+                pending.view_index,
+                pending.component,
+                pending.current_from_new,
+            )
         ),
     )
 
 
-def _continued(integration: Integration, document: Document) -> tuple[Side, int]:
-    """Return the side that the pending view extends, and the accepted view that it continues there."""
-    pending, angles = document.pending, integration.recording.angles_deg
-    assert pending is not None
-    if integration.method == "paper":
-        side = pending.side or side_of(document, angles, pending.view_index)
-        return side, integration.fronts(document)[side][0]
-    # Views come in any order: the one that was turned least from it shares most with it.
-    turns = {v: (angles[pending.view_index] - angles[v] + 180.0) % 360.0 - 180.0 for v in _used(document)}
-    front = min(turns, key=lambda v: abs(turns[v]))
-    return (Side.LEFT if turns[front] >= 0 else Side.RIGHT), front
-
-
-def _used(document: Document) -> list[int]:
-    assert document.start_view is not None
-    return [document.start_view, *(added.view_index for added in document.accepted)]
-
-
-def strained_edges(
-    uv_m: Float64, xyz_m: Float64, edges: Int32, length_m: Float64, most: int = MOST_EDGES
-) -> StrainedEdges:
-    """Return the edges (M, 2) between points at ``uv_m`` (N, 2) and ``xyz_m`` (N, 3) that are strained most.
-
-    ``length_m`` (M,) is what each edge measures along the cloth; edges with an end that has no place
-    (NaN) are left out.
-    """
+def strained_edges(found: SurfaceEdges, most: int = MOST_EDGES) -> StrainedEdges:
+    """Return the edges that are strained most; those with an end that has no place (NaN) are left out."""
+    uv_m, xyz_m, edges, length_m = found.uv_m, found.xyz_m, found.edges, found.length_m
     flat = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
     off = flat - length_m
     known = np.isfinite(off)
@@ -157,38 +139,4 @@ def strained_edges(
     worst = large[np.argsort(-np.abs(strain[large]), kind="stable")][:most]
     return StrainedEdges(
         uv_m=uv_m[edges[worst]], xyz_m=xyz_m[edges[worst]], strain=strain[worst], total=int(known.sum())
-    )
-
-
-def _edges_of_view(
-    integration: Integration, view_index: int, component: int, plane_from_view: Rigid2
-) -> StrainedEdges:
-    flattening = integration.flattening(view_index)
-    level = flattening.levels[-1]
-    own = np.zeros(len(level.points_rc), dtype=bool)
-    own[flattening.components[component].members] = True
-    used = own[level.edges].all(axis=1)
-    held = held_from_camera(integration.axis, integration.recording.angles_deg[view_index])
-    return strained_edges(
-        plane_from_view.apply(level.uv_m),
-        held.apply(level.points_m),
-        level.edges[used],
-        level.edge_length_m[used],
-    )
-
-
-def _edges_of_shape(integration: Integration, document: Document) -> StrainedEdges:
-    if integration.robust is not None:
-        shape = integration.robust.shapes.shape(document)
-        # One joint flattening: an edge counts once for each view that saw it.
-        return strained_edges(shape.uv_m, shape.nodes.xyz_m, shape.links.edges, shape.links.length_m)
-    placements, parts = integration.canonical(document).current_from_view, document.parts
-    of_views = [_edges_of_view(integration, v, parts.get(v, 0), at) for v, at in placements.items()]
-    strain = np.concatenate([e.strain for e in of_views])
-    worst = np.argsort(-np.abs(strain), kind="stable")[:MOST_EDGES]
-    return StrainedEdges(
-        uv_m=np.concatenate([e.uv_m for e in of_views])[worst],
-        xyz_m=np.concatenate([e.xyz_m for e in of_views])[worst],
-        strain=strain[worst],
-        total=sum(e.total for e in of_views),
     )

@@ -10,36 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
-from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.methods.base import Alignment, AlignmentScore, PartPlace, Placing, Plan
-from flatcloth.session.machine import Document, Followed, Later, Side
+from flatcloth.core.types import FlattenedView, Progress, Rigid2
+from flatcloth.methods.base import Alignment, AlignmentScore, ComponentPlacement, Method, Placement, Plan
+from flatcloth.session.machine import Document, Followed, Side
 
 _MOST_LOSS = 0.1
 """A score that has fallen by more than this is told to the operator."""
 _GAP_M = 0.02
-
-
-class Method(Protocol):
-    """What is needed of a method of integrating views."""
-
-    def propose(
-        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
-    ) -> Placing:
-        """Find where a view lies."""
-        ...
-
-    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement."""
-        ...
-
-    def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return where a later decision lies on the present plane, carried along."""
-        ...
 
 
 def follow(
@@ -66,8 +47,8 @@ def follow(
     motion = method.carried(document, later)
     try:
         if not decision.fixed:
-            placing = method.propose(document, view, decision.side, progress)
-            component, motion = placing.component, placing.alignment.current_from_new
+            placement = method.propose(document, view, decision.side, progress)
+            component, motion = placement.component, placement.alignment.current_from_new
         score = method.score(document, view, component, motion).total
     except (SurfaceError, FlatteningError, AlignmentError) as error:
         return Followed(token, view, motion, 0.0, component, holds=False, why=str(error))
@@ -91,7 +72,7 @@ def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
     return chosen
 
 
-def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placing:
+def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placement:
     """Lay the first part of a view beside the shape, at one side of it, for the operator to place by hand.
 
     Upright as it was seen: both planes have their ``v`` along the turning axis. ``parts`` by their
@@ -107,8 +88,8 @@ def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: 
     alignment = Alignment(
         current_from_new=motion, initial=motion, score=nothing, initial_score=nothing, correspondence=None
     )
-    waiting = (PartPlace(component=n, area_m2=p.area_m2, hypothesis=None) for n, p in parts.items())
-    return Placing(component=component, alignment=alignment, parts=tuple(waiting))
+    waiting = (ComponentPlacement(component=n, area_m2=p.area_m2, hypothesis=None) for n, p in parts.items())
+    return Placement(component=component, alignment=alignment, parts=tuple(waiting))
 
 
 def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:

@@ -13,6 +13,7 @@ from flatcloth.session.machine import (
     Accept,
     Command,
     Event,
+    Keeper,
     Nudge,
     Phase,
     Propose,
@@ -21,8 +22,6 @@ from flatcloth.session.machine import (
     Start,
     apply,
 )
-
-Record = Callable[[Command | Event], None]
 
 
 class Policy(Protocol):
@@ -40,20 +39,17 @@ CONTRADICTS = "contradicts the other views"
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
     """Accept what agrees well enough; refuse the rest as unsure, so that it may be tried again later.
 
-    By the method ``robust``, a view is flattened jointly with the others first. If they contradict
-    it there, the next best hypothesis is tried, if it is sure enough, and then the view refused.
+    If the other views contradict the placement once it is accepted (:meth:`Method.is_contradicted`), the
+    next best hypothesis is tried, if its score suffices, and then the view is refused.
     """
     pending = state.document.pending
     assert pending is not None
     if integration.score(state.document).total < integration.accept_score:
         return Reject(pending.view_index, UNSURE)
     accept = Accept(pending.view_index)
-    if integration.robust is None:
+    if not integration.algorithm.is_contradicted(apply(state, accept).document):
         return accept
-    after = apply(state, accept).document
-    if integration.robust.contradiction(after) <= integration.config.agreement.most_contradiction:
-        return accept
-    hypotheses = integration.proposal(state.document).placing.hypotheses
+    hypotheses = integration.proposal(state.document).placement.hypotheses
     if pending.nudge == Rigid2() and len(hypotheses) > 1:
         second = hypotheses[1]
         if second.score.total >= integration.accept_score:
@@ -79,12 +75,12 @@ class Run:
     ----------
     integration : Integration
         What computes.
-    state : SessionState
-        Where to begin: new, or resumed from a journal.
-    record : callable
-        Told every command and answer that changed the state, in order.
+    session : Keeper
+        Owns the state, new or resumed, and records every command and answer.
     policy : Policy
         Decides about proposals.
+    watch : callable
+        Told every command and answer once it is recorded, in order.
 
     Attributes
     ----------
@@ -93,10 +89,15 @@ class Run:
     """
 
     integration: Integration
-    state: SessionState
-    record: Record = field(default=lambda _: None)
+    session: Keeper
     policy: Policy = accept_by_score
+    watch: Callable[[Command | Event], None] = field(default=lambda _: None)
     decisions: list[Decision] = field(default_factory=list)
+
+    @property
+    def state(self) -> SessionState:
+        """The session as it stands."""
+        return self.session.state
 
     def finish(self, progress: Progress = no_progress) -> SessionState:
         """Integrate until nothing more is to be had, and return the final state.
@@ -126,8 +127,8 @@ class Run:
             self.decisions.append(
                 Decision(view_index=pending.view_index, accepted=accepted, score=pending.score, reason=reason)
             )
-        self.state = apply(self.state, command)
-        self.record(command)
+        self.session.record(command)
+        self.watch(command)
 
     def _ask(self, command: Start | Propose, progress: Progress) -> None:
         self._do(command)

@@ -12,9 +12,9 @@ from typing import cast
 
 import numpy as np
 
-from flatcloth.core.cache import Memory, ReadAhead
+from flatcloth.core.cache import Cache, ReadAhead
 from flatcloth.core.config import Config
-from flatcloth.core.errors import AlignmentError, ConfigError, FlatclothError, FlatteningError, SurfaceError
+from flatcloth.core.errors import AlignmentError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import (
     Bool,
@@ -30,11 +30,11 @@ from flatcloth.core.types import (
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import Reach, reach
 from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.resampling import place
 from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
-from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Placing, Plan
-from flatcloth.methods.paper.merging import place
-from flatcloth.methods.paper.method import PAPER_CONFIG, Paper, fronts, side_of
-from flatcloth.methods.robust.method import Robust
+from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
+from flatcloth.methods.registry import method_entry
+from flatcloth.methods.sides import fronts, side_of
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.registration.axis import axis_agreement, resolve_axis
@@ -49,9 +49,6 @@ from flatcloth.session.machine import (
     Side,
     Started,
 )
-
-METHODS = ("robust", "paper")
-"""The ways of integrating views; the first is the default."""
 
 _MIB = 1 << 20
 _LIKELY_ROTATION_DEG = 30.0
@@ -79,17 +76,17 @@ class Proposal:
     view_index: int
     side: Side | None
     plan: Plan | None
-    placing: Placing
+    placement: Placement
 
     @property
     def component(self) -> int:
         """The connected part of the view that was laid on."""
-        return self.placing.component
+        return self.placement.component
 
     @property
     def alignment(self) -> Alignment:
         """How that part was laid on."""
-        return self.placing.alignment
+        return self.placement.alignment
 
 
 class Integration:
@@ -101,11 +98,13 @@ class Integration:
         The views.
     config : Config, optional
         The numbers of the method; by default the method's own.
-    method : str
-        One of ``METHODS``.
+    method : str, optional
+        The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
 
     Attributes
     ----------
+    algorithm : Method
+        The method, made for this recording and axis.
     axis : RotationAxis
         Turning axis, held frame; estimated if the recording has none.
     held_point_m : (3,) float64
@@ -119,13 +118,13 @@ class Integration:
         If the method is unknown.
     """
 
-    def __init__(self, recording: Recording, config: Config | None = None, method: str = METHODS[0]) -> None:
-        if method not in METHODS:
-            raise ConfigError(f"Unknown method {method!r}; choose one of: {', '.join(METHODS)}.")
+    def __init__(self, recording: Recording, config: Config | None = None, method: str | None = None) -> None:
+        entry = method_entry(method)
+        self._kind: type[Method] = entry.load()
         self.recording = recording
-        self.config = config or (PAPER_CONFIG if method == "paper" else Config())
-        self.method = method
-        self._frames: Memory[RgbdFrame] = Memory(MAX_VIEWS, 128 * _MIB)
+        self.config = config or self._kind.default_config()
+        self.method = entry.name
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
         self._ahead = ReadAhead(self.frame)
         hanging = resolve_axis(recording, self.frame, self.config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
@@ -138,12 +137,11 @@ class Integration:
         To be called while no other thread computes.
         """
         self.axis = axis
-        self._clouds: Memory[ViewCloud] = Memory(MAX_VIEWS, 96 * _MIB)
-        self._flattenings: Memory[Flattening | FlatclothError] = Memory(MAX_VIEWS, 512 * _MIB)
-        self._proposals: Memory[Proposal] = Memory(16)
-        self._overlays: Memory[FlattenedView] = Memory(2)
-        angles = self.recording.angles_deg
-        self._method: Paper | Robust = Paper(self, angles) if self.method == "paper" else Robust(self, angles)
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+        self._proposals: Cache[Proposal] = Cache(16)
+        self._overlays: Cache[FlattenedView] = Cache(2)
+        self.algorithm: Method = self._kind(self, self.recording.angles_deg)
 
     def axis_agreement(self) -> str:
         """Say in a sentence how well the views agree about the present axis."""
@@ -194,13 +192,7 @@ class Integration:
     @property
     def accept_score(self) -> float:
         """Unattended, a proposal with a lower score is refused."""
-        c = self.config
-        return c.alignment.accept_score if self.method == "paper" else c.agreement.accept_confidence
-
-    @property
-    def robust(self) -> Robust | None:
-        """The joint shapes behind the canonical views, if that is the method."""
-        return self._method if isinstance(self._method, Robust) else None
+        return self.algorithm.accept_score
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view of a document's accepted views (remembered).
@@ -210,7 +202,7 @@ class Integration:
         FlatclothError
             If the session has no start view yet.
         """
-        return self._method.canonical(document)
+        return self.algorithm.canonical(document)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
@@ -218,7 +210,7 @@ class Integration:
 
     def plan(self, document: Document) -> Plan:
         """Choose the next view."""
-        return self._method.plan(document, self._unusable())
+        return self.algorithm.plan(document, self._unusable())
 
     # ---------------------------------------------------------------- proposals
 
@@ -255,11 +247,11 @@ class Integration:
         """Score the placement in force, nudges included."""
         pending = document.pending
         assert pending is not None
-        return self._method.score(document, pending.view_index, pending.component, pending.current_from_new)
+        return self.algorithm.score(document, pending.view_index, pending.component, pending.current_from_new)
 
     def reach(self, document: Document) -> Reach:
         """Return how the placement in force fits, and what refining it from there reaches."""
-        return reach(self._method, document)
+        return reach(self.algorithm, document)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
         """Do the work that a session asked for.
@@ -287,7 +279,7 @@ class Integration:
             return Started(request.token, view)
         if request.kind == "follow":
             progress(0.1, f"view {request.view_index} follows")
-            return follow(self._method, document, request.token, self.accept_score, progress)
+            return follow(self.algorithm, document, request.token, self.accept_score, progress)
         if request.view_index is not None:
             return self._by_hand(document, request.token, request.view_index, progress)
         return self._planned(document, request.token, progress)
@@ -327,7 +319,7 @@ class Integration:
             return self._proposed(document, token, proposal)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
-        side = side_of(document, self.recording.angles_deg, view_index) if self.method == "paper" else None
+        side = self.algorithm.side_of(document, view_index)
         try:
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:
@@ -351,14 +343,14 @@ class Integration:
         if not parts:
             raise error
         to_side = side_of(document, self.recording.angles_deg, view_index)
-        placing = laid_beside(self.canonical(document).view, parts, to_side)
-        return Proposal(view_index=view_index, side=side, plan=None, placing=placing)
+        placement = laid_beside(self.canonical(document).view, parts, to_side)
+        return Proposal(view_index=view_index, side=side, plan=None, placement=placement)
 
     def _propose(
         self, document: Document, view_index: int, side: Side | None, plan: Plan | None, progress: Progress
     ) -> Proposal:
-        placing = self._method.propose(document, view_index, side, progress)
-        return Proposal(view_index=view_index, side=side, plan=plan, placing=placing)
+        placement = self.algorithm.propose(document, view_index, side, progress)
+        return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
     def _read_ahead_of(self, view_index: int) -> None:
         """Decode the views that a next rotation from this one may lead to, the likeliest first."""

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -72,11 +73,10 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
 
 
 def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
-    """Return what the registration of the views' cameras found, by the method ``robust``."""
-    if integration.robust is None:
+    """Return what the registration of the views' cameras found, if the method registers them."""
+    registered = integration.algorithm.cameras(run.state.document)
+    if registered is None:
         return {}
-    shapes = integration.robust.shapes
-    registered = shapes.registered(shapes.shape(run.state.document).views)
     views = [
         {
             "view_index": seen.view_index,
@@ -131,21 +131,29 @@ def told(outcome: dict[str, Any]) -> list[str]:
     return lines
 
 
+class _Accepted(msgspec.Struct, frozen=True):
+    view_index: int
+    score: Finite | None
+
+
+class _Kept(msgspec.Struct, frozen=True):
+    accepted: tuple[_Accepted, ...]
+
+
 def earlier_scores(folder: Path) -> dict[int, float]:
     """Return the scores of the report in a folder, by view; none if there is no such report."""
     try:
-        accepted = json.loads(read_plain(folder / FILE))["accepted"]
-        return {int(a["view_index"]): float(a["score"]) for a in accepted if a["score"] is not None}
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        kept = decoded(read_plain(folder / FILE), _Kept)
+    except (OSError, ValueError):
         return {}
+    return {a.view_index: a.score for a in kept.accepted if a.score is not None}
 
 
 def write_outcome(outcome: dict[str, Any], folder: Path) -> Path:
     """Write ``outcome.json``, beside its name first, so that a crash leaves the old or the new one."""
-    file, partial = folder / FILE, folder / f".{FILE}.partial"
+    file = folder / FILE
     try:
-        partial.write_text(json.dumps(outcome, indent=1) + "\n")
-        os.replace(partial, file)
+        replace_file(file, json.dumps(outcome, indent=1).encode() + b"\n")
     except OSError as error:
         raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
     return file

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.base import AlignmentScore, Method
 from flatcloth.session.machine import Document
 
 _LEAST_SPREAD_M = 0.001
 """Points nearer to each other than this say nothing about the turn."""
-
-
-class Method(Protocol):
-    """What is needed of a method of integrating views."""
-
-    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement."""
-        ...
-
-    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
-        """Refine a placement from where it lies."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,15 +39,6 @@ def reach(method: Method, document: Document) -> Reach:
         refined=refined,
         refined_score=method.score(document, view, component, refined),
     )
-
-
-def apart_mm(score: AlignmentScore) -> float | None:
-    """Return how far apart a placement leaves the cloth, in the method's own measure; None if unknown.
-
-    ``robust``: median distance in space; ``paper``: rms of the difference in height.
-    """
-    value = score.parts.get("place_median_mm", score.parts.get("height_rms_mm"))
-    return None if value is None or not np.isfinite(value) else float(value)
 
 
 @dataclass(frozen=True, kw_only=True)

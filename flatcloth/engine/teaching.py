@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.cache import Memory
+from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, ConfigError
 from flatcloth.core.types import (
@@ -35,6 +35,7 @@ from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.base import Canonical, Plan
 from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
 
 INTERVALS_PX = (4, 40)
@@ -168,10 +169,10 @@ class Teaching:
             z_angle_limit_deg=float(np.clip(config.planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
             overlap_area_m2=float(np.clip(config.planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
         )
-        self._flattenings: Memory[Flattening] = Memory(_FLATTENINGS_KEPT)
-        self._integrations: Memory[_PaperIntegration] = Memory(_INTERVALS_KEPT)
-        self._alignments: Memory[AlignmentLesson] = Memory(_ALIGNMENTS_KEPT)
-        self._starts: Memory[int] = Memory(1)
+        self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
+        self._integrations: Cache[_PaperIntegration] = Cache(_INTERVALS_KEPT)
+        self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
+        self._starts: Cache[int] = Cache(1)
 
     def start_view(self, progress: Progress = no_progress) -> int:
         """Return the view the paper begins with: the one that shows most, and flattens without folds.
@@ -263,7 +264,7 @@ def _align(
     progress(0.9, "following the search")
     current = paper.canonical(document).view
     new = paper.part(event.view_index, event.component)
-    watched = _WatchedMatcher(current, new, paper.axis, paper.config.alignment)
+    watched = _WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
     accepted = Accepted(event.view_index, event.current_from_new, side=event.side, component=event.component)
@@ -328,8 +329,8 @@ class _SessionRecording:
 class _PaperIntegration(Integration):
     """The paper's method beside a session; flattened views are recorded, and shared while d is the same."""
 
-    def __init__(self, session: Integration, config: Config, flattenings: Memory[Flattening]) -> None:
-        super().__init__(_SessionRecording(session), config, "paper")
+    def __init__(self, session: Integration, config: Config, flattenings: Cache[Flattening]) -> None:
+        super().__init__(_SessionRecording(session), config, PaperMethod.name)
         self._shared = flattenings
 
     def flattening(self, view_index: int) -> Flattening:

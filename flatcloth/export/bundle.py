@@ -12,7 +12,7 @@ from pathlib import Path
 
 from flatcloth.core.errors import FlatclothError
 
-_IMPORT = re.compile(r'^import \{\s*([^}]*?)\s*\} from "/static/([\w-]+\.js)";[ \t]*$', re.MULTILINE)
+_IMPORT = re.compile(r'^import \{\s*([^}]*?)\s*\} from "/static/([\w/-]+\.js)";[ \t]*$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?function\*?|class|const|let) ([\w$]+)", re.MULTILINE)
 _LEFT_OVER = re.compile(r"^\s*(?:import|export)\b(?!\()", re.MULTILINE)
 

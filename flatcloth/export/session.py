@@ -1,4 +1,4 @@
-"""Opening a session for export: its story, and what is computed from its recording."""
+"""Opening a session for export: its history, and what is computed from its recording."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Progress, no_progress
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
-from flatcloth.export.history import Story, read_story
+from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import Grip
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.machine import Document
@@ -31,14 +31,14 @@ class OpenedSession:
     ``progress`` is told how far the work is.
     """
 
-    story: Story
+    history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
 
     @cached_property
     def growth(self) -> Growth:
         """The shape and how it grew."""
-        return grow(self.integration, self.story, self.progress)
+        return grow(self.integration, self.history, self.progress)
 
     @property
     def view(self) -> FlattenedView:
@@ -49,14 +49,14 @@ class OpenedSession:
         FlatclothError
             If nothing is flattened yet.
         """
-        return self.integration.canonical(self.story.document).view
+        return self.integration.canonical(self.history.document).view
 
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
     ) -> GraspFrames:
         """Return the frames of the grasp poses; by default at the rotation at which the item stands."""
         return frames_of(
-            self.integration, self.story.document, self.story.grips, base_from_camera, rotation_deg
+            self.integration, self.history.document, self.history.grips, base_from_camera, rotation_deg
         )
 
 
@@ -82,8 +82,7 @@ def open_session(
     recording: Path | None = None,
     progress: Progress = no_progress,
     *,
-    angles: Path | None = None,
-    step_deg: float | None = None,
+    options: SourceOptions | None = None,
 ) -> OpenedSession:
     """Open a session folder for export, without locking or changing it.
 
@@ -95,9 +94,8 @@ def open_session(
         Where its recording is now; by default where the session found it.
     progress : callable
         Told how far the work is.
-    angles, step_deg
-        The angles that the recording was opened with, if it has none of its own; see
-        :func:`flatcloth.recordings.open_recording`.
+    options : SourceOptions, optional
+        What the recording was opened with, if it does not tell everything itself.
 
     Raises
     ------
@@ -110,30 +108,30 @@ def open_session(
     """
     from flatcloth.engine.integration import Integration
 
-    story = read_story(folder)
-    place = story.recording_location if recording is None else str(recording)
+    history = read_history(folder)
+    place = history.recording_location if recording is None else str(recording)
     try:
-        opened = open_recording(place, angles=angles, step_deg=step_deg)
+        opened = open_recording(place, options)
     except RecordingError as error:
         if recording is not None:
             raise
         raise RecordingError(
-            f"{folder}: its recording {story.recording_name!r} cannot be opened ({error})"
+            f"{folder}: its recording {history.recording_name!r} cannot be opened ({error})"
             " Name its present place with --recording."
         ) from error
-    if fingerprint(opened) != story.recording_fingerprint:
+    if fingerprint(opened) != history.recording_fingerprint:
         raise JournalError(
-            f"{folder}: the session is about another recording ({story.recording_name!r}) than {place}."
+            f"{folder}: the session is about another recording ({history.recording_name!r}) than {place}."
             " Name the right one with --recording."
         )
     try:
-        integration = Integration(opened, story.config, story.method)
+        integration = Integration(opened, history.config, history.method)
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
         integration.turn_about(axis)  # what was decided was decided with it
-    return OpenedSession(story, integration, progress)
+    return OpenedSession(history, integration, progress)
 
 
 def of_page(integration: Integration, folder: object) -> OpenedSession:
@@ -156,4 +154,4 @@ def of_page(integration: Integration, folder: object) -> OpenedSession:
     path = getattr(folder, "folder", None)
     if path is None:
         raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_story(path), integration)
+    return OpenedSession(read_history(path), integration)

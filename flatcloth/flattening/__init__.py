@@ -1,5 +1,5 @@
-"""One view to its flattened view ``F(u, v)`` (paper, section 3).
+"""Flattening of one view: a depth image becomes the flattened view ``F(u, v)`` (paper, section 3).
 
-In: an RGB-D frame and the turning axis. Out: a surface, sample points, and flattened views with their
-intermediates.
+Input: an RGB-D frame and the turning axis. Output: the surface, its sample points, and flattened
+views with all intermediate results.
 """

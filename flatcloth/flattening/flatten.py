@@ -1,8 +1,8 @@
-"""One view to its flattened view ``F(u, v)`` (paper, section 3).
+"""Flatten one view: from the surface to the flattened view ``F(u, v)`` (paper, section 3).
 
-The surface is sampled at a coarse, then at a fine interval; Eq. (2) is minimised from the pixel
-start ``(u_n, v_n) = (j_n, i_n)`` scaled to metres, the fine level from the coarse result. Parts of
-the surface that no pair connects are flattened each on its own.
+The surface is sampled at a coarse and then at a fine interval. At the coarse level Eq. (2) is
+minimised from the pixel positions ``(u_n, v_n) = (j_n, i_n)`` scaled to metres, at the fine level
+from the coarse result. Components of the surface that no pair connects are flattened separately.
 """
 
 from __future__ import annotations
@@ -28,14 +28,20 @@ from flatcloth.flattening.sampling import Samples, sample_surface
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
+MAJORISATIONS = 6
+"""Majorisation steps at each interval, before the Gauss-Newton steps."""
+ENERGY_TOLERANCE = 2e-3
+"""The minimisation ends when a step promises to lower the energy by a smaller share than this."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """One sampling interval: the samples, and where they lay before and after the minimisation.
+    """One sampling interval: the samples with their positions before and after the minimisation.
 
-    ``component`` (N,) int32 numbers the connected parts, the largest first; ``energy`` is H of the
-    largest part before the first and after each iteration; ``states`` some (N, 2) states on the way
-    (of the largest part's points ``state_members``), if recorded.
+    ``component`` (N,) int32 is the number of each sample's connected component, 0 for the largest.
+    ``energy`` is H of the largest component before the first iteration and after each one.
+    ``states`` holds (N, 2) positions at some iterations, for the points ``state_members`` of the
+    largest component, if they were recorded.
     """
 
     samples: Samples
@@ -75,11 +81,11 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True)
 class Component:
-    """A connected part of a flattened view: its own raster, in a plane of its own.
+    """A connected component of a flattened view, rasterised in a plane of its own.
 
-    ``members`` (K,) are its samples. ``flips`` counts places that came out mirrored (and were left
-    out), ``overlaps`` pixels on which two places of the cloth lie: more than a few of either mean
-    that the part is folded and not to be trusted.
+    ``members`` (K,) are the indices of its samples. ``flips`` counts triangles that came out mirrored
+    (and were left out), ``overlaps`` the pixels on which two places of the cloth lie. If either is
+    large, the component is folded and its result is unreliable.
     """
 
     view: FlattenedView
@@ -89,13 +95,13 @@ class Component:
 
     @property
     def folded_share(self) -> float:
-        """Share of the part that lies mirrored or on another place of the cloth: 0 if it is sound."""
+        """Share of the component that is mirrored or covers another place of the cloth; 0 without folds."""
         return (0.5 * self.flips + self.overlaps) / max(int(self.view.valid.sum()), 1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flattening:
-    """A flattened view with every intermediate result; the parts are the largest first."""
+    """A flattened view with all intermediate results; the components are sorted, largest first."""
 
     levels: tuple[Level, ...]
     components: tuple[Component, ...]
@@ -104,12 +110,12 @@ class Flattening:
 
     @property
     def view(self) -> FlattenedView:
-        """The flattened view of the largest part."""
+        """The flattened view of the largest component."""
         return self.components[0].view
 
     @cached_property
     def triangles(self) -> Int32:
-        """(T, 3) Delaunay triangles of the largest part, indices into the last level's samples."""
+        """(T, 3) Delaunay triangles of the largest component, indices into the last level's samples."""
         level = self.levels[-1]
         return triangulate(level.uv_m, level.samples, self.components[0].members, self.surface)[0]
 
@@ -130,16 +136,16 @@ def flatten(
     surface : Surface
         The surface.
     axis : RotationAxis
-        Axis of the recording, to turn the attributes to the held frame.
+        Axis of the recording, to transform the attributes to the object frame.
     config : FlatteningConfig
         Intervals, pixel size and limits.
     min_area_m2 : float
-        Parts smaller than this are dropped (the largest never).
+        Components smaller than this are dropped, except the largest.
     record : bool
         Keep states of the minimisation for the teaching view.
     previous : Flattening, optional
-        A flattened view of the same item, turned a little: where it shows the same cloth, the
-        first level starts from its result, and the plane stays where it was.
+        A flattened view of the same item at a nearby angle. Where both views show the same cloth,
+        the first level starts from its result, and the plane keeps its orientation.
 
     Returns
     -------
@@ -148,11 +154,11 @@ def flatten(
     Raises
     ------
     FlatteningError
-        If no part has a triangle; the message names the view.
+        If no component has a triangle; the message names the view.
     """
     levels: list[Level] = []
     for interval in config.sampling_intervals_px:
-        samples = sample_surface(surface, interval, config)
+        samples = sample_surface(surface, interval)
         if interval == config.sampling_intervals_px[-1]:
             samples = cut_necks(samples, config.least_core_samples)
         if not len(samples.points_rc):
@@ -160,11 +166,11 @@ def flatten(
         least = _least_samples(surface, interval, min_area_m2)
         if levels:
             start = _from_coarse(samples, levels[-1], surface)
-            levels.append(_solve_level(samples, start, least, config, record))
+            levels.append(_solve_level(samples, start, least, record))
         elif previous is not None:
-            levels.append(_continued(samples, previous, surface, axis, least, config, record))
+            levels.append(_continued(samples, previous, surface, axis, least, record))
         else:
-            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, config, record))
+            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
     carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
@@ -175,7 +181,7 @@ def flatten(
 
 
 _SAME_CLOTH_M = 0.008
-"""A point of another view is the same cloth if it is seen within this of it, turned back."""
+"""A point of another view, turned back, shows the same cloth if it lies within this distance."""
 
 
 def _too_small(surface: Surface) -> str:
@@ -185,9 +191,7 @@ def _too_small(surface: Surface) -> str:
     )
 
 
-def _solve_level(
-    samples: Samples, initial: Float64, least_samples: int, config: FlatteningConfig, record: bool
-) -> Level:
+def _solve_level(samples: Samples, initial: Float64, least_samples: int, record: bool) -> Level:
     n = len(samples.points_rc)
     component = _components(n, samples.edges)
     uv = initial.copy()
@@ -200,8 +204,8 @@ def _solve_level(
             initial[members],
             local,
             samples.edge_length_m[own],
-            majorisations=config.majorisations,
-            energy_tolerance=config.energy_tolerance,
+            majorisations=MAJORISATIONS,
+            energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
         uv[members] = result.uv_m
@@ -220,7 +224,7 @@ def _solve_level(
 
 
 def _components(n: int, edges: Int32) -> Int32:
-    """Return the number of each point's connected part (N,), the largest part being 0."""
+    """Return the number of each point's connected component (N,); the largest component is 0."""
     graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
     order = np.argsort(-np.bincount(label), kind="stable")
@@ -235,7 +239,7 @@ def _pixel_start(samples: Samples, surface: Surface) -> Float64:
 
 
 def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
-    """Carry each fine point along with the coarse ones; what none can carry follows the nearest by pixels."""
+    """Move each fine point with the coarse points; a point out of their range follows the nearest one."""
     uv = Carrier(coarse.uv_m, coarse.samples, surface).place(samples.points_rc)
     alone = np.isnan(uv[:, 0])
     if alone.any():
@@ -251,19 +255,18 @@ def _continued(
     surface: Surface,
     axis: RotationAxis,
     least_samples: int,
-    config: FlatteningConfig,
     record: bool,
 ) -> Level:
-    """Solve from where the last view ended; if that leads into a bad minimum, from the pixels."""
+    """Solve from the previous view's result; if that ends in a bad minimum, solve from the pixels."""
     warm, still = _from_previous(samples, previous, surface, axis)
-    level = _solve_level(samples, warm, least_samples, config, record)
+    level = _solve_level(samples, warm, least_samples, record)
     if _residual_m(level) > 1.5 * _residual_m(previous.levels[-1]):
-        level = _solve_level(samples, still, least_samples, config, record)
+        level = _solve_level(samples, still, least_samples, record)
     return level
 
 
 def _residual_m(level: Level) -> float:
-    """Root of H per pair: by how much the lengths of the largest part are missed, or a tenth of a mm."""
+    """Root of H per pair, i.e. the error of the largest component's lengths; at least 0.1 mm."""
     pairs = int((level.component[level.edges[:, 0]] == 0).sum())
     return max(float(np.sqrt(level.energy[-1] / max(pairs, 1))), 1e-4)
 
@@ -271,9 +274,9 @@ def _residual_m(level: Level) -> float:
 def _from_previous(
     samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis
 ) -> tuple[Float64, Float64]:
-    """Start where another view put the same cloth; the rest follows by pixels, moved along rigidly.
+    """Start where another view placed the same cloth; all other points are moved rigidly from the pixels.
 
-    Also returns the pixel start alone, moved along.
+    Also returns the pixel start alone, moved rigidly.
     """
     start = _pixel_start(samples, surface)
     frame, seen = surface.frame, previous.surface
@@ -340,7 +343,7 @@ def _smooth_components(
 
 
 def _least_samples(surface: Surface, interval_px: int, area_m2: float) -> int:
-    """Fewer samples than this have no shape (3), or cannot be that area if seen at 60 deg."""
+    """Fewest samples of a component: 3, or the samples of that area when it is seen at 60 degrees."""
     return max(3, int(0.5 * area_m2 / (interval_px * surface.pixel_pitch_m) ** 2))
 
 

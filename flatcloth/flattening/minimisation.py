@@ -1,14 +1,19 @@
-"""Minimising Eq. (2): points of the plane whose distances equal given lengths.
+"""Minimise Eq. (2): find points of the plane whose distances equal given lengths.
 
 ``H(u, v) = sum over pairs of w_ab (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
-quadratic that touches it from above; its minimum is one solve with the graph Laplacian, which is
-factored once. It never increases H and does not fold the sheet from the pixel start, where
-gradient methods do (the paper's "instability"). Anderson mixing speeds it up; Gauss-Newton steps
-finish it where thin parts make majorisation crawl: their bending is far softer than any damping
-that would keep a step safe, so the steps are not damped, and two majorisations after each undo the
-stretching that a linearised turn leaves. Samples come in image order and garments hang long and
-narrow, so all matrices are narrow bands, factored in place by LAPACK; where the band is wide,
-conjugate gradients with the last factor as preconditioner come first.
+quadratic that touches it from above. The minimum of that quadratic takes one solve with the graph
+Laplacian, which is factored once. Majorisation never increases H, and from the pixel start it does
+not fold the sheet, as gradient methods do (the paper's "instability"). Anderson mixing accelerates
+it.
+
+Majorisation is slow where parts of the sheet are thin, so Gauss-Newton steps finish the
+minimisation. These steps are not damped: bending a thin part is so much softer than any damping
+that would keep a step safe. Instead, two majorisations after each step remove the stretching that
+a linearised rotation leaves.
+
+Samples come in image order and garments hang long and narrow. All matrices are therefore narrow
+bands and are factored in place by LAPACK. Where the band is wide, conjugate gradients with the last
+factor as preconditioner are tried first.
 """
 
 from __future__ import annotations
@@ -36,15 +41,15 @@ _WIDE_BAND = 24
 _MOST_CG_STEPS = 9
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
 _EXACT_M2 = 1e-14
-"""H per pair below which the lengths are met exactly."""
+"""Below this H per pair the lengths count as met exactly."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Minimum:
-    """Result: ``uv_m`` (N, 2), ``energy`` H before the first and after each iteration, recorded states.
+    """Result: ``uv_m`` (N, 2) and ``energy``, i.e. H before the first and after each iteration.
 
-    ``states`` holds (N, 2) arrays at some iterations (``state_iterations``), for the teaching view;
-    empty unless asked for.
+    ``states`` holds (N, 2) arrays at the iterations ``state_iterations``, for the teaching view; it
+    is empty unless requested.
     """
 
     uv_m: Float64
@@ -55,10 +60,10 @@ class Minimum:
 
 @dataclass(frozen=True, kw_only=True)
 class Banding:
-    """An order of points in which the pairs of a graph are near each other, and its matrices narrow bands.
+    """A numbering of the points that makes the matrices of a graph narrow bands.
 
-    ``order`` (N,) the points in it; ``place`` (N,) where each point comes; ``pairs`` (M, 2) int32 the
-    pairs, by those places, the lower first.
+    ``order`` (N,) lists the points in the new order; ``place`` (N,) is the position of each point in
+    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first.
     """
 
     order: Int32
@@ -67,23 +72,23 @@ class Banding:
 
 
 def banding(n: int, edges: Int32) -> Banding:
-    """Find a narrow order of ``n`` points with pairs ``edges`` (M, 2) int32."""
+    """Find an order with a narrow band for ``n`` points with pairs ``edges`` (M, 2) int32."""
     order = _narrow_order(n, edges)
     place = np.argsort(order).astype(np.int32)
     return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
 
 
 class BandedLaplacian:
-    """A graph's Laplacian plus a trace of the identity, factored once to be solved often.
+    """A graph's Laplacian plus a multiple of the identity, factored once and solved many times.
 
     Parameters
     ----------
     narrow : Banding
-        The points' order, and the pairs.
+        The order of the points, and the pairs.
     weight : (M,) float64
         Weights of the pairs, not negative.
     held : float
-        Share of the identity, which makes it definite.
+        Multiple of the identity that is added; it makes the matrix definite.
     """
 
     def __init__(self, narrow: Banding, weight: Float64, held: float) -> None:
@@ -122,23 +127,23 @@ def minimise(
     majorisations : int
         Majorisation steps before the first Gauss-Newton step.
     energy_tolerance : float
-        Ends when the next step promises to lower H by a smaller share than this.
+        Stop when the next step is predicted to lower H by a smaller share than this.
     weight : (M,) float64, optional
         Weights of the pairs, positive, about 1; by default all 1, as in the paper.
     record : bool
-        Keep about twenty states on the way.
+        Keep about twenty intermediate states.
     narrow : Banding, optional
-        That of the pairs, if it is known already.
+        The banding of the pairs, if it is already known.
 
     Returns
     -------
     Minimum
-        The centroid and the mean direction of the start are kept: H does not fix them.
+        The result keeps the centroid and the mean direction of the start, which H does not determine.
 
     Notes
     -----
-    Cost: N times the square of the bandwidth (points in one image row) for each Gauss-Newton step,
-    and a quarter of that once for majorisation.
+    The cost of each Gauss-Newton step is N times the square of the bandwidth (the points in one
+    image row); majorisation costs a quarter of that once.
     """
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
@@ -148,7 +153,7 @@ def minimise(
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace: list[Float64] | None = [x] if record else None
     band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
-    band[0, 0] += 1.0  # point 0 is held, which makes it definite
+    band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
     laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, energy_tolerance, trace)
@@ -168,7 +173,7 @@ def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
 
 
 def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
-    """Return the points moved rigidly (no mirror) as near to the reference (N, 2) as possible."""
+    """Return the points moved rigidly, without a mirror, as close to the reference (N, 2) as possible."""
     return fit_rigid2(uv_m, reference_uv_m).apply(uv_m)
 
 
@@ -183,7 +188,7 @@ def _bandwidth(edges: Int32) -> int:
 
 
 def _narrow_order(n: int, edges: Int32) -> Int32:
-    """Order of the points in which pairs are near each other: as given (image rows) if that is."""
+    """Order of the points that brings pairs close together: the given order (image rows) if it does."""
     if _bandwidth(edges) <= 3.0 * math.sqrt(n) + 8:
         return np.arange(n, dtype=np.int32)
     ones = np.ones(len(edges), dtype=np.int8)
@@ -199,7 +204,7 @@ def _factor(band: Float64) -> Float64 | None:
 
 
 def _solved(factor: Float64, rhs: Float64) -> Float64:
-    """Solve for (2, N): by the Laplacian for u and v apart, by the Hessian for both interleaved."""
+    """Solve for (2, N): u and v separately with the Laplacian, interleaved with the Hessian."""
     if factor.shape[1] == rhs.shape[1]:
         x, _ = dpbtrs(factor, rhs.T, lower=1)
     else:
@@ -217,7 +222,7 @@ def _majorise(
     iterations: int,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
-    """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by the plain one."""
+    """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by a plain one."""
     rhs = np.empty_like(x)
     h = _majorise_rhs(x, edges, lengths, weight, rhs)
     energy = [h]
@@ -252,7 +257,7 @@ def _gauss_newton(
     tolerance: float,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
-    """Gauss-Newton steps on (2, N), each repaired by majorisations, until little gain is promised."""
+    """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
     n, bandwidth = x.shape[1], _bandwidth(edges)
     gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
     damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
@@ -294,9 +299,9 @@ def _gauss_newton(
 def _conjugate_gradients(
     gradient: Float64, edges: Int32, unit: Float64, factor: Float64, h: float, tolerance: float
 ) -> tuple[Float64, float] | None:
-    """Solve the Gauss-Newton system roughly; return step and promised gain, or None if it takes too long.
+    """Solve the Gauss-Newton system roughly; return the step and its predicted gain, or None if slow.
 
-    It ends when what the next steps would add, forecast from the rate so far, does not matter.
+    The iteration ends when the gain of further steps, predicted from the rate so far, is negligible.
     """
     step, curved = np.zeros_like(gradient), np.empty_like(gradient)
     rest = gradient.copy()
@@ -322,7 +327,7 @@ def _conjugate_gradients(
 
 @njit(cache=True, nogil=True)
 def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
-    """Combine the past images so that the combined residual is least."""
+    """Combine the past images so that the combined residual is smallest."""
     size = f.size
     gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
     for i in range(kept):
@@ -350,7 +355,7 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
 
 @njit(cache=True, nogil=True)
 def _laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
-    """Lower band of the graph Laplacian, which is definite only once something is held."""
+    """Lower band of the graph Laplacian; it is definite only after a point has been fixed."""
     band = np.zeros((bandwidth + 1, n))
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
@@ -382,7 +387,7 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, r
 def _gradient(
     x: Float64, edges: Int32, lengths: Float64, weight: Float64, unit: Float64, gradient: Float64
 ) -> None:
-    """Write the unit vectors of all pairs, times the root of the weight, and the gradient of H / 2."""
+    """Write the unit vectors of all pairs, times the root of the weights, and the gradient of H / 2."""
     gradient[:] = 0.0
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]

@@ -1,9 +1,9 @@
-"""Narrow necks: where a sheet of samples hangs together by a few pairs only.
+"""Narrow necks: places where only a few pairs connect two parts of a sheet of samples.
 
-Two parts of cloth that are joined by a strip of one or two samples are each flattened rightly, but
-nothing holds the angle between them: cloth stretches and shears by a percent or two, and over such a
-strip that swings one part against the other by tens of millimetres at its far end. So the strip is
-cut and the parts are flattened, and later placed, each on its own.
+Two parts of cloth joined by a strip of one or two samples are each flattened correctly, but the
+strip does not determine the angle between them. Cloth stretches and shears by one or two percent;
+over so short a strip this turns one part against the other and displaces its far end by tens of
+millimetres. Necks are therefore cut, and the parts are flattened and later placed separately.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ _NEIGHBOURS = 8
 
 
 def cut_necks(samples: Samples, least_core: int) -> Samples:
-    """Return the samples without the pairs that lead from one part to another through a neck.
+    """Return the samples without the pairs that connect two parts through a neck.
 
     Parameters
     ----------
     samples : Samples
         Samples on a grid with their pairs.
     least_core : int
-        A part has at least this many connected samples with all eight neighbours; what has not
-        belongs to the part it is nearest to. 0 cuts nothing.
+        A part has at least this many connected samples that have all eight neighbours. Other samples
+        belong to the nearest part. 0 cuts nothing.
     """
     if least_core <= 0 or len(samples.edges) == 0:
         return samples
@@ -39,15 +39,15 @@ def cut_necks(samples: Samples, least_core: int) -> Samples:
 
 
 def _parts(n: int, edges: Int32, least_core: int) -> Int32:
-    """Find the core that each sample (N,) is nearest to over the pairs; -1 if none is in reach."""
+    """Find the core nearest to each sample (N,) along the pairs; -1 if no core can be reached."""
     a, b = edges[:, 0], edges[:, 1]
     whole = np.bincount(edges.ravel(), minlength=n) >= _NEIGHBOURS
     core = _cores(n, edges[whole[a] & whole[b]], whole)
     size = np.bincount(core[core >= 0], minlength=1)
     if (size >= least_core).sum() <= 1:
-        return np.zeros(n, dtype=np.int32)  # nothing to tell apart
+        return np.zeros(n, dtype=np.int32)  # at most one part
     part = np.where((core >= 0) & (size[np.maximum(core, 0)] >= least_core), core, -1).astype(np.int32)
-    while True:  # one step over the pairs at a time, so that the nearest core wins
+    while True:  # grow by one pair at a time, so that the nearest core wins
         reached = part.copy()
         for near, far in ((a, b), (b, a)):
             grows = (part[near] >= 0) & (reached[far] < 0)

@@ -1,6 +1,6 @@
-"""Local fits of the inverse depth, over what can be reached from the centre on one layer.
+"""Local fits of the inverse depth over the pixels that are connected to the centre on one layer.
 
-The inverse depth of a plane is exactly affine in the image, so the fit has no bias by perspective.
+The inverse depth of a plane is exactly affine in the image, so perspective does not bias the fit.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def fit_planes(
 ) -> tuple[Float64, float]:
     """Fit a plane around every pixel of the item.
 
-    Where no jump touches the window the weighted fit is three separable filters. Only the other
-    pixels need a fit of their own; it is one-sided there, so it is a quadratic one, unless the depth
-    scatters about its planes by more than ``noisy_depth_m``.
+    Where no depth jump touches the window, the weighted fit is three separable filters. All other
+    pixels are fitted individually. Their windows are one-sided, so they are fitted by a quadratic,
+    unless the depth deviates from its planes by more than ``noisy_depth_m``.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def fit_planes(
 
 
 def _weight(share: Float64) -> Float64:
-    """Weight of a row or column at this share of the radius; the kernel of the fits repeats it."""
+    """Weight of a row or column at this share of the radius; the fitting kernel uses the same formula."""
     weight: Float64 = 1.0 - 0.8 * share**2
     return weight
 
@@ -98,14 +98,15 @@ def fit_patches(
     stride: int,
     quadratic: bool,
 ) -> Float64:
-    """Fit the inverse depth around each given pixel over what is reachable without a jump.
+    """Fit the inverse depth around each given pixel over the pixels reached without a depth jump.
 
-    Every ``stride``-th row and column of the window counts (neighbours of a noisy pixel tell little
-    more than it does).
+    Only every ``stride``-th row and column of the window is used, because neighbouring pixels have
+    correlated noise and add little information.
 
     Returns (N, 6): value, d/dcol, d/drow, and for ``quadratic`` half the second derivatives
-    d2/dcol2, d2/dcoldrow (whole), d2/drow2. Weights fall with the distance. Where the points do
-    not determine a quadratic, a plane is fitted; where not even that, all six are 0.
+    d2/dcol2 and d2/drow2, with d2/dcoldrow (whole) between them. Weights decrease with the distance.
+    If the points do not determine a quadratic, a plane is fitted; if they do not determine a plane
+    either, all six values are 0.
     """
     n_rows = inverse_depth.shape[0]
     size = 2 * radius + 1
@@ -155,7 +156,7 @@ def fit_patches(
 
 @njit(cache=True, nogil=True)
 def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool) -> None:
-    """Mark the window cells reached from the centre by monotone paths of good steps."""
+    """Mark the window cells that monotone paths of connected steps reach from the centre."""
     n_rows, n_cols = steps.shape
     size = 2 * radius + 1
     for i in range(size):

@@ -1,9 +1,9 @@
-"""Ramps: where a stereo sensor joins two layers of cloth by a steep slope that is not there.
+"""Ramps: steep slopes that a stereo sensor measures between two layers of cloth where there is no cloth.
 
-Across a depth edge such a sensor does not jump; over 5 to 8 pixels its depth runs from one layer to
-the other. The mark of a ramp is a steep middle between two flatter ends: the depth gained over the
-middle exceeds by far what the slopes beside it explain. Cloth that turns out of sight steepens up
-to its outline instead, and is left alone.
+At a depth edge such a sensor does not measure a jump; its depth changes from one layer to the other
+over 5 to 8 pixels. A ramp is recognised by a steep middle between two flatter ends: the change of
+depth over its middle is much larger than the slopes beside it explain. Cloth that curves away from
+the camera becomes steeper up to its outline instead, and is kept.
 """
 
 from __future__ import annotations
@@ -14,11 +14,21 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
 
+_RAMP_HALF_WIDTH_PX = 4
+"""Half the width of the slopes by which a stereo sensor joins two layers."""
+_RAMP_HEIGHT_M = 0.010
+"""A ramp rises by at least this more than the surface beside it explains."""
+_RAMP_SLOPE = 1.5
+"""A ramp's middle is at least this steep (depth over width)."""
+_RAMP_LENGTH_PX = 8
+"""A ramp is at least this long; shorter ones are noise."""
+_WEAK_RAMP_SHARE = 0.7
+"""Where a ramp goes on with this share of its least height and slope, it is still one."""
 
-def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceConfig) -> Bool:
+
+def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     """Return the pixels (H, W) that lie on a ramp.
 
     Parameters
@@ -27,19 +37,15 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceCo
         1/m as measured, 0 where the item was not measured.
     intrinsics : Intrinsics
         The camera.
-    config : SurfaceConfig
-        Width, least height and least slope of a ramp.
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    strength = _strength(
-        inverse_depth, config.ramp_half_width_px, config.ramp_height_m, config.ramp_slope, focal
-    )
-    # An edge between layers is long; a short one is noise. Where its layers approach each other it
-    # goes on as a weaker ramp, which alone could be a fold.
-    edge = _long_ones(strength >= 1.0, config.ramp_length_px)
+    strength = _strength(inverse_depth, _RAMP_HALF_WIDTH_PX, _RAMP_HEIGHT_M, _RAMP_SLOPE, focal)
+    # An edge between layers is long; a short one is noise. Where the layers come closer together,
+    # the edge continues as a weaker ramp, which could be a fold if it stood alone.
+    edge = _long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
     if not edge.any():
         return edge
-    weak = strength >= config.weak_ramp_share
+    weak = strength >= _WEAK_RAMP_SHARE
     _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
     joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
     joined[label[edge]] = True
@@ -57,17 +63,17 @@ def _long_ones(found: Bool, length_px: int) -> Bool:
 
 
 def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> Float64:
-    """Return the inverse depth of the item with small holes bridged smoothly (harmonic).
+    """Return the inverse depth of the item with small holes filled smoothly (harmonic interpolation).
 
     Parameters
     ----------
     inverse_depth : (H, W) float64
         1/m, 0 off the item.
     measured : (H, W) bool
-        Where the sensor measured anything: what lies behind a hole of the item is no dropout.
+        Where the sensor measured anything; a hole of the item with measured background is no dropout.
     max_area_px : int
-        Larger holes stay open. Where the surroundings are two layers, the filling is steep and the
-        tests for jumps and ramps cut it again.
+        Larger holes stay open. Between two layers the filling is steep, and the tests for jumps and
+        ramps remove it again.
     """
     hole = (inverse_depth == 0) & ~measured
     _, label, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
@@ -80,7 +86,7 @@ def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> F
 
 @njit(cache=True, nogil=True)
 def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
-    """Set each hole pixel to the mean of its known neighbours, again and again."""
+    """Set each hole pixel to the mean of its known neighbours, repeatedly."""
     rows, cols = values.shape
     for _ in range(sweeps):
         for n in range(holes.shape[0]):
@@ -99,7 +105,7 @@ def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
 def _strength(
     inverse_depth: Float64, half: int, least_height: float, least_slope: float, focal: float
 ) -> Float32:
-    """How far each pixel (H, W) goes towards a ramp: 1 where height and slope both reach the least."""
+    """Ramp strength of each pixel (H, W): 1 where height and slope both reach their least values."""
     rows, cols = inverse_depth.shape
     strength = np.zeros((rows, cols), dtype=np.float32)
     for r in range(2, rows - 2):
@@ -123,7 +129,7 @@ def _strength(
                 if found > best:
                     best, best_dr, best_dc = found, dr, dc
             if best > 0.3:
-                # The steep middle, not its foot: that still lies on its layer.
+                # Only the steep middle is marked; its ends still lie on the layers.
                 spread = 1 if best >= 1.0 else 0
                 for k in range(-spread, spread + 1):
                     rr, cc = r + k * best_dr, c + k * best_dc
@@ -133,7 +139,7 @@ def _strength(
 
 @njit(cache=True, nogil=True)
 def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
-    """Height gained over the middle in one direction, less what the slopes beside it explain; metres."""
+    """Height gained over the middle in one direction, minus what the slopes beside it explain; metres."""
     near_a, near_b = _depth(inverse_depth, r, c, dr, dc, -half), _depth(inverse_depth, r, c, dr, dc, half)
     if near_a <= 0 or near_b <= 0:
         return 0.0
@@ -143,7 +149,7 @@ def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int)
         a, b = _depth(inverse_depth, r, c, dr, dc, k), _depth(inverse_depth, r, c, dr, dc, k + 1)
         if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
             return 0.0  # a clean jump within one step: the layers are apart as measured
-    # The slope of each side explains its half; where a side ends, its last two steps stand for it.
+    # The slope of each side explains its half of the middle; where a side ends, use its last two steps.
     side_a = sign * (near_a - _outer(inverse_depth, r, c, dr, dc, -half, near_a))
     side_b = sign * (_outer(inverse_depth, r, c, dr, dc, half, near_b) - near_b)
     return sign * height - max(side_a, 0.0) - max(side_b, 0.0)
@@ -151,7 +157,7 @@ def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int)
 
 @njit(cache=True, nogil=True)
 def _outer(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int, near: float) -> float:
-    """Depth at twice the half width, extrapolated if the item ends before."""
+    """Depth at twice the half width, extrapolated where the item ends earlier."""
     far = _depth(inverse_depth, r, c, dr, dc, 2 * half)
     if far > 0:
         return far

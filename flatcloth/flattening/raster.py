@@ -1,8 +1,8 @@
 """The pixels of ``F(u, v)`` and their attributes (paper, section 3, last step).
 
-Where a pixel of the plane lies in the source image comes from one of two interpolations: the
+Each pixel of the plane takes its position in the source image from one of two interpolations: the
 smooth placement of every image pixel (the default), or the paper's linear one over the Delaunay
-triangles of the samples. Either way its attributes are read at that place of the image.
+triangles of the samples. Its attributes are then read at that position of the image.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from flatcloth.flattening.surface import Surface
 
 
 def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surface) -> tuple[Int32, int]:
-    """Triangulate one flattened component (Delaunay on the plane, as the paper).
+    """Triangulate one flattened component (Delaunay on the plane, as in the paper).
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     members : (K,) int32
         The points of this component.
     surface : Surface
-        Where the sides of a triangle must run, so that outlines and holes stay open.
+        The sides of a triangle must run on it, so that concave outlines and holes stay open.
 
     Returns
     -------
     triangles : (T, 3) int32
         Indices into the samples.
     flips : int
-        How many of them are turned over (mirrored against the image): the sheet is folded there.
+        Number of triangles that are mirrored against the image; the sheet is folded there.
     """
     none = np.zeros((0, 3), dtype=np.int32)
     if members.size < 3:
@@ -89,17 +89,17 @@ def rasterise_pixels(
     Parameters
     ----------
     uv_m : (H, W, 2) float64
-        Where each image pixel lies on the plane.
+        Position of each image pixel on the plane.
     part : (h, w) bool
         The pixels to draw, at least one, in a box of the image.
     corner_rc : (int, int)
-        Where the box begins.
+        First row and column of the box.
     stretch : (H, W) float32
         Relative change of length around each image pixel.
     surface : Surface
-        Between which pixels there is cloth, and the attributes.
+        Tells between which pixels there is cloth, and provides the attributes.
     axis : RotationAxis
-        Axis of the recording, to turn the attributes to the held frame.
+        Axis of the recording, to transform the attributes to the object frame.
     pixel_size_m : float
         Size of a pixel of the plane; the grid is aligned to its multiples.
 
@@ -107,9 +107,9 @@ def rasterise_pixels(
     -------
     view : FlattenedView
     flips : int
-        Image pixels whose surroundings come out mirrored; they are left out.
+        Image pixels whose neighbourhood comes out mirrored; they are left out.
     overlaps : int
-        Pixels of the plane on which two different places of the cloth came to lie.
+        Pixels of the plane that two different places of the cloth cover.
     """
     box = tuple(slice(start, start + size) for start, size in zip(corner_rc, part.shape, strict=True))
     points = uv_m[box]
@@ -129,10 +129,10 @@ def read_attributes(
     low: Float64,
     held: Rigid3 | None = None,
 ) -> FlattenedView:
-    """Read the nine attributes at the places (H, W, 2) of the source image, held frame.
+    """Read the nine attributes at positions (H, W, 2) of the source image, in the object frame.
 
-    ``low`` (2,) is the plane position of pixel (0, 0), in pixels; ``held`` where the camera stands
-    in the held frame, if that is known better than from the view's angle.
+    ``low`` (2,) is the plane position of pixel (0, 0), in pixels. ``held`` is the camera's pose in
+    the object frame, if it is known more accurately than from the view's angle.
     """
     frame, k = surface.frame, surface.frame.intrinsics
     held = held or held_from_camera(axis, frame.angle_deg)
@@ -189,12 +189,12 @@ def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple
 def _fill_pixels(
     points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int], corner: Float32
 ) -> tuple[Float32, int, int]:
-    """Fill two triangles for every block of 2 x 2 neighbours; of three neighbours, one."""
+    """Fill two triangles for every complete block of 2 x 2 neighbours, and one for three neighbours."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
     flips, overlaps = 0, 0
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
-            # Corners a b / c d; a triangle is cloth if its two sides along the image's axes are.
+            # Corners a b / c d; a triangle is cloth if its two sides along rows and columns are.
             a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
             if int(a) + int(b) + int(e) + int(d) < 3:
                 continue
@@ -220,7 +220,7 @@ def _fill_pixels(
 def _fill_corner(
     source: Float32, points: Float64, r0: int, c0: int, r1: int, c1: int, r2: int, c2: int
 ) -> tuple[int, int]:
-    """Fill one triangle of image pixels, given clockwise; (1, 0) if it came out mirrored."""
+    """Fill one triangle of image pixels, given clockwise; return (1, 0) if it came out mirrored."""
     u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
     u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
@@ -235,7 +235,7 @@ def _fill(
     u0: float, v0: float, u1: float, v1: float, u2: float, v2: float,
     r0: float, c0: float, r1: float, c1: float, r2: float, c2: float,
 ) -> int:  # fmt: skip
-    """Fill one triangle; return how many of its pixels held a place more than 3 image pixels away."""
+    """Fill one triangle; return how many of its pixels already held a place over 3 image pixels away."""
     area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
     if area == 0.0 or not math.isfinite(area):
         return 0
@@ -269,7 +269,7 @@ def _read(
     rotation: Float64,
     translation: Float64,
 ) -> tuple[Uint8, Float32, Float32, Float32, Bool]:
-    """Read color, depth and normal bilinearly over the finite neighbours; turn to the held frame."""
+    """Read color, depth and normal bilinearly over finite neighbours; transform to the object frame."""
     rows, cols = source.shape[0], source.shape[1]
     out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
     out_xyz = np.full((rows, cols, 3), np.nan, dtype=np.float32)
@@ -308,7 +308,7 @@ def _read(
             valid[row, col] = True
             range_m = np.sqrt(px * px + py * py + depth * depth)
             cos = -(n[0] * px + n[1] * py + n[2] * depth) / (length * range_m)
-            # A pixel of the image sees its solid angle, spread by the incidence.
+            # Image pixels per area: the solid angle of a pixel, spread by the incidence angle.
             quality[row, col, 0] = 1e-4 * camera[0] * camera[1] * cos * range_m / depth**3
             quality[row, col, 1] = math.degrees(math.acos(min(max(cos, -1.0), 1.0)))
             if known > 0.0:

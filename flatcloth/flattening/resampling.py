@@ -1,11 +1,12 @@
-"""Reading a flattened view between its pixels."""
+"""Interpolation of flattened views: between their pixels, and on another plane."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from flatcloth.core.types import FlattenedView, Float32, Float64
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rigid2
 
 
 def channels(view: FlattenedView) -> Float32:
@@ -28,7 +29,7 @@ def channels(view: FlattenedView) -> Float32:
 
 @njit(cache=True, nogil=True)
 def sample(stack: Float32, rc: Float64) -> Float32:
-    """Read (N, C) bilinearly at (row, col); NaN where the nearest pixel is NaN, else over finite ones."""
+    """Interpolate (N, C) bilinearly at (row, col) over finite pixels; NaN if the nearest pixel is NaN."""
     rows, cols, depth = stack.shape
     result = np.full((rc.shape[0], depth), np.nan, dtype=np.float32)
     for n in range(rc.shape[0]):
@@ -52,3 +53,93 @@ def sample(stack: Float32, rc: Float64) -> Float32:
         for k in range(depth):
             result[n, k] /= total
     return result
+
+
+def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
+    """Return a view rastered anew on another plane, on a grid of its own."""
+    origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
+    index = int(view.view_index.max())
+    label = carry_labels(view, target_from_view.inverse(), origin, shape, view.pixel_size_m)
+    return render(label, {index: view}, {index: target_from_view}, origin, view.pixel_size_m)
+
+
+def render(
+    label: NDArray[np.int16],
+    views: dict[int, FlattenedView],
+    plane_from_view: dict[int, Rigid2],
+    origin_uv_m: tuple[float, float],
+    pixel_size_m: float,
+) -> FlattenedView:
+    """Return the view whose pixels (H, W) come from the views named by ``label`` (-1 none)."""
+    values = np.full((*label.shape, 15), np.nan, dtype=np.float32)
+    for k in np.unique(label[label >= 0]):
+        at = label == k
+        values[at] = sample_at(views[int(k)], plane_from_view[int(k)], at, origin_uv_m, pixel_size_m)
+    valid = np.isfinite(values[..., 9])
+    values[~valid] = np.nan
+    normal = values[..., 6:9]
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return FlattenedView(
+        rgb=np.where(valid[..., None], np.rint(values[..., 0:3]), 0).astype(np.uint8),
+        xyz_m=np.ascontiguousarray(values[..., 3:6]),
+        normal=(normal / np.where(length > 0, length, np.nan)).astype(np.float32),
+        z_angle_deg=np.ascontiguousarray(values[..., 9]),
+        valid=valid,
+        view_index=np.where(valid, label, -1).astype(np.int16),
+        source_rc=np.ascontiguousarray(values[..., 10:12]),
+        quality=np.ascontiguousarray(values[..., 12:15]),
+        pixel_size_m=pixel_size_m,
+        origin_uv_m=origin_uv_m,
+    )
+
+
+def corners(view: FlattenedView) -> Float64:
+    """Return the corners (4, 2) of a view's raster on its plane."""
+    rows, cols = view.shape
+    return view.uv_from_rc(np.array([[0, 0], [0, cols - 1], [rows - 1, 0], [rows - 1, cols - 1]]))
+
+
+def bounds(corners: list[Float64], size: float) -> tuple[tuple[float, float], tuple[int, int]]:
+    """Return origin and shape of the grid, aligned to multiples of the pixel, around all corners."""
+    points = np.concatenate(corners) / size
+    low = np.floor(points.min(axis=0) + 1e-6)
+    high = np.ceil(points.max(axis=0) - 1e-6)
+    extent = (high - low).astype(int) + 1
+    return (float(low[0] * size), float(low[1] * size)), (int(extent[1]), int(extent[0]))
+
+
+def grid_rc(
+    view: FlattenedView,
+    plane_from_view: Rigid2,
+    origin: tuple[float, float],
+    shape: tuple[int, int],
+    size: float,
+) -> Float64:
+    """Grid positions (H * W, 2) in a view's raster of all pixels of a plane's grid."""
+    rows, cols = np.indices(shape)
+    uv = np.stack([cols.ravel() * size + origin[0], rows.ravel() * size + origin[1]], axis=1)
+    return view.rc_from_uv(plane_from_view.inverse().apply(uv))
+
+
+def carry_labels(
+    view: FlattenedView,
+    view_from_plane: Rigid2,
+    origin: tuple[float, float],
+    shape: tuple[int, int],
+    size: float,
+) -> NDArray[np.int16]:
+    """Return which recorded view each pixel of a plane's grid comes from (-1 none), by the nearest pixel."""
+    rc = np.rint(grid_rc(view, view_from_plane.inverse(), origin, shape, size)).astype(np.int64)
+    inside = ((rc >= 0) & (rc < np.array(view.shape))).all(axis=1)
+    label = np.full(shape, -1, dtype=np.int16)
+    label.ravel()[inside] = view.view_index[rc[inside, 0], rc[inside, 1]]
+    return label
+
+
+def sample_at(
+    view: FlattenedView, plane_from_view: Rigid2, at: Bool, origin: tuple[float, float], size: float
+) -> Float32:
+    """Read a view's channels (K, 15) at the pixels ``at`` (H, W) of a plane's grid."""
+    rc = np.argwhere(at)
+    uv = rc[:, ::-1] * size + np.asarray(origin)
+    return sample(channels(view), view.rc_from_uv(plane_from_view.inverse().apply(uv)))

@@ -1,7 +1,7 @@
 """Sample points of a surface and the pairs of neighbours between them (paper, section 3).
 
-Points lie on a grid of interval d in the depth image. Two of them make a pair (B = 1) if they are
-neighbours on the grid, diagonals included, and the straight pixel path between them never leaves
+Points lie on a grid of interval d in the depth image. Two points are a pair (B = 1) if they are
+neighbours on the grid, diagonals included, and the straight pixel path between them neither leaves
 the surface nor crosses a depth jump.
 """
 
@@ -14,10 +14,16 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import fit_patches, normals_from_fit
 from flatcloth.flattening.surface import Surface
+
+_FIT_RADIUS_PX = 6
+"""Radius of the local quadratic fit of depth at each sample."""
+_NOISY_FIT_RADIUS_PX = 12
+"""Radius of that fit where the depth is noisy."""
+MAX_CHORD_SLOPE = 0.35
+"""Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +42,7 @@ class Samples:
     edge_length_m: Float64
 
 
-def sample_surface(surface: Surface, sampling_interval_px: int, config: FlatteningConfig) -> Samples:
+def sample_surface(surface: Surface, sampling_interval_px: int) -> Samples:
     """Sample the surface at one interval.
 
     Parameters
@@ -45,8 +51,6 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
         The surface of one view.
     sampling_interval_px : int
         Interval d.
-    config : FlatteningConfig
-        Fit radius and limits of the pairs.
 
     Returns
     -------
@@ -57,10 +61,10 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
-    points, normal, ok = fit_samples(surface, rc.astype(np.float64), config)
+    points, normal, ok = fit_samples(surface, rc.astype(np.float64))
     rc, points, normal = rc[ok], points[ok], normal[ok]
     edges = pairs_on_surface(rc, 1.5 * d, surface)
-    edges, lengths = lengths_along_surface(edges, points, normal, config.max_chord_slope)
+    edges, lengths = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     return Samples(
         sampling_interval_px=d,
         points_rc=rc,
@@ -71,13 +75,13 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     )
 
 
-def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tuple[Float64, Float64, Bool]:
-    """Return points (N, 3), normals (N, 3), camera frame, at places (N, 2) of the image; which are known.
+def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
+    """Return points (N, 3) and normals (N, 3), camera frame, at image positions (N, 2), and their validity.
 
-    Each comes from a quadratic fit around the nearest pixel, read at the place itself.
+    Each is the value at the position of a quadratic fit around the nearest pixel.
     """
     pixel = np.rint(rc).astype(np.int32)
-    radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
+    radius, stride = (_NOISY_FIT_RADIUS_PX, 2) if surface.noisy else (_FIT_RADIUS_PX, 1)
     fit = fit_patches(
         surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
     )
@@ -102,7 +106,7 @@ def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tupl
 
 
 def pairs_on_surface(rc: Int32, reach_px: float, surface: Surface) -> Int32:
-    """Return the pairs (M, 2) of pixels within reach whose straight path stays on the surface."""
+    """Return the pairs (M, 2) of pixels within ``reach_px`` whose straight path stays on the surface."""
     if len(rc) < 2:
         return np.zeros((0, 2), dtype=np.int32)
     pairs = cKDTree(rc).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
@@ -116,9 +120,9 @@ def lengths_along_surface(
 ) -> tuple[Int32, Float64]:
     """Return the pairs that are kept and their lengths along the surface, from chord and tangent planes.
 
-    A cubic that leaves its chord at the slopes a and b is longer by the share
-    ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which takes the chord). Pairs whose
-    chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they cut a fold short.
+    A cubic that leaves its chord with the slopes a and b is longer than the chord by the share
+    ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which uses the chord). Pairs whose
+    chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they bridge a fold.
     """
     chord = points[edges[:, 1]] - points[edges[:, 0]]
     length = np.linalg.norm(chord, axis=1)
@@ -132,7 +136,7 @@ def lengths_along_surface(
 
 @njit(cache=True, nogil=True)
 def path_on_surface(usable: Bool, steps: NDArray[np.uint8], rc: Int32, pairs: Int32) -> Bool:
-    """Tell for each pair whether the straight pixel path between its points stays on one layer."""
+    """Return for each pair whether the straight pixel path between its points stays on one layer."""
     result = np.zeros(pairs.shape[0], dtype=np.bool_)
     for n in range(pairs.shape[0]):
         r, c = rc[pairs[n, 0], 0], rc[pairs[n, 0], 1]
@@ -141,7 +145,7 @@ def path_on_surface(usable: Bool, steps: NDArray[np.uint8], rc: Int32, pairs: In
         sr, sc = (1 if r1 > r else -1), (1 if c1 > c else -1)
         error = dc - dr
         good = True
-        # Four-connected walk: of the two possible steps the one that stays nearer to the line.
+        # Four-connected walk: take the one of the two possible steps that stays nearer to the line.
         while good and (r != r1 or c != c1):
             if c != c1 and (r == r1 or error > 0):
                 left = c if sc > 0 else c - 1

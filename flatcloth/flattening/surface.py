@@ -1,9 +1,9 @@
-"""From one RGB-D frame to the cloth surface: which pixels, which neighbours, which normals.
+"""The cloth surface in one RGB-D frame: its pixels, their neighbours and their normals.
 
 A pixel belongs to the surface if it was measured, lies on the side of interest, is not seen at a
 grazing angle and does not touch a depth edge. Depth and normals come from local fits of the inverse
-depth, which is exactly affine in the image for a plane, over the pixels that can be reached from
-the centre without a depth jump: layers are never mixed.
+depth, which is exactly affine in the image for a plane. A fit uses only pixels that are connected to
+its centre without a depth jump, so layers are never mixed.
 """
 
 from __future__ import annotations
@@ -22,6 +22,17 @@ from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, Rotat
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 
+_NORMAL_WINDOW_PX = 3
+"""Half width of the window in which a plane is fitted for each normal."""
+_NOISY_DEPTH_M = 0.0003
+"""Depth that scatters more than this about its local planes (median) is noisy."""
+_MAX_DROPOUT_PX = 150
+"""Holes of at most this many pixels inside the mask are bridged."""
+_MIN_ITEM_AREA_M2 = 0.01
+"""Without masks: a region smaller than this is not taken for the item."""
+_ITEM_DEPTH_EXTENT_M = 0.25
+"""Without masks: regions of the item lie within this distance of its nearest one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
@@ -31,7 +42,7 @@ class Surface:
     ``normal`` float32, unit, towards the camera (NaN off the surface); ``z_angle_deg`` float32;
     ``usable`` bool, the surface; ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``;
     ``inverse_depth`` float64, 1/m as measured, 0 where the item was not measured; ``noise_m`` the
-    median deviation of the measured depth from its local planes, ``noisy`` whether that is much.
+    median deviation of the measured depth from its local planes; ``noisy`` whether it exceeds the limit.
     """
 
     frame: RgbdFrame
@@ -60,9 +71,9 @@ def observed_area_m2(frame: RgbdFrame, item: Bool) -> float:
 def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
     """Return the measured pixels (H, W) of the side of interest.
 
-    With a mask, that is the mask. Without, it is the foreground object on the axis: of the
-    regions that no depth jump divides, the large one nearest to the axis (or, without an axis,
-    nearest to the camera). Both sides of the cloth may be in it then.
+    This is the mask if the frame has one. Otherwise it is the foreground object on the axis: of the
+    large regions that depth jumps separate, the one nearest to the axis (or, without an axis, nearest
+    to the camera). It may then contain both sides of the cloth.
     """
     if frame.mask is not None:
         return (frame.depth_m > 0) & frame.mask
@@ -70,23 +81,23 @@ def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig
 
 
 def observe_item(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> Surface:
-    """Find the surface as :func:`observe_surface` does, in the part of the frame around the item only."""
+    """Find the surface as :func:`observe_surface` does, only in the part of the frame around the item."""
     cropped, item = crop_to_item(frame, item_mask(frame, axis, config))
     return observe_surface(cropped, axis, config, item)
 
 
 def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[RgbdFrame, Bool]:
-    """Return the part of a frame around the item, and the item in it: what follows costs its size.
+    """Return the part of a frame around the item, and the item in it, to save time in later steps.
 
     Raises
     ------
     SurfaceError
-        If there is no pixel of the item.
+        If no pixel belongs to the item.
     """
     rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
     if rows.size == 0:
         raise SurfaceError(
-            f"View {frame.view_index}: it shows nothing of the side of interest; use another view."
+            f"View {frame.view_index}: no pixel of it shows the side of interest; use another view."
         )
     around = tuple(
         slice(max(int(found[0]) - margin_px, 0), int(found[-1]) + margin_px + 1) for found in (rows, cols)
@@ -124,12 +135,12 @@ def observe_surface(
         item = item_mask(frame, axis, config)
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, config.max_dropout_px)
-    inverse_depth[find_ramps(inverse_depth, k, config)] = 0.0
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
+    inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = _find_steps(inverse_depth, step_limit)
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
-    fit, noise_m = fit_planes(inverse_depth, steps, item, config.normal_window_px, config.noisy_depth_m)
+    fit, noise_m = fit_planes(inverse_depth, steps, item, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -157,7 +168,7 @@ def observe_surface(
         steps=steps,
         inverse_depth=inverse_depth,
         noise_m=noise_m,
-        noisy=noise_m > config.noisy_depth_m,
+        noisy=noise_m > _NOISY_DEPTH_M,
     )
 
 
@@ -180,10 +191,10 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
         offset = xyz - axis.point_m
         distance = np.linalg.norm(offset - (offset @ axis.direction)[:, None] * axis.direction, axis=1)
     mean_distance = np.bincount(label, distance, count) / np.maximum(np.bincount(label, None, count), 1)
-    large = area >= min(config.min_item_area_m2, area.max())
+    large = area >= min(_MIN_ITEM_AREA_M2, area.max())
     nearest = mean_distance[large].min()
-    # Layers of one item that overlap are separate regions; they lie within its depth extent.
-    chosen = large & (mean_distance <= nearest + config.item_depth_extent_m)
+    # Overlapping layers of one item are separate regions within the item's depth extent.
+    chosen = large & (mean_distance <= nearest + _ITEM_DEPTH_EXTENT_M)
     kept: Bool = measured & np.append(chosen, False)[labels]
     return kept
 
@@ -194,7 +205,7 @@ def _inverse(depth_m: Float32, item: Bool) -> Float64:
 
 
 def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
-    """Pixels of the item that no jump divides from a neighbour that belongs to the item too."""
+    """Pixels of the item that no depth jump separates from a neighbour of the item."""
     cut_right = item[:, :-1] & item[:, 1:] & ((steps[:, :-1] & STEP_RIGHT) == 0)
     cut_down = item[:-1] & item[1:] & ((steps[:-1] & STEP_DOWN) == 0)
     off = item.copy()
@@ -206,7 +217,7 @@ def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
 
 
 def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
-    """Label (H, W) the regions that steps connect, from 0; -1 where nothing was measured."""
+    """Label the regions (H, W) that steps connect, from 0; -1 where nothing was measured."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -225,10 +236,10 @@ def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
 
 @njit(cache=True, nogil=True)
 def _find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
-    """Mark the steps between measured neighbours that no depth jump cuts.
+    """Mark the steps between measured neighbours that no depth jump separates.
 
-    The limit is on the ratio of depths: a step of ``step_limit`` times the depth is the slope of
-    the grazing limit, so the test means the same at every distance.
+    The limit applies to the ratio of depths: a step of ``step_limit`` times the depth has the slope
+    of the grazing limit, so the test is the same at every distance.
     """
     rows, cols = inverse_depth.shape
     steps = np.zeros((rows, cols), dtype=np.uint8)

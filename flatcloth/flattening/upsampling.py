@@ -1,10 +1,10 @@
-"""From flattened samples to every pixel of the surface, smoothly.
+"""Smooth placement of every pixel of the surface from the flattened samples.
 
-A pixel belongs to the sample that is nearest to it over the surface, and is placed by that sample
-and its neighbours together: each carries its surroundings along, with the length of the arc and the
-direction of its tangent plane, and the blend follows the curvature between samples. (A departure
-from the paper, which interpolates linearly over Delaunay triangles and so cuts every outline short
-and every curve straight.)
+A pixel belongs to the sample that is nearest to it along the surface. Its position blends the
+predictions of that sample and its neighbours: each predicts it from the length of the arc and the
+direction in its tangent plane, so that the blend follows the curvature between samples. (Departure
+from the paper, which interpolates linearly over Delaunay triangles: that cuts every convex outline
+short and straightens every curve.)
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from flatcloth.flattening.surface import Surface
 
 
 class Carrier:
-    """Carries pixels of the surface along with flattened samples.
+    """Moves pixels of the surface with the flattened samples.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Carrier:
     Attributes
     ----------
     nearest : (H, W) int32
-        The sample that each pixel belongs to, -1 none.
+        The sample that each pixel belongs to, -1 for none.
     """
 
     def __init__(self, uv_m: Float64, samples: Samples, surface: Surface) -> None:
@@ -47,7 +47,7 @@ class Carrier:
         )
 
     def place(self, rc: Int32) -> Float64:
-        """Return where pixels (K, 2) lie on the plane (K, 2); NaN for those that belong to no sample."""
+        """Return the plane positions (K, 2) of pixels (K, 2); NaN for those that belong to no sample."""
         return self._blended(rc)[:, :2]
 
     def place_all(self) -> tuple[Float64, Float32]:
@@ -56,9 +56,9 @@ class Carrier:
         Returns
         -------
         uv_m : (H, W, 2) float64
-            Their places; NaN for pixels that belong to no sample.
+            Their positions; NaN for pixels that belong to no sample.
         stretch : (H, W) float32
-            The largest relative change of length around each.
+            The largest relative change of length around each pixel.
         """
         rc = np.argwhere(self.nearest >= 0).astype(np.int32)
         blended = self._blended(rc)
@@ -73,7 +73,7 @@ class Carrier:
         return _blend(
             rc, self.nearest, self._surface.xyz_m, self._surface.normal, s.points_rc, s.points_m, s.normal,
             self._uv_m, self._frames, self._stretch, self._first, self._neighbours,
-            2.0 * s.sampling_interval_px + 1.0,  # beyond the farthest pixel, which else had no weight
+            2.0 * s.sampling_interval_px + 1.0,  # beyond the farthest pixel, so that its weight is not 0
         )  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def _stretch(uv_m: Float64, samples: Samples) -> Float64:
 
 
 def _adjacency(n: int, edges: Int32) -> tuple[Int32, Int32]:
-    """Neighbours of each sample as one array and where each sample's begin (n + 1,)."""
+    """Neighbours of all samples as one array, and the index of each sample's first neighbour (n + 1,)."""
     both = np.concatenate([edges, edges[:, ::-1]])
     order = np.argsort(both[:, 0], kind="stable")
     first = np.zeros(n + 1, dtype=np.int32)
@@ -99,7 +99,7 @@ def _adjacency(n: int, edges: Int32) -> tuple[Int32, Int32]:
 def _plane_from_space(uv_m: Float64, samples: Samples) -> Float64:
     """Isometries (N, 2, 3) from each sample's tangent plane to the flattened plane.
 
-    The turn of the tangent basis on the plane is the one that fits the sample's own pairs best.
+    The rotation of each tangent basis on the plane is the one that fits the sample's own pairs best.
     """
     right, down = tangent_basis(samples.normal)
     a, b = samples.edges[:, 0], samples.edges[:, 1]
@@ -121,7 +121,7 @@ def _plane_from_space(uv_m: Float64, samples: Samples) -> Float64:
 
 @njit(cache=True, nogil=True)
 def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: int) -> Int32:
-    """Find the sample nearest to each pixel over the surface, breadth first; -1 beyond ``reach`` steps."""
+    """Find the sample nearest to each pixel along the surface, breadth first; -1 beyond ``reach`` steps."""
     rows, cols = usable.shape
     nearest = np.full((rows, cols), -1, dtype=np.int32)
     queue = np.empty((rows * cols, 2), dtype=np.int32)
@@ -185,7 +185,7 @@ def _blend(
                 chord = np.sqrt(dx * dx + dy * dy + dz * dz)
                 a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
                 b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
-                # Along the cubic arc if both slopes belong to one; else straight along the tangent.
+                # Length of the cubic arc, limited to 15 % more than the straight line along the tangent.
                 scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
                 scale = min(scale, 1.15)
                 pu *= scale

@@ -1,17 +1,19 @@
-"""How the operator wants each pick gripped, kept beside the session's journal in ``grips.json``."""
+"""The operator's choices for gripping the picks, saved in the session folder as ``grips.json``."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
+
+from flatcloth.core.decoding import Vector3, decoded
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
 
@@ -19,8 +21,27 @@ FILE = "grips.json"
 FORMAT = "flatcloth-grips/1"
 
 
+class _Grip(msgspec.Struct, frozen=True):
+    axis_held: Vector3 | None
+    opening_m: Annotated[float, msgspec.Meta(ge=OPENING_RANGE_M[0], le=OPENING_RANGE_M[1])]
+
+    def checked(self) -> Grip:
+        if self.axis_held is None:
+            return Grip(opening_m=self.opening_m)
+        x, y, z = self.axis_held
+        length = math.hypot(x, y, z)
+        if not (math.isfinite(length) and length > 0.5):
+            raise ValueError("an axis has no direction")
+        return Grip(axis_held=(x / length, y / length, z / length), opening_m=self.opening_m)
+
+
+class _File(msgspec.Struct, frozen=True):
+    format: Literal["flatcloth-grips/1"]
+    grips: dict[str, _Grip]
+
+
 def read_grips(folder: Path) -> dict[int, Grip]:
-    """Return the grips that were chosen in a session folder, by the number of their pick.
+    """Return the grips saved in a session folder, by the number of their pick.
 
     Raises
     ------
@@ -29,27 +50,25 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     """
     path = folder / FILE
     try:
-        content = json.loads(read_plain(path))
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}")
-        return {int(key): _read(value) for key, value in content["grips"].items()}
+        kept = decoded(read_plain(path), _File)
+        return {int(key): grip.checked() for key, grip in kept.grips.items()}
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except ValueError as error:
         raise FlatclothError(
-            f"{path}: is damaged ({error}). Delete it: every grip then follows the outline again."
+            f"{path}: is damaged ({error}). Delete it: all grips then follow the outline."
         ) from error
 
 
-class GripBook:
-    """The grips of a session; ``folder`` None keeps them in memory only. Used by one thread.
+class GripStore:
+    """The grips of a session; with ``folder`` None they are kept in memory only. Used by one thread.
 
     Raises
     ------
     FlatclothError
-        If the file that is there is damaged.
+        If the existing file is damaged.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -58,7 +77,7 @@ class GripBook:
 
     @property
     def grips(self) -> Mapping[int, Grip]:
-        """What was chosen, by the number of the pick; picks that are not in it have the default."""
+        """The chosen grips by the number of the pick; other picks have the default."""
         return MappingProxyType(self._grips)
 
     def get(self, pick_id: int) -> Grip:
@@ -66,18 +85,18 @@ class GripBook:
         return self._grips.get(pick_id, Grip())
 
     def set(self, pick_id: int, grip: Grip) -> None:
-        """Keep the grip of a pick, on disk before it counts.
+        """Set the grip of a pick and save it.
 
         Raises
         ------
         FlatclothError
-            If the opening is none a gripper has, or the file cannot be written.
+            If the opening is out of range, or the file cannot be written.
         """
         check_opening_m(grip.opening_m)
         self._write({**self._grips, pick_id: grip})
 
     def forget(self, pick_id: int) -> None:
-        """Drop the grip of a pick that was deleted.
+        """Remove the grip of a deleted pick.
 
         Raises
         ------
@@ -94,24 +113,23 @@ class GripBook:
                 for key, grip in sorted(grips.items())
             }
             path = self._folder / FILE
-            draft = self._folder / f".{FILE}.partial"
+            content = {"format": FORMAT, "grips": table}
             try:
-                draft.write_text(json.dumps({"format": FORMAT, "grips": table}, indent=1) + "\n")
-                os.replace(draft, path)
+                replace_file(path, json.dumps(content, indent=1).encode() + b"\n")
             except OSError as error:
                 raise FlatclothError(
-                    f"{path}: cannot be written ({error.strerror}). The grip was not changed; make room."
+                    f"{path}: cannot be written ({error.strerror}). The grip is unchanged. Free disk space."
                 ) from error
         self._grips = grips
 
 
 def check_opening_m(opening_m: float) -> None:
-    """Refuse an opening that no gripper for cloth has.
+    """Raise if an opening is out of range for a gripper for cloth.
 
     Raises
     ------
     FlatclothError
-        With the range in millimetres.
+        The message gives the range in millimetres.
     """
     low, high = OPENING_RANGE_M
     if not low <= opening_m <= high:
@@ -120,22 +138,8 @@ def check_opening_m(opening_m: float) -> None:
         )
 
 
-def _read(value: Mapping[str, Any]) -> Grip:
-    opening_m = float(value["opening_m"])
-    low, high = OPENING_RANGE_M
-    if not low <= opening_m <= high:
-        raise ValueError("an opening is out of range")
-    if value["axis_held"] is None:
-        return Grip(opening_m=opening_m)
-    x, y, z = (float(number) for number in value["axis_held"])
-    length = math.hypot(x, y, z)
-    if not (math.isfinite(length) and length > 0.5):
-        raise ValueError("an axis has no direction")
-    return Grip(axis_held=(x / length, y / length, z / length), opening_m=opening_m)
-
-
 def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
-    """Return the grip of a pose for a page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
+    """Return the grip of a pose for the page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
     if pose is None:
         return None
     uv, about = pose.direction_uv, pose.uncertainty

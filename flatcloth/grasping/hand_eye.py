@@ -1,13 +1,13 @@
-"""The hand-eye transform: where the camera stands in the robot's base frame, read from a file."""
+"""The hand-eye transform, i.e. the camera's pose in the robot's base frame, read from a file."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import read_plain
@@ -17,13 +17,20 @@ FORMAT = "flatcloth-hand-eye/1"
 KEY = "base_from_camera"
 
 _TOLERANCE = 1e-3
-"""A rotation that was written with few digits is mended; one that is further off is refused."""
+"""Rotations written with few digits are corrected within this tolerance; others are refused."""
 _FURTHEST_M = 20.0
-"""No camera stands further from its robot; such a number is in millimetres."""
+"""Largest distance of a camera from its robot; larger numbers are probably millimetres."""
+
+
+_Row = tuple[Finite, Finite, Finite, Finite]
 
 
 class HandEyeError(FlatclothError):
-    """A hand-eye file that cannot be used; names the file, the cause and the remedy."""
+    """A hand-eye file cannot be used; the message gives file, cause and remedy."""
+
+
+class _File(msgspec.Struct, frozen=True):
+    base_from_camera: tuple[_Row, _Row, _Row, _Row]
 
 
 def read_hand_eye(path: Path) -> Rigid3:
@@ -32,17 +39,23 @@ def read_hand_eye(path: Path) -> Rigid3:
     Raises
     ------
     HandEyeError
-        If the file cannot be read, is of another format, or its matrix is no rigid motion in metres.
+        If the file cannot be read, has another format, or its matrix is not a rigid motion in metres.
     """
     try:
-        content = json.loads(read_plain(path))
+        raw = parse_json(read_plain(path))
     except OSError as error:
         raise HandEyeError(f"{path}: cannot be read ({error.strerror}). Name a hand-eye file.") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise HandEyeError(f"{path}: is not JSON ({error}). {_wanted()}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(raw, dict) or raw.get("format") != FORMAT:
         raise HandEyeError(f"{path}: has no format {FORMAT!r}. {_wanted()}")
-    return rigid_from_matrix(_matrix(path, content.get(KEY)), path)
+    try:
+        rows = fitted(raw, _File).base_from_camera
+    except MisfitError as error:
+        raise HandEyeError(
+            f"{path}: {KEY} is not 4 rows of 4 finite numbers ({error}). {_wanted()}"
+        ) from error
+    return rigid_from_matrix(np.array(rows, dtype=np.float64), path)
 
 
 def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
@@ -51,7 +64,7 @@ def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
     Raises
     ------
     HandEyeError
-        If it is no rigid motion, or its translation is not in metres.
+        If it is not a rigid motion, or its translation is not in metres.
     """
     turn, shift = matrix[:3, :3], matrix[:3, 3]
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
@@ -72,18 +85,6 @@ def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
         )
     left, _, right = np.linalg.svd(turn)
     return Rigid3(left @ right, shift)
-
-
-def _matrix(path: Path, value: Any) -> Float64:
-    rows = value if isinstance(value, list) else []
-    numbers = [x for row in rows if isinstance(row, list) for x in row]
-    shaped = len(rows) == 4 and all(isinstance(row, list) and len(row) == 4 for row in rows)
-    plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
-    if shaped and plain:
-        matrix = np.array(rows, dtype=np.float64)
-        if np.isfinite(matrix).all():
-            return matrix
-    raise HandEyeError(f"{path}: {KEY} is not 4 rows of 4 finite numbers. {_wanted()}")
 
 
 def _wanted() -> str:

@@ -1,12 +1,33 @@
-"""What every method of integrating views answers: plans, placements with what led to them, shapes."""
+"""What every method of integrating views answers, and the types of its answers.
+
+:class:`Method` is the protocol; :mod:`flatcloth.methods.registry` knows the methods by name.
+"""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from flatcloth.core.types import FlattenedView, Float64, Int32, Rigid2
-from flatcloth.session.document import Side
+import numpy as np
+
+from flatcloth.core.config import Config
+from flatcloth.core.types import (
+    FlattenedView,
+    Float64,
+    Int32,
+    Progress,
+    Rigid2,
+    RotationAxis,
+    no_progress,
+)
+from flatcloth.session.document import Document, Later, Side
+
+if TYPE_CHECKING:
+    from flatcloth.flattening.flatten import Flattening
+    from flatcloth.registration.cameras import Registered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +67,13 @@ class SidePlan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prospect:
-    """What a view promises, m2: cloth in common, cloth seen well for the first time, cloth beyond the rim.
+class Candidate:
+    """A view that may come next, with the areas (m2) it is expected to show.
 
-    ``joining_m2`` is the floating cloth that it may join to the shape, ``unseen_m2`` what may appear
-    that nothing hints at, ``gap_deg`` the turn to the nearest view that was looked at.
+    ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth that was seen only at steep
+    angles so far, ``beyond_m2`` cloth beyond the rim of the shape, ``joining_m2`` cloth of floating
+    pieces that the view may connect, ``unseen_m2`` an allowance for cloth that nothing hints at;
+    ``gap_deg`` is the turn to the nearest view that was looked at.
     """
 
     view_index: int
@@ -63,7 +86,7 @@ class Prospect:
 
     @property
     def new_m2(self) -> float:
-        """New reliable area."""
+        """Expected new area."""
         return self.improved_m2 + self.beyond_m2 + self.joining_m2 + self.unseen_m2
 
 
@@ -71,8 +94,7 @@ class Prospect:
 class Plan:
     """The next view, or None with the reason.
 
-    ``sides`` holds the plan of each side (paper); ``prospects`` the best views and what they promise
-    (robust).
+    ``sides`` holds the plan of each side (``paper``); ``candidates`` the views rated best (``robust``).
     """
 
     view_index: int | None
@@ -80,15 +102,25 @@ class Plan:
     rotation_deg: float
     reason: str
     sides: tuple[SidePlan, ...]
-    prospects: tuple[Prospect, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
 
 
 @dataclass(frozen=True)
 class AlignmentScore:
-    """How well two views agree: ``total`` in 0..1 and its named parts, units in the names."""
+    """How well two views agree: ``total`` in 0..1 and its named parts, units in the names.
+
+    ``apart_part`` names the part that says how far apart (mm) the placement leaves the cloth.
+    """
 
     total: float
     parts: dict[str, float]
+    apart_part: str = ""
+
+    @property
+    def apart_mm(self) -> float | None:
+        """How far apart the placement leaves the cloth, in the method's own measure; None if unknown."""
+        value = self.parts.get(self.apart_part, math.nan)
+        return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,11 +170,11 @@ class Alignment:
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """A place for a part of a view.
+    """A possible placement of a component of a view.
 
-    ``source`` is where the idea came from; ``component`` the part; ``initial`` the idea and
-    ``current_from_new`` what refinement made of it; ``score`` as :func:`flatcloth.methods.robust.scoring.lay`
-    gives it, its total the confidence; ``std`` (3,) of turn (rad), u and v (m).
+    ``source`` names the estimator of ``initial``, ``current_from_new`` is the placement after
+    refinement; ``score`` is that of :func:`flatcloth.methods.robust.scoring.score_placement`;
+    ``std`` (3,) are standard deviations of turn (rad), u and v (m).
     """
 
     source: str
@@ -154,7 +186,7 @@ class Hypothesis:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The directions that the cloth in common leaves open."""
+        """The directions that the cloth in common does not determine."""
         names = []
         if self.std[0] > math.radians(5.0):
             names.append("turn")
@@ -163,8 +195,8 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartPlace:
-    """What became of one part of a view: its best hypothesis, None if nothing connects it yet."""
+class ComponentPlacement:
+    """The best hypothesis for one component of a view; None if nothing connects it to the shape yet."""
 
     component: int
     area_m2: float
@@ -172,13 +204,13 @@ class PartPlace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placing:
-    """Where a method lays a view: the ``alignment`` of its part ``component``, and what else it considered.
+class Placement:
+    """Where a method places a view: the ``alignment`` of its ``component``, and what else it considered.
 
-    ``hypotheses`` are those for that part, the best first; ``margin`` is how much more sure the best
-    is than the second (its confidence, if there is no second); ``cameras`` says in words what the
-    registration found; ``parts`` tells what becomes of all parts of the view. The paper's method has
-    none of these.
+    ``hypotheses`` are those for that component, the best first; ``margin`` is the difference of the best
+    score to the second (the score itself, if there is no second); ``cameras`` is the result of the
+    registration in a sentence; ``parts`` has one entry for each component of the view. Only
+    ``component`` and ``alignment`` are required of a method.
     """
 
     component: int
@@ -186,7 +218,7 @@ class Placing:
     hypotheses: tuple[Hypothesis, ...] = ()
     margin: float = math.nan
     cameras: str = ""
-    parts: tuple[PartPlace, ...] = ()
+    parts: tuple[ComponentPlacement, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,3 +233,132 @@ class Canonical:
     view: FlattenedView
     current_from_view: dict[int, Rigid2]
     floating: tuple[FlattenedView, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceEdges:
+    """The edges of Eq. (2) behind a shape, as they lie on its plane now.
+
+    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, held frame) of the samples, NaN where one has no place;
+    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth.
+    """
+
+    uv_m: Float64
+    xyz_m: Float64
+    edges: Int32
+    length_m: Float64
+
+
+class Views(Protocol):
+    """The single views of a recording, from which methods build shapes."""
+
+    config: Config
+    axis: RotationAxis
+    held_point_m: Float64
+
+    def flattening(self, view_index: int) -> Flattening:
+        """Return the flattened view of a view with its surface (cached)."""
+        ...
+
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one connected component of a flattened view, the largest being 0."""
+        ...
+
+
+class Method(Protocol):
+    """A method of integrating views.
+
+    A method derives everything from a session's document and caches it by the document's prefix, so
+    that undo is exact. Subclasses implement the abstract methods; the others have defaults.
+
+    Parameters
+    ----------
+    views : Views
+        The single views.
+    angles_deg : sequence of float
+        The angles of all views of the recording.
+    """
+
+    name: ClassVar[str]
+    """As registered."""
+    angles_deg: Sequence[float]
+
+    @abstractmethod
+    def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
+
+    @classmethod
+    def default_config(cls) -> Config:
+        """Return the configuration that the method uses unless told otherwise."""
+        return Config()
+
+    @property
+    @abstractmethod
+    def accept_score(self) -> float:
+        """Without an operator, a proposal with a lower score is refused."""
+
+    @abstractmethod
+    def canonical(self, document: Document) -> Canonical:
+        """Return the canonical view of a document's accepted views.
+
+        Raises
+        ------
+        FlatclothError
+            If the session has no start view yet.
+        """
+
+    @abstractmethod
+    def plan(self, document: Document, unusable: set[int]) -> Plan:
+        """Choose the next view; ``unusable`` are views that cannot be flattened."""
+
+    @abstractmethod
+    def propose(
+        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
+    ) -> Placement:
+        """Find where a view lies on the shape.
+
+        Raises
+        ------
+        SurfaceError, FlatteningError
+            If the view shows too little.
+        AlignmentError
+            If nothing of the view can be placed.
+        """
+
+    @abstractmethod
+    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
+        """Score a placement, however it was found."""
+
+    @abstractmethod
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        """Refine a placement locally."""
+
+    @abstractmethod
+    def carried(self, document: Document, later: Later) -> Rigid2:
+        """Return where a later decision lies on the present plane if it moves along with the shape."""
+
+    @abstractmethod
+    def surface_edges(self, document: Document) -> SurfaceEdges:
+        """Return the edges of Eq. (2) behind the shape."""
+
+    def is_contradicted(self, document: Document) -> bool:
+        """Tell whether the other views contradict the view accepted last; False if that is not checked."""
+        return False
+
+    def cameras(self, document: Document) -> Registered | None:
+        """Return the registered cameras of the accepted views; None if the method registers none."""
+        return None
+
+    def side_of(self, document: Document, view_index: int) -> Side | None:
+        """Return the side that a view chosen by the operator extends; None if sides do not matter."""
+        return None
+
+    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
+        """Return the side that a view extends, and the accepted view that it continues there.
+
+        By default the accepted view that is turned least from it.
+        """
+        used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
+        angles = np.asarray(self.angles_deg)
+        turns = (angles[view_index] - angles[used] + 180.0) % 360.0 - 180.0
+        nearest = int(np.argmin(np.abs(turns)))
+        return (Side.LEFT if turns[nearest] >= 0 else Side.RIGHT), used[nearest]

@@ -1,70 +1,95 @@
-"""The only input: sources of RGB-D views, all alike to the rest of the program."""
+"""Recordings, the only input: sources of RGB-D views with a common interface.
+
+Input: a folder, a file or a bundled name. Output: a :class:`Recording`.
+"""
 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.film.angles import GivenAngles
-from flatcloth.recordings.kinds import KINDS
 from flatcloth.recordings.manifest import HEADER
+from flatcloth.recordings.registry import every_format, format_of, open_by
+from flatcloth.recordings.source import SourceOptions
 
-__all__ = ["Recording", "open_recording"]
-
-_CAN_READ = "flatcloth reads " + ", ".join(kind.what for kind in KINDS)
+__all__ = ["Recording", "SourceOptions", "open_recording", "place_of"]
 
 
 def open_recording(
     source: str | os.PathLike[str],
+    options: SourceOptions | None = None,
     *,
     angles: str | os.PathLike[str] | None = None,
     step_deg: float | None = None,
 ) -> Recording:
-    """Open a recording by its kind.
+    """Open a recording by its format.
 
     Parameters
     ----------
     source : str or Path
         A recording folder or a file in it, the folder or file of another program, or the name of a
-        bundled recording; see ``recordings.kinds``.
+        bundled recording; see ``recordings.registry``.
+    options : SourceOptions, optional
+        The user's information on a source that does not contain everything.
     angles : str or Path, optional
-        For sources without angles: a table of them (see ``recordings.angles``). A file ``angles.csv``
-        in the source's own folder needs not be named.
+        Shortcut for the option: a table of angles (see ``recordings.film.angles``). A file
+        ``angles.csv`` in the source's own folder is found without it.
     step_deg : float, optional
-        Instead: how far each view is turned from the one before, right-handed about the upward axis.
+        Shortcut for the option: the rotation from view to view, right-handed about the upward axis.
 
     Raises
     ------
     RecordingError
-        If the source does not exist, is of no kind that can be read, or is not valid; also if its
-        angles are not known, or were given although it has its own.
+        If the source does not exist, has no readable format, or is not valid; also if its angles
+        or its camera are unknown, or were given although the source contains them.
     """
-    given = GivenAngles(table=None if angles is None else Path(angles), step_deg=step_deg)
+    options = options or SourceOptions()
+    if angles is not None:
+        options = replace(options, angles=Path(angles))
+    if step_deg is not None:
+        options = replace(options, step_deg=step_deg)
+    path = place_of(source)
+    form = format_of(path, options)
+    if form is not None:
+        return open_by(form, path, options)
+    if not path.is_dir():
+        raise RecordingError(f"{path}: not a recording. {_can_read()}.")
+    inside = sorted(p.parent.name for p in path.glob(f"*/{HEADER}"))
+    hint = f", for example {path / inside[0]}" if inside else ""
+    raise RecordingError(f"{path}: has no {HEADER}, and no list of images. {_can_read()}{hint}.")
+
+
+def place_of(source: str | os.PathLike[str]) -> Path:
+    """Return the folder or file of a source: a bundled name is resolved, a list stands for its folder.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file or folder.
+    """
     path = Path(source)
     try:
         path = path.expanduser()
         exists, is_folder = path.exists(), path.is_dir()
     except (OSError, RuntimeError, ValueError) as error:
-        raise RecordingError(f"{os.fspath(source)!r}: cannot be opened ({error}). {_CAN_READ}.") from error
+        raise RecordingError(f"{os.fspath(source)!r}: cannot be opened ({error}). {_can_read()}.") from error
     if not str(path).isprintable():
-        raise RecordingError(f"{str(path)!r}: no such file or folder. {_CAN_READ}.")
+        raise RecordingError(f"{str(path)!r}: no such file or folder. {_can_read()}.")
     if not exists:
         samples = sample_recordings()
         if str(source) not in samples:
             raise RecordingError(
-                f"{path}: no such file or folder. {_CAN_READ}; bundled are {', '.join(samples) or 'none'}."
+                f"{path}: no such file or folder. {_can_read()}; bundled are {', '.join(samples) or 'none'}."
             )
-        path = samples[str(source)]
-    elif not is_folder and path.suffix.lower() in (".json", ".txt", ".yaml", ".csv"):
-        path = path.parent  # a list or description of the folder it lies in
-    for kind in KINDS:
-        if kind.recognises(path):
-            return kind.open(path, given)
-    if not path.is_dir():
-        raise RecordingError(f"{path}: not a recording. {_CAN_READ}.")
-    inside = sorted(p.parent.name for p in path.glob(f"*/{HEADER}"))
-    hint = f", for example {path / inside[0]}" if inside else ""
-    raise RecordingError(f"{path}: has no {HEADER}, and no list of images. {_CAN_READ}{hint}.")
+        return samples[str(source)]
+    if not is_folder and path.suffix.lower() in (".json", ".txt", ".yaml", ".csv"):
+        return path.parent  # a list or description of the folder it lies in
+    return path
+
+
+def _can_read() -> str:
+    return "flatcloth reads " + ", ".join(form.what for form in every_format())

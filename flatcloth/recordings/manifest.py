@@ -1,15 +1,16 @@
-"""``recording.json``: read strictly, every value checked, nothing decoded."""
+"""Strict reading of ``recording.json``: every value is checked, no image is decoded."""
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted, parse_json
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
@@ -37,11 +38,11 @@ class ViewFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """A recording of image files: what ``recording.json`` says, or what was found in another folder.
+    """Description of a recording of image files, from ``recording.json`` or from another folder.
 
-    Lengths in metres, camera frame. ``truth`` is what a synthetic recording says of itself,
-    unchecked: only the evaluation reads it. ``any_depth`` allows depth in other kinds of files than
-    16-bit PNG; ``notes`` are sentences that the operator must know.
+    Lengths are in metres, camera frame. ``truth`` is a synthetic recording's own description of its
+    truth, unchecked: only the evaluation reads it. ``any_depth`` allows other depth files than 16-bit
+    PNG; ``notes`` are remarks for the operator.
     """
 
     folder: Path
@@ -64,7 +65,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     RecordingError
-        One line with the file, the cause and the remedy.
+        In one line: file, cause and remedy.
     """
     folder = folder.resolve()
     return _Reader(folder).manifest(_load(folder / HEADER))
@@ -72,7 +73,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _load(path: Path) -> Any:
     if not path.is_file():
-        raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
+        raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
     return load_json(path)
 
 
@@ -82,84 +83,115 @@ def load_json(path: Path) -> Any:
     Raises
     ------
     RecordingError
-        If it cannot be read, or is not JSON.
+        If it cannot be read or is not JSON.
     """
     try:
-        return json.loads(read_text(path))
-    except RecursionError as error:
-        raise RecordingError(f"{path}: nested too deeply. Write it as the format says.") from error
+        return parse_json(read_text(path))
     except ValueError as error:  # also numbers with thousands of digits
         raise RecordingError(
-            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it there."
+            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it at this place."
         ) from error
 
 
+class _Camera(msgspec.Struct, frozen=True):
+    width: Finite
+    height: Finite
+    fx: Finite
+    fy: Finite
+    cx: Finite
+    cy: Finite
+    distortion_model: Any = "none"
+    distortion: tuple[Finite, ...] = ()
+
+
+class _Axis(msgspec.Struct, frozen=True):
+    point_m: Vector3
+    direction: Vector3
+
+
+class _View(msgspec.Struct, frozen=True):
+    angle_deg: Finite
+    color: str | None = None
+    depth: str | None = None
+    mask: str | None = None
+    truth: str | None = None
+
+
+class _Header(msgspec.Struct, frozen=True):
+    """The fields of ``recording.json`` that are used; others are ignored."""
+
+    intrinsics: _Camera
+    views: tuple[_View, ...]
+    name: str = ""
+    description: str = ""
+    depth_scale_m: Finite = 0.0
+    rotation_axis: _Axis | None = None
+    held_point_m: Vector3 | None = None
+    truth: Any = None
+
+
 class _Reader:
-    """Turns the parsed JSON into a manifest; every complaint names the file and the key."""
+    """Turns the decoded file into a manifest; every complaint names the file and the key."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._path = folder / HEADER
 
-    def manifest(self, data: Any) -> Manifest:
-        header = self._table(data, "the file")
-        self._check_format(header)
-        intrinsics, lens = self._camera(header.get("intrinsics"))
-        axis, turns = self._axis(header.get("rotation_axis"))
-        scale = self._depth_scale(header)
-        views = self._views(header.get("views"), turns)
-        held = header.get("held_point_m")
+    def manifest(self, raw: Any) -> Manifest:
+        if isinstance(raw, dict):
+            self._check_format(raw.get("format"))
+        try:
+            header = fitted(raw, _Header)
+        except MisfitError as error:
+            remedy = f"Expected {error.expected}." if error.expected else "See the format."
+            self._fail(f"{error.where or 'the file'} is {error.found}", remedy)
+        intrinsics, lens = self._camera(header.intrinsics)
+        axis, turns = self._axis(header.rotation_axis)
+        scale = self._depth_scale(header.depth_scale_m)
+        views = self._views(header.views, turns)
+        held = header.held_point_m
         return Manifest(
             folder=self._folder,
-            name=self._text(header, "name") or self._folder.name,
-            description=self._text(header, "description"),
+            name=one_line(header.name) or self._folder.name,
+            description=one_line(header.description),
             intrinsics=intrinsics,
             lens=lens,
             depth_scale_m=scale,
             rotation_axis=axis,
             held_point_m=None if held is None else self._point(held, "held_point_m"),
             views=views,
-            truth=header.get("truth"),
+            truth=header.truth,
         )
 
     def _fail(self, cause: str, remedy: str) -> NoReturn:
         raise RecordingError(f"{self._path}: {cause}. {remedy}")
 
-    def _check_format(self, header: dict[str, Any]) -> None:
-        found = header.get("format")
+    def _check_format(self, found: Any) -> None:
         if found == FORMAT:
             return
         if isinstance(found, str) and found.startswith("flatcloth-recording/"):
-            self._fail(f"format {_short(found)} is unknown", f"This flatcloth reads {FORMAT}: update it.")
+            self._fail(f"format {_short(found)} is unknown", f"Update flatcloth: it reads {FORMAT}.")
         self._fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
 
-    def _depth_scale(self, header: dict[str, Any]) -> float:
-        scale = self._number(header.get("depth_scale_m", 0), "depth_scale_m")
+    def _depth_scale(self, scale: float) -> float:
         if scale == 0:
             self._fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
         if not 1e-6 <= scale <= 0.1:
-            self._fail(
-                f"depth_scale_m is {scale:g}", "It is the metres per depth unit, 0.001 for millimetres."
-            )
+            self._fail(f"depth_scale_m is {scale:g}", "Give metres per depth unit, 0.001 for millimetres.")
         return scale
 
-    def _camera(self, data: Any) -> tuple[Intrinsics, Lens]:
-        table = self._table(data, "intrinsics")
-        width, height = (self._size(table.get(k), f"intrinsics.{k}") for k in ("width", "height"))
-        fx, fy, cx, cy = (self._number(table.get(k), f"intrinsics.{k}") for k in ("fx", "fy", "cx", "cy"))
-        intrinsics = checked_intrinsics((width, height), (fx, fy), (cx, cy), self._fail, "intrinsics.")
-        return intrinsics, self._lens(table, intrinsics)
+    def _camera(self, given: _Camera) -> tuple[Intrinsics, Lens]:
+        size = (self._size(given.width, "width"), self._size(given.height, "height"))
+        focal, center = (given.fx, given.fy), (given.cx, given.cy)
+        intrinsics = checked_intrinsics(size, focal, center, self._fail, "intrinsics.")
+        return intrinsics, self._lens(given, intrinsics)
 
-    def _lens(self, table: dict[str, Any], intrinsics: Intrinsics) -> Lens:
-        model = table.get("distortion_model", "none")
-        values = table.get("distortion", [])
+    def _lens(self, given: _Camera, intrinsics: Intrinsics) -> Lens:
+        model, numbers = given.distortion_model, list(given.distortion)
         if model not in _MODELS:
             self._fail(
                 f"intrinsics.distortion_model {_short(model)} is unknown", f"Known are {', '.join(_MODELS)}."
             )
-        if not isinstance(values, list):
-            self._fail("intrinsics.distortion is no list", "Write [k1, k2, p1, p2, k3], or [] for none.")
-        numbers = [self._number(v, f"intrinsics.distortion[{i}]") for i, v in enumerate(values)]
         if model == "none" and any(numbers):
             self._fail(
                 "intrinsics.distortion has numbers, but distortion_model is none",
@@ -169,34 +201,31 @@ class _Reader:
             self._fail(f"intrinsics.distortion has {len(numbers)} numbers", "Write [k1, k2, p1, p2, k3].")
         return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
 
-    def _axis(self, data: Any) -> tuple[RotationAxis | None, float]:
+    def _axis(self, given: _Axis | None) -> tuple[RotationAxis | None, float]:
         """Return the axis, and the sense (1 or -1) in which the file's angles turn about it."""
-        if data is None:
+        if given is None:
             return None, 1.0
-        table = self._table(data, "rotation_axis")
-        point = self._point(table.get("point_m"), "rotation_axis.point_m")
-        direction = self._vector(table.get("direction"), "rotation_axis.direction")
+        point = self._point(given.point_m, "rotation_axis.point_m")
+        direction = np.array(given.direction)
         length = math.hypot(*direction)
         if abs(length - 1) > 1e-3:
-            self._fail(f"rotation_axis.direction has length {length:g}", "It must be a unit vector.")
+            self._fail(f"rotation_axis.direction has length {length:g}", "Give a unit vector.")
         direction = direction / length
         if abs(direction[2]) > 0.9:
             self._fail(
                 "the camera looks along rotation_axis.direction", "It must see the item from the side."
             )
-        # Inside the program the axis points up (y is down): turning about the opposite direction is
-        # turning the other way.
+        # Inside the program the axis points up (y is down); a rotation about the opposite direction has
+        # the opposite sign.
         turns = -1.0 if direction[1] > 0 else 1.0
         return RotationAxis(point_m=point, direction=turns * direction), turns
 
-    def _views(self, data: Any, turns: float) -> tuple[ViewFiles, ...]:
-        if not isinstance(data, list) or not data:
-            self._fail("views is not a list, or is empty", "List at least one view.")
-        if len(data) > MAX_VIEWS:
-            self._fail(f"{len(data)} views", f"At most {MAX_VIEWS} are read: split the recording.")
-        views = tuple(
-            self._view(self._table(v, f"views[{i}]"), f"views[{i}]", turns) for i, v in enumerate(data)
-        )
+    def _views(self, given: tuple[_View, ...], turns: float) -> tuple[ViewFiles, ...]:
+        if not given:
+            self._fail("views is empty", "List at least one view.")
+        if len(given) > MAX_VIEWS:
+            self._fail(f"{len(given)} views", f"At most {MAX_VIEWS} are read: split the recording.")
+        views = tuple(self._view(view, f"views[{i}]", turns) for i, view in enumerate(given))
         self._check_angles([v.angle_deg for v in views])
         self._check_masks(views)
         return views
@@ -218,68 +247,29 @@ class _Reader:
                 "Give every view a mask, or none: the side of interest must be the same in all.",
             )
 
-    def _view(self, table: dict[str, Any], where: str, turns: float) -> ViewFiles:
-        angle = self._number(table.get("angle_deg"), f"{where}.angle_deg")
-        if abs(angle) > 3600:
-            self._fail(f"{where}.angle_deg is {angle:g}", "Give degrees since view 0.")
-        if table.get("depth") is None:
+    def _view(self, given: _View, where: str, turns: float) -> ViewFiles:
+        if abs(given.angle_deg) > 3600:
+            self._fail(f"{where}.angle_deg is {given.angle_deg:g}", "Give degrees since view 0.")
+        if given.depth is None:
             self._fail(f"{where} has no depth image", "flatcloth needs depth in every view.")
-        mask, truth = table.get("mask"), table.get("truth")
         return ViewFiles(
-            angle_deg=turns * angle + 0.0,  # + 0.0 makes a negative zero positive
-            color=self._file(table.get("color"), f"{where}.color"),
-            depth=self._file(table["depth"], f"{where}.depth"),
-            mask=None if mask is None else self._file(mask, f"{where}.mask"),
-            truth=None if truth is None else self._file(truth, f"{where}.truth"),
+            angle_deg=turns * given.angle_deg + 0.0,  # + 0.0 makes a negative zero positive
+            color=self._file(given.color, f"{where}.color"),
+            depth=self._file(given.depth, f"{where}.depth"),
+            mask=None if given.mask is None else self._file(given.mask, f"{where}.mask"),
+            truth=None if given.truth is None else self._file(given.truth, f"{where}.truth"),
         )
 
-    def _file(self, value: Any, where: str) -> Path:
+    def _file(self, value: str | None, where: str) -> Path:
         return inside(self._folder, value, self._path, where)
 
-    def _table(self, value: Any, where: str) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            self._fail(f"{where} is {_kind(value)}", "Expected a JSON object; see the format.")
-        return value
-
-    def _text(self, table: dict[str, Any], key: str) -> str:
-        value = table.get(key, "")
-        if not isinstance(value, str):
-            self._fail(f"{key} is {_kind(value)}", "Expected text.")
-        return one_line(value)
-
-    def _number(self, value: Any, where: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self._fail(f"{where} is {_kind(value)}", "Expected a number.")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            self._fail(f"{where} is not a finite number", "Write the measured value.")
-        return number
-
-    def _size(self, value: Any, where: str) -> int:
-        number = self._number(value, where)
+    def _size(self, number: float, name: str) -> int:
         if not number.is_integer() or not 8 <= number <= 16384:
-            self._fail(f"{where} is {number:g}", "Expected whole pixels, 8 to 16384.")
+            self._fail(f"intrinsics.{name} is {number:g}", "Expected whole pixels, 8 to 16384.")
         return int(number)
 
-    def _vector(self, value: Any, where: str) -> Float64:
-        if not isinstance(value, list) or len(value) != 3:
-            self._fail(f"{where} is {_kind(value)}", "Expected three numbers [x, y, z].")
-        return np.array([self._number(v, f"{where}[{i}]") for i, v in enumerate(value)])
-
-    def _point(self, value: Any, where: str) -> Float64:
-        point = self._vector(value, where)
+    def _point(self, value: tuple[float, float, float], where: str) -> Float64:
+        point = np.array(value)
         if np.abs(point).max() > 100:
-            self._fail(f"{where} lies more than 100 m away", "It is in metres, camera frame.")
+            self._fail(f"{where} lies more than 100 m away", "Give metres, camera frame.")
         return point
-
-
-def _kind(value: Any) -> str:
-    if value is None:
-        return "missing"
-    names = {bool: "true or false", int: "a number", float: "a number", str: "text", dict: "an object"}
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    return names.get(type(value), "of another type")

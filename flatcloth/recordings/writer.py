@@ -1,7 +1,7 @@
-"""Writes a recording folder (``flatcloth-recording/1``), view by view, so that a crash loses none.
+"""Writes a recording folder (``flatcloth-recording/1``) view by view, safe against crashes.
 
-A view counts once ``recording.json`` lists it; its images are on disk by then, and the header is
-replaced in one step. Images that a crash left beside the header are written over when it is resumed.
+A view is part of the recording when ``recording.json`` lists it. Its images are on disk by then, and
+the header is replaced atomically. Images left over from a crash are overwritten on resuming.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.recordings.folder import FolderRecording
@@ -27,39 +29,64 @@ from flatcloth.recordings.manifest import FORMAT, HEADER
 Uint16 = NDArray[np.uint16]
 
 ANGLE_TOLERANCE_DEG = 0.01
-"""Two views closer than this, modulo a full turn, are one to whoever reads the folder."""
+"""Readers treat two views closer than this, modulo a full turn, as one."""
 
 _PNG_LEVEL = 3
 _SAME_CAMERA_PX = 1e-3
 
 
+class _Camera(msgspec.Struct, frozen=True):
+    width: float
+    height: float
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: list[float] = []
+
+    def is_like(self, other: _Camera) -> bool:
+        own, theirs = (
+            np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy], dtype=np.float64) for c in (self, other)
+        )
+        return bool(np.all(np.abs(own - theirs) < _SAME_CAMERA_PX)) and not any(self.distortion)
+
+
+class _Kept(msgspec.Struct, frozen=True):
+    """The part of a header that must match on resuming."""
+
+    format: str
+    intrinsics: _Camera
+    depth_scale_m: float
+    views: list[dict[str, Any]] = []
+
+
 class RecordingWriter:
-    """Creates a recording folder, or goes on with one; a context manager.
+    """Creates or resumes a recording folder; a context manager.
 
     Parameters
     ----------
     folder : Path
-        Made if it is missing. It must be empty, or hold a recording and ``resume`` be set.
+        Created if missing. It must be empty, or contain a recording if ``resume`` is set.
     name, description : str
         A title of a few words, and a sentence.
     intrinsics : Intrinsics
-        Of the images, which are registered and free of distortion.
+        Camera of the images, which are registered and free of distortion.
     depth_scale_m : float
         Metres per unit of the depth images.
     rotation_axis : RotationAxis, optional
-        Camera frame; without it whoever reads the recording estimates it.
+        Camera frame; without it readers estimate the axis.
     held_point_m : array (3,), optional
         Where the item is held, camera frame.
     truth_header : dict, optional
         ``garment``, ``held_at``, ``panel_of_interest`` of a synthetic recording.
     resume : bool
-        Append to the recording that is there; its own header stays.
+        Append to the existing recording and keep its header.
 
     Raises
     ------
     RecordingError
-        If the folder is not empty (or, resuming, holds something else or another camera's
-        recording), is being written by another process, or cannot be written.
+        If the folder is not empty (or, on resuming, holds something else or a recording of another
+        camera), is being written by another process, or cannot be written.
 
     Notes
     -----
@@ -123,12 +150,12 @@ class RecordingWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let others have the folder."""
+        """Release the folder."""
         self.close()
 
     @property
     def folder(self) -> Path:
-        """Where it writes."""
+        """The folder being written."""
         return self._folder
 
     @property
@@ -137,7 +164,7 @@ class RecordingWriter:
         return tuple(float(view["angle_deg"]) for view in self._views)
 
     def has_angle(self, angle_deg: float) -> bool:
-        """Say whether a view at this angle (modulo a full turn) is on disk."""
+        """Return whether a view at this angle (modulo a full turn) is on disk."""
         return any(abs(_apart_deg(angle_deg, a)) < ANGLE_TOLERANCE_DEG for a in self.angles_deg)
 
     def add(
@@ -148,7 +175,7 @@ class RecordingWriter:
         mask: Bool | Uint8 | None = None,
         truth_bgr: Uint16 | None = None,
     ) -> int:
-        """Write one view and return its number; when this returns, a crash does not lose it.
+        """Write one view and return its number; it is then safe against a crash.
 
         Parameters
         ----------
@@ -161,13 +188,13 @@ class RecordingWriter:
         mask : array (H, W) bool or uint8, optional
             True or 255 on the side of interest. All views have one, or none.
         truth_bgr : array (H, W, 3) uint16, optional
-            As the format says, channels B, G, R. All views have one, or none.
+            As the format describes, channels B, G, R. All views have one, or none.
 
         Raises
         ------
         RecordingError
-            If the angle is taken, an image is of the wrong shape or type or shows no depth, or the
-            view cannot be written; the recording then is as before.
+            If the angle exists already, an image has the wrong shape or type or no depth, or the
+            view cannot be written; the recording then stays unchanged.
         """
         index = len(self._views)
         images: dict[str, Any] = {
@@ -191,13 +218,13 @@ class RecordingWriter:
         except OSError as error:
             raise RecordingError(
                 f"{self._folder}: view {index} cannot be written ({error.strerror}). "
-                "The views before it are safe; make room and repeat it."
+                "Earlier views are saved; free disk space and repeat it."
             ) from error
         self._views.append(view)
         return index
 
     def close(self) -> None:
-        """Let another process have the folder; harmless when repeated."""
+        """Release the folder for other processes; may be called repeatedly."""
         if self._lock_fd is not None:
             os.close(self._lock_fd)
             self._lock_fd = None
@@ -211,52 +238,48 @@ class RecordingWriter:
             fcntl.flock(self._lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise RecordingError(
-                f"{self._folder}: another flatcloth is writing it. End that one, or choose another folder."
+                f"{self._folder}: another flatcloth is writing to it. End that one, or choose another folder."
             ) from error
         path = self._folder / HEADER
         if path.exists():
             if not resume:
                 raise RecordingError(
-                    f"{self._folder}: has a recording in it. Choose another folder; "
-                    "record --resume goes on with one."
+                    f"{self._folder}: contains a recording. Choose another folder, or "
+                    "continue it with record --resume."
                 )
             self._take_up(path)
             return
         if any(self._folder.iterdir()):
             raise RecordingError(f"{self._folder}: not empty. Choose a new or an empty folder.")
-        # Even without a view it is now known whose folder this is.
+        # Claim the folder before the first view.
         self._write_header([])
 
     def _take_up(self, path: Path) -> None:
         try:
-            header = json.loads(read_plain(path))
-            views = header.pop("views")
-            camera, own = header["intrinsics"], self._header["intrinsics"]
-            same = header["format"] == FORMAT and math.isclose(
-                header["depth_scale_m"], self._header["depth_scale_m"], rel_tol=1e-6
-            )
-            near = all(
-                abs(camera[k] - own[k]) < _SAME_CAMERA_PX for k in ("width", "height", "fx", "fy", "cx", "cy")
-            )
-            plain = not any(camera.get("distortion", []))
-            if views:
-                FolderRecording(self._folder)  # says what is wrong with it
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            # Only this part is checked here; reading the recording checks the rest.
+            header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
+            kept = fitted(header, _Kept)
+            if kept.views:
+                FolderRecording(self._folder)  # raises the error
+        except ValueError as error:
             raise RecordingError(
-                f"{path}: no recording that can be gone on with ({error!r}). Choose another folder."
+                f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
-        if not (same and near and plain):
+        own = fitted(self._header, _Kept)
+        same = kept.format == FORMAT and math.isclose(kept.depth_scale_m, own.depth_scale_m, rel_tol=1e-6)
+        if not (same and kept.intrinsics.is_like(own.intrinsics)):
             raise RecordingError(
                 f"{path}: was recorded with another camera or other settings. Choose another folder."
             )
+        views = header.pop("views", [])
         self._header, self._views = header, list(views)
 
     def _write_header(self, views: list[dict[str, Any]]) -> None:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
-        _write(self._folder / HEADER, text.encode())
+        replace_file(self._folder / HEADER, text.encode())
 
     def _free_stem(self) -> str:
-        # A recording that was edited by hand may use any name for any view.
+        # A recording that was edited by hand may use any file name for any view.
         used = {Path(str(file)).stem for view in self._views for file in view.values()}
         return next(stem for n in itertools.count(len(self._views)) if (stem := f"{n:03d}") not in used)
 
@@ -269,26 +292,26 @@ class RecordingWriter:
         assert done  # the kind and the shape were checked
         if not path.parent.is_dir():
             path.parent.mkdir()
-            _sync(self._folder)
-        _write(path, data.tobytes())
+            sync_folder(self._folder)
+        replace_file(path, data.tobytes())
 
     # --- checks ------------------------------------------------------------------------------
 
     def _check_view(self, angle_deg: float, images: dict[str, Any]) -> None:
         where = f"{self._folder}: view {len(self._views)}"
         if self._lock_fd is None:
-            raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume.")
+            raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume=True.")
         if len(self._views) >= MAX_VIEWS:
-            raise RecordingError(f"{where} is more than the {MAX_VIEWS} a recording may have.")
+            raise RecordingError(f"{where} exceeds the limit of {MAX_VIEWS} views.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
         if self.has_angle(angle_deg):
             raise RecordingError(
-                f"{where} has an angle that is there already ({angle_deg:g} degrees). "
-                "Every view needs its own, also modulo 360."
+                f"{where} repeats an angle ({angle_deg:g} degrees). "
+                "Every view needs its own angle, also modulo 360."
             )
         if not images["depth"].any():
-            raise RecordingError(f"{where} has no depth at all, every pixel is 0. Record it again.")
+            raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
         for kind in ("mask", "truth"):
             if self._views and (kind in self._views[0]) != (kind in images):
                 which = "no" if kind in self._views[0] else "a"
@@ -310,26 +333,3 @@ class RecordingWriter:
 
 def _apart_deg(a_deg: float, b_deg: float) -> float:
     return (a_deg - b_deg + 180) % 360 - 180
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Put a file in its place in one step; it is on disk when this returns."""
-    draft = path.with_name(path.name + ".new")
-    try:
-        with draft.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
-    _sync(path.parent)
-
-
-def _sync(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

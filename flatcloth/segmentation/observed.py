@@ -25,7 +25,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
 from flatcloth.registration.cameras import register_together
-from flatcloth.registration.view_features import scan
+from flatcloth.registration.view_features import extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
@@ -178,9 +178,8 @@ def _poses(
     if len(surfaces) < 2:
         return known, False
     with ThreadPoolExecutor(_THREADS) as pool:
-        scans = list(pool.map(lambda surface: scan(surface, config.registration), surfaces))
-    registration = replace(config.registration, most_partners=_PARTNERS)
-    registered = register_together(scans, axis, held_point_m, registration)
+        features = list(pool.map(extract_features, surfaces))
+    registered = register_together(features, axis, held_point_m, partners=_PARTNERS)
     return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
 
 

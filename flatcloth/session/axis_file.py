@@ -1,39 +1,49 @@
-"""The turning axis of a session, kept beside its journal: ``axis.json``.
+"""The turning axis of a session, saved beside its journal as ``axis.json``.
 
-An axis that was estimated or set by hand belongs to the session: what was decided with it is derived
-again with the same one, also by another version of this program.
+An axis that was estimated or set by hand belongs to the session: resuming it, also with another
+version of this program, uses the same axis as the decisions did.
 """
 
 from __future__ import annotations
 
 import json
-import math
-import os
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Literal, Protocol
 
+import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import Vector3, decoded
 from flatcloth.core.errors import JournalError
-from flatcloth.core.plain_files import read_plain
-from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.types import RotationAxis
 
 FORMAT = "flatcloth-axis/1"
 FILE = "axis.json"
 
 
+_Metres = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+
+
+class _File(msgspec.Struct, frozen=True):
+    format: Literal["flatcloth-axis/1"]
+    point_m: tuple[_Metres, _Metres, _Metres]
+    direction: Vector3
+    estimated: bool
+
+
 class TurnsAbout(Protocol):
-    """Derives what a session shows from a turning axis, which can be replaced."""
+    """An object that depends on a turning axis, which can be replaced."""
 
     axis: RotationAxis
 
     def turn_about(self, axis: RotationAxis) -> None:
-        """Take another turning axis, held frame."""
+        """Replace the turning axis, object frame."""
         ...
 
 
 def settle_axis(folder: Path, integration: TurnsAbout) -> None:
-    """Let a session go on with its own axis; keep an estimated axis with a session that has none yet.
+    """Load the session's own axis; save an estimated axis in a session that has none.
 
     Raises
     ------
@@ -48,7 +58,7 @@ def settle_axis(folder: Path, integration: TurnsAbout) -> None:
 
 
 def read_axis(folder: Path) -> RotationAxis | None:
-    """Return the axis that a session folder keeps, held frame; None if it keeps none.
+    """Return the axis saved in a session folder, object frame; None if there is none.
 
     Raises
     ------
@@ -63,27 +73,25 @@ def read_axis(folder: Path) -> RotationAxis | None:
     except OSError as error:
         raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     try:
-        table = json.loads(data)
-        if table["format"] != FORMAT:
-            raise ValueError(f"its format is {table['format']!r}, not {FORMAT}")
-        point, direction = _vector(table["point_m"]), _vector(table["direction"])
-        estimated = table["estimated"]
-        if not isinstance(estimated, bool) or abs(np.linalg.norm(direction) - 1.0) > 1e-6:
-            raise ValueError("its direction is not of length 1, or it does not say whether it was estimated")
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        kept = decoded(data, _File)
+        direction = np.array(kept.direction, dtype=np.float64)
+        if abs(np.linalg.norm(direction) - 1.0) > 1e-6:
+            raise ValueError("its direction is not of length 1")
+    except ValueError as error:
         raise JournalError(
-            f"{path}: damaged ({error}). Remove it to go on with the recording's own axis."
+            f"{path}: damaged ({error}). Remove it to use the recording's own axis."
         ) from error
-    return RotationAxis(point_m=point, direction=direction, estimated=estimated)
+    point = np.array(kept.point_m, dtype=np.float64)
+    return RotationAxis(point_m=point, direction=direction, estimated=kept.estimated)
 
 
 def write_axis(folder: Path, axis: RotationAxis) -> None:
-    """Keep an axis with a session; when this returns, it is on disk.
+    """Save an axis with a session; it is on disk when this returns.
 
     Raises
     ------
     JournalError
-        If it cannot be written; what was kept before then still is.
+        If it cannot be written; the previous file then stays.
     """
     table = {
         "format": FORMAT,
@@ -91,24 +99,10 @@ def write_axis(folder: Path, axis: RotationAxis) -> None:
         "direction": axis.direction.tolist(),
         "estimated": axis.estimated,
     }
-    path, draft = folder / FILE, folder / f"{FILE}.new"
+    path = folder / FILE
     try:
-        with draft.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(table, indent=1) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
+        replace_file(path, json.dumps(table, indent=1).encode() + b"\n")
     except OSError as error:
         raise JournalError(
-            f"{path}: cannot be written ({error.strerror}). Make room and repeat it."
+            f"{path}: cannot be written ({error.strerror}). Free disk space and repeat it."
         ) from error
-
-
-def _vector(values: Any) -> Float64:
-    if not isinstance(values, list) or len(values) != 3 or not all(_is_finite(v) for v in values):
-        raise ValueError("it has no three numbers")
-    return np.array(values, dtype=np.float64)
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

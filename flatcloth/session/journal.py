@@ -1,52 +1,39 @@
-"""Every decision to disk, append-only; replaying it restores the session.
+"""``journal.jsonl``: the format of its lines, and the reader that restores a session from them.
 
-A session folder holds ``session.json`` (what the session is about), ``journal.jsonl`` (one line a
-decision, answer or pick, in order) and ``session.lock`` (held by the process that writes). A line
-counts once its newline is on disk: what a crash cut short was never acknowledged, and is dropped.
+There is one line per decision, answer or pick, in order. A line is valid once its newline is on disk;
+an incomplete last line after a crash was never acknowledged. Each line ends with a checksum over itself
+and all lines before it; journals of earlier versions have none.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import hashlib
-import importlib.metadata
+import dataclasses
 import json
-import logging
-import os
+import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
-from flatcloth.core.config import Config
-from flatcloth.core.errors import ConfigError, IllegalDecisionError, JournalError
+from flatcloth.core.decoding import fitted
+from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
-from flatcloth.core.types import Float64, Floats, RotationAxis
-from flatcloth.recordings.base import Recording, fingerprint
+from flatcloth.core.types import Float64
 from flatcloth.session import machine as session
-from flatcloth.session.axis_file import write_axis
-from flatcloth.session.journal_lines import (
-    Entry,
-    PickAdded,
-    PickChange,
-    PickDeleted,
-    PickRenamed,
-    decode,
-    encode,
-)
 from flatcloth.session.machine import Command, Event, SessionState, apply
 
-FORMAT = "flatcloth-session/1"
-_log = logging.getLogger(__name__)
+JOURNAL = "journal.jsonl"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pick:
-    """A grasp point that the operator keeps: position and outward normal (3,), held frame.
+    """A grasp point that the operator keeps: position and outward normal (3,), object frame.
 
     ``view_index`` and ``source_rc`` (row, col) name the image pixel it was measured in.
     """
@@ -59,331 +46,247 @@ class Pick:
     source_rc: tuple[float, float]
 
 
-def default_session_folder(recording: Recording, method: str, config: Config | None = None) -> Path:
-    """Return where a session is kept if the user names no place.
+# --- the lines ------------------------------------------------------------------------------------
 
-    Below ``$XDG_STATE_HOME`` (``~/.local/state``). The name tells the recording; a short hash of
-    its location and header, the method and the settings keeps sessions apart that cannot continue
-    each other.
+Coordinate = float | None
+"""Null if unknown, such as the normal of a pixel at the outline."""
+
+
+@dataclass(frozen=True)
+class PickAdded:
+    """A pick was added to the list; see :class:`Pick`."""
+
+    id: int
+    name: str
+    position_held_m: tuple[Coordinate, Coordinate, Coordinate]
+    normal_held: tuple[Coordinate, Coordinate, Coordinate]
+    view_index: int
+    source_rc: tuple[Coordinate, Coordinate]
+
+
+@dataclass(frozen=True)
+class PickRenamed:
+    """A pick was renamed."""
+
+    id: int
+    name: str
+
+
+@dataclass(frozen=True)
+class PickDeleted:
+    """A pick was removed from the list."""
+
+    id: int
+
+
+PickChange = PickAdded | PickRenamed | PickDeleted
+Entry = Command | Event | PickChange
+
+_KINDS: dict[str, type[Any]] = {
+    "start": session.Start,
+    "propose": session.Propose,
+    "accept": session.Accept,
+    "reject": session.Reject,
+    "skip": session.Skip,
+    "reopen": session.Reopen,
+    "nudge": session.Nudge,
+    "take part": session.TakePart,
+    "undo": session.Undo,
+    "redo": session.Redo,
+    "cancel": session.Cancel,
+    "restart": session.Restart,
+    "started": session.Started,
+    "proposed": session.Proposed,
+    "followed": session.Followed,
+    "nothing more": session.NothingMore,
+    "failed": session.Failed,
+    "pick added": PickAdded,
+    "pick renamed": PickRenamed,
+    "pick deleted": PickDeleted,
+}
+_ADDED: dict[type[Any], set[str]] = {
+    session.Accept: {"score"},
+    session.Nudge: {"how"},
+    session.Proposed: {"why"},
+}
+"""Fields that journals of earlier versions lack; they take the default."""
+
+_NAMES = {kind: name for name, kind in _KINDS.items()}
+_SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a journal: its number from 1, the time (UTC) of writing, and its entry."""
+
+    number: int
+    time: str
+    entry: Entry
+
+
+class _Envelope(msgspec.Struct):
+    line: int
+    kind: str
+    time: str = ""
+
+
+def encode(
+    number: int, entry: Entry, score_parts: Mapping[str, float] | None = None, link: int = 0
+) -> tuple[bytes, int]:
+    """Return the line of an entry, newline included, and its checksum.
+
+    ``number`` counts from 1; ``link`` is the checksum of the line before.
+
+    Raises
+    ------
+    ValueError
+        If it could not be read back: a motion that is not finite, or text that is not Unicode.
     """
-    state_home = os.environ.get("XDG_STATE_HOME", "")
-    # The XDG specification tells to ignore relative paths.
-    root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
-    settings = (config or Config()).to_dict()
-    about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
-    name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
-    return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **_fields(entry)}
+    if score_parts is not None:
+        table["score_parts"] = dict(score_parts)
+    body = msgspec.json.encode(table, enc_hook=_plain)
+    decode(number, body)
+    seal = zlib.crc32(body, link)
+    return body[:-1] + b',"crc":"%08x"}\n' % seal, seal
 
 
-class SessionFolder:
-    """A session on disk, open for writing by this process only; open it with :meth:`open`.
+def decode(number: int, line: bytes) -> Line:
+    """Return the content of a line, without checking its checksum.
 
-    Not thread-safe: the thread that owns the session writes.
+    Raises
+    ------
+    ValueError
+        If the line is damaged, or not the ``number``-th; the text gives the reason.
     """
+    try:
+        table = msgspec.json.decode(_without_lone_surrogates(line))
+    except (ValueError, RecursionError) as error:
+        raise ValueError("it is not JSON") from error
+    try:
+        about = fitted(table, _Envelope)
+        kind = _KINDS[about.kind]
+        names = {f.name for f in dataclasses.fields(kind)}
+        if not names - _ADDED.get(kind, set()) <= table.keys():
+            raise ValueError("a field is missing")
+        # Null is an unknown number; missing fields take the entry's default.
+        entry: Entry = fitted({k: table[k] for k in names if table.get(k) is not None}, kind)
+        for name, value in msgspec.to_builtins(entry).items():
+            if isinstance(value, dict) and value.keys() != table[name].keys():
+                raise ValueError(f"{name} has other fields")
+    except (ValueError, KeyError, OverflowError) as error:
+        raise ValueError("it is not an entry of a journal") from error
+    if about.line != number:
+        raise ValueError(f"it is numbered {about.line}")
+    return Line(number, about.time, entry)
 
-    def __init__(self, folder: Path, lock_fd: int, state: SessionState) -> None:
-        self._folder = folder
-        self._lock_fd: int | None = lock_fd
-        self._journal_fd: int | None = None
-        self._state = state
-        self._picks: dict[int, Pick] = {}
-        self._next_pick = 1
-        self._lines = 0
 
-    @classmethod
-    def open(cls, folder: Path, recording: Recording, config: Config, method: str) -> SessionFolder:
-        """Create a session folder, or resume the session in it.
+def _fields(entry: Entry) -> dict[str, Any]:
+    return {f.name: getattr(entry, f.name) for f in dataclasses.fields(entry)}
 
-        A computation that ran when the process was killed is given up; a last line that was cut
-        short is dropped, with a warning in the log.
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise ValueError(f"{value!r} cannot be written to a journal")
+
+
+def _without_lone_surrogates(line: bytes) -> bytes:
+    """Replace invalid Unicode, which earlier versions allowed in the names of picks."""
+    if b"\\ud" not in line:
+        return line
+    return json.dumps(json.loads(line), ensure_ascii=False).encode("utf-8", "replace")
+
+
+# --- the one reader -------------------------------------------------------------------------------
+
+
+@dataclass
+class Replay:
+    """A session that is restored line by line; the only owner of its state and its picks."""
+
+    state: SessionState
+    picks: dict[int, Pick] = field(default_factory=dict)
+    next_pick: int = 1
+    lines: int = 0
+    link: int = 0
+    sealed: bool = False
+
+    def read(self, number: int, line: bytes) -> Line:
+        """Return the content of the next line after comparing its checksum.
 
         Raises
         ------
-        JournalError
-            If the folder cannot be written, is in use by another process, belongs to another
-            recording, method or configuration, or its journal is damaged before its last line.
+        ValueError
+            If it is damaged.
         """
-        opened: SessionFolder | None = None
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            opened = cls(folder, _lock(folder / "session.lock"), SessionState(n_views=len(recording)))
-            _settle_header(folder, recording, config, method)
-            opened._resume()
-        except OSError as error:
-            if opened is not None:
-                opened.close()
-            raise JournalError(
-                f"{folder}: cannot be used as session folder ({error.strerror}). Choose a writable place."
-            ) from error
-        except BaseException:
-            if opened is not None:
-                opened.close()
-            raise
-        return opened
+        found = decode(number, line)
+        seal = _SEAL.search(line)
+        if seal is None:
+            if self.sealed:
+                raise ValueError("it has no checksum")
+            link = zlib.crc32(line, self.link)
+        else:
+            link = zlib.crc32(line[: seal.start()] + b"}", self.link)
+            if link != int(seal[1], 16):
+                raise ValueError("its checksum does not match")
+        self.link, self.sealed = link, self.sealed or seal is not None
+        return found
 
-    @property
-    def folder(self) -> Path:
-        """The folder itself; exports go there too."""
-        return self._folder
-
-    @property
-    def state(self) -> SessionState:
-        """The session as the journal has it."""
-        return self._state
-
-    @property
-    def picks(self) -> tuple[Pick, ...]:
-        """The picks in the order in which they were added."""
-        return tuple(self._picks.values())
-
-    def record(self, command: Command | Event, score_parts: Mapping[str, float] | None = None) -> None:
-        """Append a command or an answer and wait until it is on disk; a stale answer is not kept.
-
-        ``score_parts`` go with a proposal, for whoever reads the journal; replaying ignores them.
+    def take(self, entry: Entry) -> None:
+        """Apply an entry.
 
         Raises
         ------
         IllegalDecisionError
-            If the session does not allow the command; nothing is written.
-        JournalError
-            If it cannot be written; the journal then is as before.
+            If it is not allowed in this state, or names a pick that does not exist.
         """
-        state = apply(self._state, command)
-        if state is self._state:
-            return
-        self._append(command, score_parts)
-        self._state = state
-
-    def add_pick(
-        self,
-        name: str,
-        position_held_m: Floats,
-        normal_held: Floats,
-        view_index: int,
-        source_rc: tuple[float, float],
-    ) -> Pick:
-        """Keep a pick and return it with its number, which is never used again.
-
-        Raises
-        ------
-        JournalError
-            If it cannot be written.
-        """
-        change = PickAdded(
-            self._next_pick,
-            name,
-            np.asarray(position_held_m, dtype=np.float64),
-            np.asarray(normal_held, dtype=np.float64),
-            view_index,
-            np.asarray(source_rc, dtype=np.float64),
-        )
-        self._change_picks(change)
-        return self._picks[change.id]
-
-    def rename_pick(self, pick_id: int, name: str) -> None:
-        """Give a pick another name.
-
-        Raises
-        ------
-        JournalError
-            If there is no such pick, or it cannot be written.
-        """
-        self._change_picks(PickRenamed(pick_id, name))
-
-    def delete_pick(self, pick_id: int) -> None:
-        """Take a pick off the list; the journal still tells that there was one.
-
-        Raises
-        ------
-        JournalError
-            If there is no such pick, or it cannot be written.
-        """
-        self._change_picks(PickDeleted(pick_id))
-
-    def keep_axis(self, axis: RotationAxis) -> None:
-        """Keep a turning axis that was set by hand with the session, in its ``axis.json``.
-
-        Raises
-        ------
-        JournalError
-            If it cannot be written.
-        """
-        write_axis(self._folder, axis)
-
-    def close(self) -> None:
-        """Let another process have the folder; harmless when repeated."""
-        for fd in (self._journal_fd, self._lock_fd):
-            if fd is not None:
-                os.close(fd)
-        self._journal_fd = self._lock_fd = None
-
-    def _change_picks(self, change: PickChange) -> None:
-        if not isinstance(change, PickAdded) and change.id not in self._picks:
-            raise JournalError(f"Pick {change.id} is not in the list; it may have been deleted.")
-        self._append(change)
-        self._apply_pick(change)
-
-    def _apply_pick(self, change: PickChange) -> None:
-        match change:
-            case PickAdded(id=pick_id, name=name):
-                row, col = change.source_rc.tolist()
-                self._picks[pick_id] = Pick(
-                    id=pick_id,
-                    name=name,
-                    position_held_m=change.position_held_m,
-                    normal_held=change.normal_held,
-                    view_index=change.view_index,
-                    source_rc=(row, col),
-                )
-                self._next_pick = max(self._next_pick, pick_id + 1)
+        match entry:
+            case PickAdded(id=pick_id):
+                self.picks[pick_id] = _pick(entry)
+                self.next_pick = max(self.next_pick, pick_id + 1)
+            case PickRenamed(id=pick_id) | PickDeleted(id=pick_id) if pick_id not in self.picks:
+                raise IllegalDecisionError(f"Pick {pick_id} is not in the list; it may have been deleted.")
             case PickRenamed(id=pick_id, name=name):
-                self._picks[pick_id] = replace(self._picks[pick_id], name=name)
+                self.picks[pick_id] = replace(self.picks[pick_id], name=name)
             case PickDeleted(id=pick_id):
-                del self._picks[pick_id]
-
-    def _resume(self) -> None:
-        path = self._folder / "journal.jsonl"
-        self._journal_fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        _sync_folder(self._folder)
-        data = read_plain(path, MOST_JOURNAL_BYTES)
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            _log.warning("%s: the last line was cut short by a crash and is dropped.", path)
-            os.ftruncate(self._journal_fd, whole)
-            os.fsync(self._journal_fd)
-        for number, line in enumerate(data[:whole].split(b"\n")[:-1], start=1):
-            try:
-                self._replay(decode(number, line))
-            except (ValueError, KeyError, IllegalDecisionError) as error:
-                raise JournalError(
-                    f"{path}: line {number} is damaged ({error}). "
-                    "Cut the file before that line to go on from there, or begin in another folder."
-                ) from error
-            self._lines = number
-        if self._state.request is not None:
-            # Nobody is computing it any more. Saying so in the journal keeps its later lines legal.
-            self.record(session.Cancel())
-
-    def _replay(self, entry: Entry) -> None:
-        if isinstance(entry, PickChange):
-            self._apply_pick(entry)
-        else:
-            self._state = apply(self._state, entry)
-
-    def _append(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
-        if self._journal_fd is None:
-            raise JournalError(f"{self._folder}: the session is closed. Open it again.")
-        try:
-            line = encode(self._lines + 1, entry, score_parts)
-        except ValueError as error:
-            raise JournalError(f"The decision has numbers that are not finite ({entry}).") from error
-        before = os.fstat(self._journal_fd).st_size
-        try:
-            written = 0
-            while written < len(line):
-                written += os.write(self._journal_fd, line[written:])
-            os.fsync(self._journal_fd)
-        except OSError as error:
-            with contextlib.suppress(OSError):  # half a line must not stay before the next one
-                os.ftruncate(self._journal_fd, before)
-            raise JournalError(
-                f"{self._folder / 'journal.jsonl'}: cannot be written ({error.strerror}). "
-                "The decision was not taken; make room and repeat it."
-            ) from error
-        self._lines += 1
+                del self.picks[pick_id]
+            case _:
+                self.state = apply(self.state, entry)
 
 
-def _lock(path: Path) -> int:
-    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        owner = os.read(fd, 20).decode(errors="replace").strip()
-        os.close(fd)
-        raise JournalError(
-            f"{path.parent}: the session is open in another flatcloth (process {owner}). "
-            "Use that one, end it, or choose another session folder."
-        ) from error
-    except OSError:
-        os.close(fd)
-        raise
-    os.ftruncate(fd, 0)
-    os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
-    return fd
-
-
-def _settle_header(folder: Path, recording: Recording, config: Config, method: str) -> None:
-    """Write ``session.json``, or check that the one that is there is about the same session."""
-    path = folder / "session.json"
-    if path.exists():
-        _check_header(path, recording, config, method)
-        return
-    if (folder / "journal.jsonl").exists():
-        raise JournalError(f"{path}: missing beside its journal. Restore it, or begin in another folder.")
-    header = {
-        "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "recording": {
-            "name": recording.name,
-            "location": recording.location,
-            "fingerprint": fingerprint(recording),
-            "views": len(recording),
-        },
-        "method": method,
-        "config": config.to_dict(),
-        "versions": {name: _version(name) for name in ("flatcloth", "numpy", "scipy", "viser")},
-    }
-    # Renamed into place, so that a crash leaves either no header or a whole one.
-    draft = folder / "session.json.new"
-    with draft.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(header, indent=1) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    draft.replace(path)
-    _sync_folder(folder)
-
-
-def _check_header(path: Path, recording: Recording, config: Config, method: str) -> None:
-    try:
-        header = json.loads(read_plain(path))
-        found = header["format"]
-        if found != FORMAT:
-            raise JournalError(f"{path}: format {found!r} is unknown, not {FORMAT}. Begin in another folder.")
-        name, about = str(header["recording"]["name"]), header["recording"]["fingerprint"]
-        kept_method, kept = header["method"], Config.from_dict(header["config"])
-    except (KeyError, TypeError, ValueError, RecursionError, ConfigError) as error:
-        raise JournalError(f"{path}: cannot be understood ({error}). Begin in another folder.") from error
-    remedy = "Begin in another folder, or open the session as it was begun."
-    if about != fingerprint(recording):
-        raise JournalError(
-            f"{path}: the session is about another recording ({name!r}, not {recording.name!r}). {remedy}"
-        )
-    if kept_method != method:
-        raise JournalError(f"{path}: the session uses method {kept_method!r}, not {method!r}. {remedy}")
-    if kept != config:
-        raise JournalError(f"{path}: the session has other settings: {_difference(kept, config)}. {remedy}")
-
-
-def _difference(kept: Config, config: Config) -> str:
-    old, new = kept.to_dict(), config.to_dict()
-    return next(
-        f"{section}.{name} was {old[section][name]}, is {value}"
-        for section in new
-        for name, value in new[section].items()
-        if value != old[section][name]
+def _pick(added: PickAdded) -> Pick:
+    row, col = (math.nan if x is None else x for x in added.source_rc)
+    return Pick(
+        id=added.id,
+        name=added.name,
+        position_held_m=np.array(added.position_held_m, dtype=np.float64),
+        normal_held=np.array(added.normal_held, dtype=np.float64),
+        view_index=added.view_index,
+        source_rc=(row, col),
     )
 
 
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
-        return "unknown"
+def read_journal(path: Path, replay: Replay) -> Iterator[Line]:
+    """Replay the complete lines of a journal; each is yielded after it has been applied.
 
-
-def _sync_folder(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
+    Raises
+    ------
+    JournalError
+        If a line is damaged; the message names it.
+    OSError
+        If the file cannot be read.
+    """
+    data = read_plain(path, MOST_JOURNAL_BYTES)
+    for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
+        try:
+            line = replay.read(number, text)
+            replay.take(line.entry)
+        except (ValueError, IllegalDecisionError) as error:
+            raise JournalError(
+                f"{path}: line {number} is damaged ({error}). Restore it from a copy,"
+                " cut the file before that line to continue from there, or use another folder."
+            ) from error
+        replay.lines = number
+        yield line

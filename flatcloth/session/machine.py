@@ -1,12 +1,12 @@
 """The operator's state machine: immutable state, pure commands; no threads, no files, no viser.
 
-A session is a *document* (start view, accepted alignments, refused and skipped views, the pending
-proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
+A session consists of a *document* (start view, accepted alignments, rejected and skipped views, the
+pending proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
 restart) are undo items; the arrival of a proposal is not. Heavy work is done elsewhere: a command
-that needs some leaves a ``Request`` in the state, and its answer comes back as an event that
-carries the request's token. An answer to a request that is no longer current is ignored. Commands
-name the view they mean, so a double click or a second tab cannot decide about a view that its user
-has not seen. While later decisions wait to follow a changed one, each verdict asks for the next.
+that needs it leaves a ``Request`` in the state, and the answer comes back as an event with the
+request's token. An answer to an outdated request is ignored. Commands name the view they refer to, so
+that a double click or a second tab cannot decide about a view that its user has not seen. While later
+decisions wait for a changed one, each verdict requests the next.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.session import document as edits
@@ -51,7 +52,9 @@ __all__ = [
     "Failed",
     "Followed",
     "HistoryItem",
+    "Keeper",
     "Later",
+    "MemorySession",
     "NothingMore",
     "Nudge",
     "Pending",
@@ -90,8 +93,8 @@ class Phase(StrEnum):
 class Request:
     """Work that the session waits for.
 
-    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: lay a later view on
-    the changed shape. ``view_index`` None leaves the choice to the planner.
+    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: place a later view on
+    the changed shape. With ``view_index`` None the planner chooses.
     """
 
     token: int
@@ -101,7 +104,7 @@ class Request:
 
 @dataclass(frozen=True)
 class HistoryItem:
-    """A document to go back (or forward) to, and the name of the decision in between."""
+    """A document before (or after) a decision, and the name of that decision."""
 
     name: str
     document: Document
@@ -130,8 +133,32 @@ class SessionState:
         return Phase.READY
 
 
+class Keeper(Protocol):
+    """The owner of a session's state: a session folder, or :class:`MemorySession`."""
+
+    @property
+    def state(self) -> SessionState:
+        """The session in its present state."""
+        ...
+
+    def record(self, command: Command | Event) -> None:
+        """Apply a command or an answer and save it; raises ``IllegalDecisionError``."""
+        ...
+
+
+@dataclass
+class MemorySession:
+    """A session in memory only."""
+
+    state: SessionState
+
+    def record(self, command: Command | Event) -> None:
+        """Apply a command or an answer; raises ``IllegalDecisionError``."""
+        self.state = apply(self.state, command)
+
+
 def why_illegal(state: SessionState, command: Command) -> str | None:
-    """Say why the command is not allowed now, or None if it is."""
+    """Return why the command is not allowed now, or None if it is allowed."""
     if isinstance(command, Undo):
         return None if state.undo else "There is nothing to undo."
     if isinstance(command, Redo):
@@ -148,7 +175,7 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
     if isinstance(command, Start):
         return None if state.document.start_view is None else "The session has started; restart it instead."
     if state.document.start_view is None:
-        return "There is no start view yet; start the session first."
+        return "There is no start view yet. Start the session first."
     if isinstance(command, Propose):
         return _why_not_propose(state.document, command.view_index)
     if isinstance(command, Reopen):
@@ -168,7 +195,7 @@ def _why_not_propose(document: Document, view_index: int | None) -> str | None:
 
 def _why_not_reopen(document: Document, view_index: int) -> str | None:
     if view_index == document.start_view:
-        return f"View {view_index} is the start view; restart the session to begin from another."
+        return f"View {view_index} is the start view; restart the session to begin with another."
     if document.pending is not None and document.pending.view_index == view_index:
         return f"View {view_index} is the proposal already."
     if view_index not in document.reopenable_views:
@@ -195,8 +222,8 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
     Raises
     ------
     IllegalDecisionError
-        If a command is not allowed now; the message says why. Answers never raise: stale ones
-        leave the state unchanged.
+        If a command is not allowed now; the message gives the reason. Answers never raise: stale
+        ones leave the state unchanged.
     """
     if isinstance(command, Event):
         return _answer(state, command)
@@ -258,7 +285,7 @@ def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
 
 
 def _go_on(state: SessionState) -> SessionState:
-    """Let the later decisions follow: at once where nothing has changed for them, else by asking."""
+    """Continue with the later decisions: accept those that are unchanged, request the next otherwise."""
     document = edits.follow_unchanged(state.document)
     state = replace(state, document=document)
     if document.pending is not None or not document.later:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from flatcloth.core.cache import Memory, ReadAhead, size_in_bytes
+from flatcloth.core.cache import Cache, ReadAhead, size_in_bytes
 from flatcloth.core.errors import FlatclothError, RecordingError
 
 MB = 1_000_000
@@ -29,7 +29,7 @@ def about(megabytes: float) -> object:
 
 
 def test_a_value_is_made_once_and_kept() -> None:
-    memory: Memory[int] = Memory(3)
+    memory: Cache[int] = Cache(3)
     made: list[int] = []
 
     def make(n: int) -> int:
@@ -44,7 +44,7 @@ def test_a_value_is_made_once_and_kept() -> None:
 
 
 def test_what_was_used_longest_ago_is_forgotten_first() -> None:
-    memory: Memory[int] = Memory(2)
+    memory: Cache[int] = Cache(2)
     for n in (0, 1):
         memory.put(n, n)
     memory.get(0, lambda: -1)
@@ -53,7 +53,7 @@ def test_what_was_used_longest_ago_is_forgotten_first() -> None:
 
 
 def test_the_bytes_of_all_values_are_bounded() -> None:
-    memory: Memory[Value] = Memory(100, most_bytes=10 * MB)
+    memory: Cache[Value] = Cache(100, most_bytes=10 * MB)
     for n in range(8):
         memory.put(n, value(3))
     assert [key for key, _ in memory.items()] == [5, 6, 7]
@@ -67,13 +67,13 @@ def test_the_bytes_of_all_values_are_bounded() -> None:
 
 
 def test_a_value_that_another_thread_put_first_stays() -> None:
-    memory: Memory[int] = Memory(2, most_bytes=1000)
+    memory: Cache[int] = Cache(2, most_bytes=1000)
     assert memory.put("key", 1) == 1
     assert memory.put("key", 2) == 1
 
 
 def test_who_wants_a_value_that_is_being_made_waits_for_it() -> None:
-    memory: Memory[int] = Memory(2)
+    memory: Cache[int] = Cache(2)
     begun, go_on = threading.Event(), threading.Event()
     made = []
 
@@ -98,7 +98,7 @@ def test_who_wants_a_value_that_is_being_made_waits_for_it() -> None:
 
 
 def test_a_value_that_could_not_be_made_is_made_by_who_waited() -> None:
-    memory: Memory[int] = Memory(2)
+    memory: Cache[int] = Cache(2)
     begun, go_on = threading.Event(), threading.Event()
 
     def failing() -> int:
@@ -150,7 +150,7 @@ def test_circles_of_references_are_no_trap() -> None:
 
 
 def test_what_is_wanted_is_made_ahead_and_errors_are_left_to_who_asks() -> None:
-    memory: Memory[int] = Memory(10)
+    memory: Cache[int] = Cache(10)
     threads = set()
 
     def make(n: int) -> int:

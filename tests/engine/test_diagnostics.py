@@ -14,6 +14,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.engine.diagnostics import LEAST_STRAIN, MOST_EDGES, reasons, strained_edges
+from flatcloth.methods.base import SurfaceEdges
 from flatcloth.session.machine import Side
 
 RECORDING = CylinderRecording()
@@ -106,7 +107,9 @@ def test_edges_are_told_the_worst_first_and_only_so_many():
     uv[1::2, 0] = 0.1 * random.uniform(0.7, 1.3, count)
     uv[5] = np.nan
     edges = np.arange(2 * count, dtype=np.int32).reshape(count, 2)
-    found = strained_edges(uv, np.zeros((2 * count, 3)), edges, np.full(count, 0.1))
+    found = strained_edges(
+        SurfaceEdges(uv_m=uv, xyz_m=np.zeros((2 * count, 3)), edges=edges, length_m=np.full(count, 0.1))
+    )
     assert len(found.strain) == MOST_EDGES
     assert found.total == count - 1
     assert (np.diff(np.abs(found.strain)) <= 0).all()
@@ -116,7 +119,14 @@ def test_edges_are_told_the_worst_first_and_only_so_many():
 
 def test_a_short_edge_is_not_strained_by_less_than_half_a_millimetre():
     uv = np.array([[0.0, 0.0], [0.0054, 0.0]])
-    found = strained_edges(uv, np.zeros((2, 3)), np.array([[0, 1]], np.int32), np.array([0.005]))
+    found = strained_edges(
+        SurfaceEdges(
+            uv_m=uv,
+            xyz_m=np.zeros((2, 3)),
+            edges=np.array([[0, 1]], np.int32),
+            length_m=np.array([0.005]),
+        )
+    )
     assert len(found.strain) == 0
 
 

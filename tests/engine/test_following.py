@@ -12,13 +12,15 @@ from scenes import Cylinder
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
+from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     Accept,
     Command,
     Document,
+    MemorySession,
     Nudge,
     Phase,
     Propose,
@@ -69,7 +71,7 @@ def apart_m(one: Rigid2, other: Rigid2) -> float:
     return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None:
     made = integration(method)
     before = three_accepted(made)
@@ -78,7 +80,7 @@ def test_accepting_the_same_again_gives_the_very_same_shape(method: str) -> None
     assert made.canonical(after.document) is made.canonical(before.document)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_what_was_found_follows_a_view_that_is_refused_and_lies_where_it_belongs(method: str) -> None:
     made = integration(method)
     before = three_accepted(made)
@@ -107,7 +109,7 @@ def test_by_the_paper_a_view_laid_by_hand_is_carried_along_with_the_one_it_lay_o
     assert apart_m(alone.current_from_new, places(made, state.document)[2]) < 1e-9
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None:
     made = integration(method)
     before = three_accepted(made)
@@ -135,7 +137,7 @@ def test_a_later_view_that_cannot_be_laid_any_more_is_asked_again(monkeypatch: p
     def nothing(*_: object) -> None:
         raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
 
-    monkeypatch.setattr(made._method, "propose", nothing)
+    monkeypatch.setattr(made.algorithm, "propose", nothing)
     state = done(made, before, Reopen(1), Reject(1))
     pending = state.document.pending
     assert pending is not None
@@ -158,10 +160,10 @@ def test_a_skipped_view_comes_again_when_the_others_are_done() -> None:
         state = done(made, state, Skip(pending.view_index), Propose())
     assert len(set(asked[:2])) == 2  # first the other one,
     assert asked[2:] == [*asked[:2], asked[0]]  # then in the order in which they were put off
-    left = outcome_of(made, Run(made, state))["left"]
+    left = outcome_of(made, Run(made, MemorySession(state)))["left"]
     put_off = [s.view_index for s in state.document.skipped]
     assert [(v["view_index"], v["reason"]) for v in left] == [(view, "skipped") for view in put_off]
-    end = Run(made, state).finish()
+    end = Run(made, MemorySession(state)).finish()
     assert end.phase is Phase.FINISHED
     assert not any(s.view_index in end.document.used_views for s in end.document.skipped)
 
@@ -170,7 +172,7 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
     made = integration("robust")
     waiting = apply(done(made, three_accepted(made), Reopen(2)), Reject(2))
     assert waiting.request is not None
-    end = Run(made, waiting).finish()
+    end = Run(made, MemorySession(waiting)).finish()
     assert end.phase is Phase.FINISHED
     assert end.document.later == ()
     assert 3 in end.document.used_views
@@ -179,7 +181,7 @@ def test_an_unattended_run_goes_on_with_what_waited_to_follow() -> None:
 # --- by hand --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by_hand(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,7 +191,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     def nothing(*_: object) -> None:
         raise AlignmentError("View 2: it has no cloth in common with the shape; choose another view.")
 
-    monkeypatch.setattr(made._method, "propose", nothing)
+    monkeypatch.setattr(made.algorithm, "propose", nothing)
     state = done(made, state, Propose(2))
     pending = state.document.pending
     assert pending is not None
@@ -199,7 +201,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
     u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]
     assert u_new.max() < u_shape.min() or u_new.min() > u_shape.max()
-    assert made.proposal(state.document).placing.hypotheses == ()
+    assert made.proposal(state.document).placement.hypotheses == ()
     # Dragged to where it belongs and accepted, it is part of the shape.
     right = done(
         integration(method), done(integration(method), SessionState(len(STEPS)), Start(0)), Propose(2)
@@ -234,7 +236,7 @@ def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> N
     state = done(made, SessionState(len(recording)), Start(), Propose())
     pending = state.document.pending
     assert pending is not None
-    waiting = [p.component for p in made.proposal(state.document).placing.parts if p.hypothesis is None]
+    waiting = [p.component for p in made.proposal(state.document).placement.parts if p.hypothesis is None]
     assert waiting
     plain = made.canonical(done(made, state, Accept(pending.view_index)).document)
     assert plain.floating  # nothing seen connects it

@@ -12,6 +12,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
+    MemorySession,
     NothingMore,
     Nudge,
     Phase,
@@ -52,7 +53,7 @@ def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     made = integration()
-    state = Run(made, SessionState(len(STEPS))).finish()
+    state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert state.phase is Phase.FINISHED
     assert "occluding edge" in (state.document.finished or "")
     assert {a.side for a in state.document.accepted} == {Side.LEFT, Side.RIGHT}
@@ -154,7 +155,7 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
     def refuse(_made: Integration, state: SessionState) -> Reject:
         return Reject(state.document.pending.view_index, UNSURE)  # type: ignore[union-attr]
 
-    state = Run(made, started(made, 0), policy=refuse).finish()
+    state = Run(made, MemorySession(started(made, 0)), policy=refuse).finish()
     refused = [r.view_index for r in state.document.rejected]
     assert len(refused) == len(set(refused)) >= 2
     assert not state.document.accepted

@@ -13,9 +13,10 @@ from scenes import Cylinder
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.integration import METHODS, Integration
-from flatcloth.engine.repair import apart_mm, fit_pairs
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.repair import fit_pairs
 from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 
 STEPS = tuple(float(a) for a in range(0, 360, 20))
@@ -94,7 +95,7 @@ def test_pairs_that_tell_too_little_are_refused(new: np.ndarray, shape: np.ndarr
 # --- refinement -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_refining_a_proposal_that_was_moved_brings_it_back(method: str) -> None:
     made, state = proposed(method)
     right = made.score(state.document).total
@@ -117,6 +118,6 @@ def test_the_distance_that_is_told_is_that_of_the_method() -> None:
     for method, part in (("robust", "place_median_mm"), ("paper", "height_rms_mm")):
         made, state = proposed(method)
         score = made.score(state.document)
-        assert apart_mm(score) == pytest.approx(score.parts[part])
-    assert apart_mm(AlignmentScore(0.0, {})) is None
-    assert apart_mm(AlignmentScore(0.0, {"place_median_mm": math.nan})) is None
+        assert score.apart_mm == pytest.approx(score.parts[part])
+    assert AlignmentScore(0.0, {}).apart_mm is None
+    assert AlignmentScore(0.0, {"place_median_mm": math.nan}, "place_median_mm").apart_mm is None

@@ -11,9 +11,10 @@ from scenes import Cylinder
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, CancelledError, ConfigError
 from flatcloth.core.types import RgbdFrame, Rigid2
-from flatcloth.engine.integration import METHODS, Integration
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import KEPT, NEW, NEW_OF_BOTH, OLD_OF_BOTH, Parameters, Teaching, paper_config
 from flatcloth.flattening.minimisation import energy_of
+from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Document, Pending, Request
 
 ANGLES_DEG = tuple(10.0 * n for n in range(36))
@@ -128,7 +129,7 @@ def test_another_interval_is_another_flattening_and_comes_from_memory_the_second
     assert teaching.flattening(0, replace(coarse, overlap_area_m2=0.02)).flattening is lesson.flattening
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", method_names())
 def test_the_rotation_is_the_papers_whatever_the_method_of_the_session(paper, method):
     lessons = Teaching(Integration(Cylinder(**CLOTH), method=method))
     plan = lessons.planning(0, lessons.defaults).plan

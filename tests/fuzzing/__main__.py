@@ -22,7 +22,7 @@ _IMPORTED = (
     "cv2", "numba", "scipy.sparse.linalg", "OpenEXR", "rosbags.highlevel", "flatcloth.cli",
     "flatcloth.engine.integration", "flatcloth.recordings.ros.recording",
     "flatcloth.recordings.realsense.turned",
-    "flatcloth.recordings.formats.foreign", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
+    "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
     "flatcloth.synthesis.recording", "flatcloth.export.session", "flatcloth.engine.outcome",
     "flatcloth.engine.headless", "flatcloth.engine.evaluation",
     "flatcloth.methods.paper.method", "flatcloth.methods.robust.method",

@@ -13,9 +13,10 @@ import cv2
 import foreign_folders
 import numpy as np
 import ros_bags
+from exported_sessions import write_cylinder, write_session
 from garment_meshes import arc, write_glb, write_obj, write_ply
+from pcd_files import cloud_points, write_pcd
 from realsense_files import stop_and_go, turning, write_realsense
-from takeaway_sessions import write_cylinder, write_session
 from tiny_recordings import write_recording
 
 SMALL_CAMERA = ("--size", "64", "64", "--focal", "40", "--step", "90")
@@ -67,6 +68,17 @@ def _with_truth(place: Path) -> None:
 
 def _open3d(suffix: str, dtype: type) -> Callable[[Path], object]:
     return lambda place: foreign_folders.write_open3d(place / "in", suffix=suffix, dtype=dtype)
+
+
+_GIVEN_CAMERA = _import("in", "--step", "10", "--camera-file", "{}/in/intrinsic.json")
+
+
+def _multimodal(place: Path) -> None:
+    """Write an area of MultimodalClothes: three views, a cloud of each layout."""
+    for n, layout in enumerate(("ascii", "binary", "binary_compressed")):
+        points, colors = cloud_points()
+        write_pcd(place / f"in/x_{n:02d}_pc.pcd", points, colors, layout=layout)
+        assert cv2.imwrite(str(place / f"in/x_{n:02d}_rgb.png"), colors)
 
 
 def _with_table(place: Path) -> None:
@@ -181,6 +193,8 @@ SAMPLES = (
     Sample("tiff-16", _open3d(".tif", np.uint16), _STEPPED, ("in/depth/*",)),
     Sample("exr", _open3d(".exr", np.float32), _STEPPED, ("in/depth/*",)),
     Sample("npy", _open3d(".npy", np.float32), _STEPPED, ("in/depth/*",)),
+    Sample("pcd", _multimodal, _import("in", "--turning", "20"), ("in/*.pcd",)),
+    Sample("camera-file", _open3d(".png", np.uint16), _GIVEN_CAMERA, ("in/intrinsic.json",)),
     Sample("angles", _with_table, _import("in"), ("in/angles.csv",)),
     Sample("ros1-bag", _ros(".bag"), _import("in.bag", "--step", "10")),
     Sample("ros1-bag-packed", _ros1_packed, _import("in.bag", "--step", "10")),

@@ -12,6 +12,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
+    MemorySession,
     Nudge,
     Phase,
     Propose,
@@ -49,7 +50,7 @@ def errors_m(view: FlattenedView) -> np.ndarray:
 @pytest.fixture(scope="module")
 def finished() -> tuple[Integration, SessionState, Run]:
     made = integration()
-    run = Run(made, SessionState(len(STEPS)))
+    run = Run(made, MemorySession(SessionState(len(STEPS))))
     return made, run.finish(), run
 
 
@@ -77,7 +78,7 @@ def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, Ses
 
 def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
     made = Integration(open_recording(str(sample_recordings()["trousers-waist-d435"])))
-    document = Run(made, SessionState(len(made.recording))).finish().document
+    document = Run(made, MemorySession(SessionState(len(made.recording)))).finish().document
     view = made.canonical(document).view
     assert np.abs(view.uv_from_rc(np.argwhere(view.valid))).max() < 2.0
 
@@ -115,14 +116,14 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     pending = state.document.pending
     assert pending is not None
-    placing = made.proposal(state.document).placing
-    assert placing.hypotheses[0].score.total == pytest.approx(pending.score)
+    placement = made.proposal(state.document).placement
+    assert placement.hypotheses[0].score.total == pytest.approx(pending.score)
     assert pending.score > 0.9
-    assert 0 < placing.margin <= 1
-    assert placing.hypotheses[0].undetermined == ()
-    assert placing.cameras.startswith("Angles and axis hold as recorded")
+    assert 0 < placement.margin <= 1
+    assert placement.hypotheses[0].undetermined == ()
+    assert placement.cameras.startswith("Angles and axis hold as recorded")
     assert {"place_agreement", "color_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
-            "twice_share", "other_cloth_share"} <= set(placing.alignment.score.parts)  # fmt: skip
+            "twice_share", "other_cloth_share"} <= set(placement.alignment.score.parts)  # fmt: skip
 
 
 @pytest.mark.parametrize("by", [Rigid2(0, 0.03, 0), Rigid2(0, 0, 0.03), Rigid2(0.3, 0, 0)])
@@ -138,8 +139,7 @@ def test_a_wrong_placement_scores_low_and_is_refused(by: Rigid2) -> None:
 def test_a_view_that_contradicts_the_others_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     made = integration()
     state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
-    assert made.robust is not None
-    monkeypatch.setattr(made.robust, "contradiction", lambda _: 0.5)
+    monkeypatch.setattr(made.algorithm, "contradiction", lambda _: 0.5)
     assert accept_by_score(made, state) == Reject(2, CONTRADICTS)
 
 
@@ -166,8 +166,8 @@ def test_the_plan_promises_new_cloth_and_says_so() -> None:
     state = stepped(made, SessionState(len(STEPS)), Start(0))
     plan = made.plan(state.document)
     assert plan.view_index is not None
-    assert plan.prospects[0].view_index == plan.view_index
-    assert plan.prospects[0].new_m2 > 0.01
+    assert plan.candidates[0].view_index == plan.view_index
+    assert plan.candidates[0].new_m2 > 0.01
     assert "cm2 new" in plan.reason
 
 

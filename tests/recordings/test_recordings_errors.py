@@ -97,7 +97,7 @@ HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("intrinsics", "distortion_model", "fisheye"), "distortion_model fisheye is unknown"),
     (put("intrinsics", "distortion_model", None), "distortion_model null is unknown"),
     (put("intrinsics", "distortion_model", {}), "distortion_model {} is unknown"),
-    (put("intrinsics", "distortion", "none"), "distortion is no list"),
+    (put("intrinsics", "distortion", "none"), r"distortion is text\. Expected a list"),
     (put("intrinsics", "distortion", [0.1]), "distortion has numbers, but distortion_model is none"),
     (put("intrinsics", "distortion_model", "brown_conrady"), "distortion has 0 numbers"),
     (put("depth_scale_m", 0), "no depth"),
@@ -113,15 +113,15 @@ HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("rotation_axis", "point_m", [0, 0, 850.0]), "more than 100 m away"),
     (put("rotation_axis", "direction", [0, -2, 0]), "direction has length 2"),
     (put("rotation_axis", "direction", [0, 0, 0]), "direction has length 0"),
-    (put("rotation_axis", "direction", [1e308, 1e308, 0]), "direction has length"),
+    (put("rotation_axis", "direction", [1e308, 1e308, 0]), r"direction\[0\] is 1e\+308"),
     (put("rotation_axis", "direction", [0, 0, 1]), "camera looks along"),
     (put("held_point_m", [1, 2]), "held_point_m is a list of 2"),
     (put("held_point_m", [0, INFINITY, 1]), r"held_point_m\[1\] is not a finite number"),
-    (remove("views"), "views is not a list, or is empty"),
-    (put("views", []), "views is not a list, or is empty"),
-    (put("views", {"0": {}}), "views is not a list, or is empty"),
+    (remove("views"), "views is missing"),
+    (put("views", []), "views is empty"),
+    (put("views", {"0": {}}), r"views is an object\. Expected a list"),
     (put("views", 1, None), r"views\[1\] is missing"),
-    (put("views", [{}] * 10_001), "10001 views"),
+    (put("views", [{"angle_deg": 0}] * 10_001), "10001 views"),
     (put("views", 1, "angle_deg", NAN), r"views\[1\].angle_deg is not a finite number"),
     (put("views", 1, "angle_deg", "10"), r"views\[1\].angle_deg is text"),
     (put("views", 1, "angle_deg", 1e9), r"views\[1\].angle_deg is 1e"),
@@ -133,7 +133,7 @@ HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("views", 2, "depth", None), r"views\[2\] has no depth image"),
     (remove("views", 2, "color"), r"views\[2\].color is null"),
     (put("views", 2, "color", ""), r"views\[2\].color is"),
-    (put("views", 2, "color", 7), r"views\[2\].color is 7"),
+    (put("views", 2, "color", 7), r"views\[2\].color is a number. Expected text"),
     (put("views", 2, "color", "a\0b"), "printable characters"),
     (put("views", 2, "color", "a\nb"), "printable characters"),
     (put("views", 2, "color", "\ud800"), "printable characters"),
@@ -225,18 +225,18 @@ DEPTH = np.full((HEIGHT, WIDTH), 850, dtype=np.uint16)
 @pytest.mark.parametrize(
     ("file", "pixels", "cause"),
     [
-        ("color/1.png", COLOR[:, :-1], "15x12 px, but the intrinsics say 16x12"),
-        ("color/1.png", np.swapaxes(COLOR, 0, 1), "12x16 px, but the intrinsics say 16x12"),
+        ("color/1.png", COLOR[:, :-1], "15x12 px, but the intrinsics are for 16x12"),
+        ("color/1.png", np.swapaxes(COLOR, 0, 1), "12x16 px, but the intrinsics are for 16x12"),
         ("color/1.png", GRAY, "8-bit PNG with 1 channel. Color images must be"),
         ("color/1.png", COLOR.astype(np.uint16), "16-bit PNG with 3 channels. Color images must be"),
-        ("depth/1.png", DEPTH[:-1], "16x11 px, but the intrinsics say 16x12"),
+        ("depth/1.png", DEPTH[:-1], "16x11 px, but the intrinsics are for 16x12"),
         ("depth/1.png", DEPTH.astype(np.uint8), "8-bit PNG with 1 channel. Depth images must be"),
         ("depth/1.png", np.dstack([DEPTH] * 3), "16-bit PNG with 3 channels. Depth images must be"),
-        ("depth/1.png", np.zeros_like(DEPTH), "no depth at all"),
-        ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics say 16x12"),
+        ("depth/1.png", np.zeros_like(DEPTH), "no depth, every pixel is 0"),
+        ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics are for 16x12"),
         ("mask/1.png", DEPTH, "16-bit PNG with 1 channel. Masks must be"),
         ("mask/1.png", COLOR, "8-bit PNG with 3 channels. Masks must be"),
-        ("mask/1.png", np.ones_like(GRAY), "the largest is 1. Mark the side of interest with 255"),
+        ("mask/1.png", np.ones_like(GRAY), "the largest value is 1. Mark the side of interest with 255"),
     ],
 )
 def test_an_image_of_the_wrong_size_or_kind_is_named(
@@ -305,7 +305,7 @@ def test_pixels_that_do_not_decode_are_named(folder: Path) -> None:
     chunk = struct.pack(">I", len(junk) - 4) + junk + struct.pack(">I", zlib.crc32(junk))
     end_of_image = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
     path.write_bytes(data[:start] + chunk + end_of_image)
-    refused(folder, "cannot be decoded|no depth at all", "depth/1.png")
+    refused(folder, "cannot be decoded|no depth, every pixel is 0", "depth/1.png")
 
 
 def test_an_image_that_announces_a_giant_is_never_decoded(
@@ -318,7 +318,7 @@ def test_an_image_that_announces_a_giant_is_never_decoded(
     recording = open_recording(folder)
     path.write_bytes(data)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
-    with pytest.raises(RecordingError, match="60000x60000 px, but the intrinsics say 16x12"):
+    with pytest.raises(RecordingError, match="60000x60000 px, but the intrinsics are for 16x12"):
         recording[1]
     with pytest.raises(RecordingError, match="60000x60000 px"):
         open_recording(folder)
@@ -328,7 +328,7 @@ def test_a_camera_of_more_pixels_than_fit_into_memory_is_refused(folder: Path) -
     content = header()
     content["intrinsics"] |= {"width": 16384, "height": 16384, "fx": 20_000.0, "fy": 20_000.0}
     write_header(folder, content)
-    refused(folder, "268 megapixels. At most 25 are read")
+    refused(folder, "268 megapixels. The limit is 25")
 
 
 @pytest.mark.parametrize("bomb", ["comments", "scans"])

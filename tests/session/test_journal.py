@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,8 +16,9 @@ from journal_script import SCRIPT, idle, opened, played_in, states
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.types import Rigid2
-from flatcloth.session.journal import Pick, SessionFolder
-from flatcloth.session.machine import Phase, Propose, Proposed, SessionState, Start, Undo, apply
+from flatcloth.session.journal import Pick
+from flatcloth.session.machine import Nudge, Phase, Propose, Proposed, SessionState, Start, Undo, apply
+from flatcloth.session.store import SessionFolder
 
 
 @pytest.fixture
@@ -54,6 +56,75 @@ def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
     assert set(header["versions"]) == {"flatcloth", "numpy", "scipy", "viser"}
     assert folder.state == SessionState(6)
     assert folder.picks == ()
+
+
+def unsealed(lines: list[bytes]) -> list[bytes]:
+    """The lines as earlier versions wrote them."""
+    return [re.sub(rb',"crc":"[0-9a-f]{8}"', b"", line) for line in lines]
+
+
+def test_a_journal_of_an_earlier_version_opens_and_is_sealed_from_there_on(
+    played: SessionFolder, place: Path
+) -> None:
+    played.close()
+    journal = place / "journal.jsonl"
+    old = b"".join(line + b"\n" for line in unsealed(journal.read_bytes().splitlines()))
+    assert b"crc" not in old
+    journal.write_bytes(old)
+    folder = opened(place)
+    assert folder.state == states()[-1]
+    folder.record(Undo())
+    folder.close()
+    opened(place).close()
+    new = journal.read_bytes()
+    assert new.startswith(old)
+    # The first checksum covers the old lines, too.
+    journal.write_bytes(new.replace(b"0.75", b"0.74"))
+    with pytest.raises(JournalError, match=r"line 13 is damaged .its checksum"):
+        opened(place)
+
+
+def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> None:
+    played.close()
+    journal = place / "journal.jsonl"
+    data = journal.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        at = int(rng.integers(len(data) - 1))
+        changed = bytearray(data)
+        changed[at] ^= int(rng.integers(1, 256))
+        journal.write_bytes(bytes(changed))
+        with pytest.raises(JournalError, match="is damaged"):
+            opened(place)
+
+
+def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path) -> None:
+    played.close()
+    lines = (place / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    other = place.with_name("other")
+    folder = opened(other)
+    for step in (*SCRIPT[:4], Nudge(1, Rigid2(0.2)), *SCRIPT[5:]):
+        folder.record(step)
+    folder.close()
+    theirs = (other / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (place / "journal.jsonl").write_bytes(b"".join([*lines[:7], *theirs[7:]]))
+    with pytest.raises(JournalError, match=r"line 8 is damaged .its checksum"):
+        opened(place)
+
+
+def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_mended(place: Path) -> None:
+    folder = opened(place)
+    with pytest.raises(JournalError, match="not Unicode"):
+        folder.add_pick("hem \ud800", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
+    assert folder.picks == ()
+    folder.add_pick("hem \U0001f455", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
+    folder.close()
+    (line,) = unsealed((place / "journal.jsonl").read_bytes().splitlines())
+    old = json.dumps(json.loads(line) | {"name": "hem \ud800 \U0001f455"}).encode() + b"\n"
+    (place / "journal.jsonl").write_bytes(old)
+    folder = opened(place)
+    assert [p.name for p in folder.picks] == ["hem ? \U0001f455"]
+    folder.close()
 
 
 def test_resuming_restores_the_same_state_with_its_history(played: SessionFolder, place: Path) -> None:
@@ -159,11 +230,16 @@ def test_a_decision_after_a_torn_line_is_legible(played: SessionFolder, place: P
         (lambda lines: [*lines, b""], "line 13 is damaged"),
     ],
 )
+@pytest.mark.parametrize("sealed", [True, False])
 def test_damage_before_the_end_is_named_by_its_line(
-    played: SessionFolder, place: Path, change: object, cause: str
+    played: SessionFolder, place: Path, change: object, cause: str, sealed: bool
 ) -> None:
     played.close()
     lines = (place / "journal.jsonl").read_bytes().splitlines()
+    if sealed:
+        cause = cause.replace("nothing to undo", "checksum")
+    else:
+        lines = unsealed(lines)
     damaged = b"".join(line + b"\n" for line in change(lines))  # type: ignore[operator]
     (place / "journal.jsonl").write_bytes(damaged)
     with pytest.raises(JournalError, match=cause):
@@ -201,7 +277,7 @@ def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
     folder = opened(place)
     position, normal = np.array([0.1, -0.2, 0.85]), np.array([0.0, math.nan, -1.0])
     first = folder.add_pick("shoulder", position, normal, 3, (10.5, 20.25))
-    second = folder.add_pick("hem \ud800\n", position + 1, normal, 4, (1.0, 2.0))
+    second = folder.add_pick("hem\n", position + 1, normal, 4, (1.0, 2.0))
     assert (first.id, second.id) == (1, 2)
     folder.rename_pick(1, "left shoulder")
     folder.delete_pick(2)

@@ -16,8 +16,9 @@ from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import JournalError
-from flatcloth.session.journal import SessionFolder, default_session_folder
+from flatcloth.session.header import default_session_folder
 from flatcloth.session.machine import Undo, apply
+from flatcloth.session.store import SessionFolder
 
 
 @pytest.fixture
@@ -70,7 +71,7 @@ def test_a_recording_that_moved_is_the_same(place: Path) -> None:
 def test_a_header_that_cannot_be_understood_is_refused(place: Path, text: str) -> None:
     opened(place).close()
     (place / "session.json").write_text(text)
-    with pytest.raises(JournalError, match=r"session\.json: .* Begin in another folder") as caught:
+    with pytest.raises(JournalError, match=r"session\.json: .*se another folder") as caught:
         opened(place)
     assert "\n" not in str(caught.value)
 
@@ -109,7 +110,7 @@ def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
         "from pathlib import Path\n"
         "from tiny_recordings import MemoryRecording\n"
         "from flatcloth.core.config import Config\n"
-        "from flatcloth.session.journal import SessionFolder\n"
+        "from flatcloth.session.store import SessionFolder\n"
         "SessionFolder.open(Path(sys.argv[1]), MemoryRecording(), Config(), 'paper')"
     )
     here = Path(__file__).parents[1]
@@ -126,7 +127,7 @@ def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
 def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/session")):
-        with pytest.raises(JournalError, match="Choose a writable place"):
+        with pytest.raises(JournalError, match="Choose a writable folder"):
             opened(folder)
 
 

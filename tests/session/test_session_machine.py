@@ -15,7 +15,6 @@ from tiny_recordings import MemoryRecording
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.types import Rigid2
-from flatcloth.session.journal import SessionFolder
 from flatcloth.session.machine import (
     Accept,
     Cancel,
@@ -43,6 +42,7 @@ from flatcloth.session.machine import (
     apply,
     why_illegal,
 )
+from flatcloth.session.store import SessionFolder
 
 RECORDING = MemoryRecording()
 VIEWS = st.integers(-1, len(RECORDING))

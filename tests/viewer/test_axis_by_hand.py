@@ -18,7 +18,7 @@ from flatcloth.core.errors import JournalError
 from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.scene.axis_panel import AxisPanel, moved_axis
 
@@ -136,7 +136,7 @@ class Keeping(MemoryFolder):
 
     def keep_axis(self, axis: RotationAxis) -> None:
         if self.full:
-            raise JournalError("axis.json: cannot be written (no space left). Make room and repeat it.")
+            raise JournalError("axis.json: cannot be written (no space left). Free disk space and repeat it.")
         self.kept.append(axis)
 
     full = False

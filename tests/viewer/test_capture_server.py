@@ -18,7 +18,7 @@ from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 from flatcloth.viewer.modes.live import unpacked
 from flatcloth.viewer.server.app import PageServer
 
@@ -35,7 +35,7 @@ def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
     with PageServer(
-        integration, session, port=0, desk=capture_desk(integration, session, feed, settings)
+        integration, session, port=0, controller=capture_controller(integration, session, feed, settings)
     ) as running:
         yield running
     session.close()
@@ -120,8 +120,11 @@ def test_an_announced_view_may_wait_for_the_operator(server: PageServer, tmp_pat
         ("angle", {"angle_deg": "5"}, 400, "angle_deg must be a number"),
         ("angle", {"angle_deg": 5, "keep": 1}, 400, "keep true or false"),
         ("angle", {"angle": 5}, 400, "other fields"),
-        ("angle", b'{"angle_deg": NaN}', 400, "angle_deg must be a number"),
-        ("angle", {"angle_deg": 5000}, 409, "is no angle"),
+        ("angle", b'{"angle_deg": NaN}', 400, "not JSON"),
+        ("angle", {"angle_deg": 5000}, 400, "angle_deg must be a number up to 3600"),
+        ("angle", b'{"angle_deg": 1' + b"0" * 5000 + b"}", 400, "angle_deg must be a number"),
+        ("angle", b'{"keep": ' + b"[" * 9000, 400, "keep true or false"),
+        ("angle", b" " * 10_001, 400, "longer than 10000 bytes"),
         ("dance", {}, 404, "There is no /capture/dance"),
         ("finish", {}, 409, "No capture has begun"),
     ],
@@ -144,8 +147,8 @@ def test_other_pages_may_not_announce_angles(server: PageServer) -> None:
 
 def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp_path: Path) -> None:
     feed, integration, session = opened(camera, tmp_path / "session")
-    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, host="0.0.0.0", port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, host="0.0.0.0", port=0, controller=controller) as server:
         address, token = server.url.split("?token=")
         assert httpx.get(f"{address}capture").status_code == 403
         for wrong in ("Bearer", "Bearer x", "Basic eDp4"):
@@ -243,7 +246,7 @@ def test_picks_are_made_on_the_frame_that_was_clicked(server: PageServer) -> Non
     ("message", "told"),
     [
         ({"type": "capture", "action": "keep"}, "No capture has begun"),
-        ({"type": "capture", "action": "dance"}, "A capture cannot 'dance'"),
+        ({"type": "capture", "action": "dance"}, "action is 'dance'; expected one of: aim, begin, finish"),
         ({"type": "capture", "action": "aim"}, "only aiming has an angle"),
         ({"type": "capture", "action": "keep", "angle_deg": 4}, "only aiming has an angle"),
         ({"type": "play", "frame": 3}, "there are no frames to go to"),
@@ -261,7 +264,7 @@ def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
     with Tab(server):
         camera.empty = True
         status = robot.until(lambda s: s["warnings"])
-        assert status["warnings"][0].startswith("Nothing is measured")
+        assert status["warnings"][0].startswith("No depth is measured")
         camera.empty = False
         robot.until(lambda s: not s["warnings"])
         assert robot.status()["camera_fps"] > 5
@@ -277,9 +280,9 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
         robot.until(lambda s: s["kept_deg"])
         camera.unplug()
         robot.until(lambda s: s["ended"])
-        tab.state(lambda s: any("gives no pictures any more" in n["text"] for n in s["log"]))
+        tab.state(lambda s: any("delivers no images any more" in n["text"] for n in s["log"]))
         refused = robot.post("angle", {"angle_deg": 10})
-        assert (refused.status_code, "no pictures" in refused.json()["error"]) == (503, True)
+        assert (refused.status_code, "no images" in refused.json()["error"]) == (503, True)
         assert robot.post("finish").status_code == 200
     assert len(open_recording(tmp_path / "coat")) == 1
 
@@ -288,8 +291,8 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
     (tmp_path / "coat").mkdir()
     (tmp_path / "coat" / "mine.txt").write_text("mine")
     feed, integration, session = opened(camera, tmp_path / "session")
-    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, port=0, controller=controller) as server:
         refused = Robot(server).post("begin")
         assert (refused.status_code, "not empty" in refused.json()["error"]) == (409, True)
         assert Robot(server).status()["phase"] == "idle"
@@ -306,7 +309,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
         (["--camera", "none.db3"], "no such file"),
         (["--camera", "--live"], "give one of them"),
         (["--camera", "--step", "0"], "step of 0"),
-        (["--camera", "--frames", "2"], "2 frames a view"),
+        (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out belongs to --camera"),
         (["--resume"], "--resume belongs to --camera"),
     ],
@@ -334,7 +337,7 @@ def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest
     served: list[dict[str, Any]] = []
 
     def look(integration: Any, folder: Any, **options: Any) -> None:
-        with PageServer(integration, folder, port=0, desk=options["desk"]) as server:
+        with PageServer(integration, folder, port=0, controller=options["controller"]) as server:
             served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
 
     monkeypatch.setattr(viewer, "serve", look, raising=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from takeaway_sessions import write_cylinder, write_session
+from exported_sessions import write_cylinder, write_session
 from viewer_fakes import MemoryFolder
 from websockets.sync.client import connect
 
@@ -21,7 +21,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.page import page
 from flatcloth.export.session import open_session
 from flatcloth.recordings import open_recording
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 
 WAIT_S = 30
@@ -135,7 +135,7 @@ def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, pla
             ({"id": 1, "opening_m": 2.0}, "A gripper opens 5 to 300 mm"),
             ({"id": 3, "axis_deg": 10.0}, "too little cloth"),  # the pick that is not on the shape
             ({"id": 99, "opening_m": 0.05}, "no longer in the list"),
-            ({"id": 1, "axis_deg": "steep"}, "must be of type float"),
+            ({"id": 1, "axis_deg": "steep"}, "axis_deg is text; expected a number"),
         ):
             tab.say(type="grip", **wrong)
             assert cause in tab.until("note")["text"]

@@ -158,13 +158,13 @@ def test_points_of_the_proposal_go_with_it_when_it_is_moved(server):
     [
         ({"view_index": 2}, "The proposal has changed; look again."),
         ({"weights": [1]}, "a weight each"),
-        ({"weights": [1, 0]}, "their weights are above 0"),
-        ({"weights": [1] * 51}, "up to 50 pairs"),
+        ({"weights": [1, 0]}, "weights[1] is 0; expected a number > 0.0"),
+        ({"weights": [1] * 51}, "weights is a list of 51; expected a list of length <= 50"),
         ({"new_uv_m": [[0, 0]], "shape_uv_m": [[0, 0]], "weights": [1]}, "Two pairs of points or more"),
         ({"shape_uv_m": [[0, 0], [0, 0]]}, "pick pairs further apart"),
-        ({"shape_uv_m": [[0, 0], [0, "x"]]}, "must be of type Points"),
-        ({"shape_uv_m": [[0, 0], [0]]}, "must be of type Points"),
-        ({"weights": [True, 1]}, "must be of type Numbers"),
+        ({"shape_uv_m": [[0, 0], [0, "x"]]}, "shape_uv_m[1][1] is text; expected a number"),
+        ({"shape_uv_m": [[0, 0], [0]]}, "shape_uv_m[1] is a list of 1; expected a list of length 2"),
+        ({"weights": [True, 1]}, "weights[0] is true or false; expected a number"),
     ],
 )
 def test_pairs_that_cannot_be_fitted_are_told_and_change_nothing(server, folder, more, text):

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from exported_sessions import Operator
 from scenes import AXIS, Cylinder
-from takeaway_sessions import Operator
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering.colormaps import view_colors
-from flatcloth.session.journal import SessionFolder
 from flatcloth.session.machine import Propose, Start
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.picture import Picture, make_picture
 from flatcloth.viewer.scene.clouds import (
     ALL,

@@ -15,7 +15,7 @@ from page_tabs import Tab
 from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
-from flatcloth.session.journal import SessionFolder
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.routes.sources import crop, mask_rgba, place_under
 

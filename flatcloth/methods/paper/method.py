@@ -1,71 +1,147 @@
-"""The method ``paper``: the paper's steps, one rigid placement a view (sections 4.1 to 4.3).
+"""The method ``paper``: section 4 step by step, one rigid placement a view.
 
-Everything is derived from a session's document and remembered by the prefix of its accepted
-placements, so undo is exact.
+Start here: :class:`PaperMethod` has one function for each subsection of the paper. ``docs/method.md``
+lists where it departs from the text, and why.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
-from flatcloth.core.cache import Memory
+from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import AlignmentError, FlatclothError
-from flatcloth.core.types import FlattenedView, Progress, Rigid2, RotationAxis, no_progress
-from flatcloth.flattening.flatten import Flattening
-from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Placing, Plan
+from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.methods.base import (
+    Alignment,
+    AlignmentScore,
+    Canonical,
+    Method,
+    Placement,
+    Plan,
+    SurfaceEdges,
+    Views,
+)
+from flatcloth.methods.edges import edges_of_view, joined_edges
 from flatcloth.methods.paper.alignment import align_by_z_angle
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import begin, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE, fronts, side_of
 from flatcloth.session.machine import Accepted, Document, Later, Side
 
-PAPER_CONFIG = Config(flattening=FlatteningConfig(least_core_samples=0))
-"""The paper lays one surface a view: parts of a view that a narrow neck joins stay together."""
 
+class PaperMethod(Method):
+    """The paper's section 4; see :class:`flatcloth.methods.base.Method`."""
 
-class Views(Protocol):
-    """Where the method gets single views from."""
-
-    config: Config
-    axis: RotationAxis
-
-    def flattening(self, view_index: int) -> Flattening:
-        """Return a view's flattened view with its surface."""
-        ...
-
-    def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one connected part of a view's flattened view."""
-        ...
-
-
-class Paper:
-    """Derives canonical views, plans and alignments from documents.
-
-    Parameters
-    ----------
-    views : Views
-        Single views.
-    angles_deg : sequence of float
-        Angles of all views.
-    """
+    name = "paper"
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
-        self._views, self._angles_deg = views, angles_deg
-        self._config = views.config
-        self._canonicals: Memory[Canonical] = Memory(64)
-        self._matchers: Memory[Matcher] = Memory(4)
+        self.angles_deg = angles_deg
+        self._views, self._config = views, views.config
+        self._canonicals: Cache[Canonical] = Cache(64)
+        self._matchers: Cache[Matcher] = Cache(4)
+
+    @classmethod
+    def default_config(cls) -> Config:
+        """Keep components together that a narrow neck joins: the paper lays one surface a view."""
+        return Config(flattening=FlatteningConfig(least_core_samples=0))
+
+    @property
+    def accept_score(self) -> float:
+        """Departure: the paper accepts every view it planned."""
+        return self._config.alignment.accept_score
+
+    # ------------------------------------------------- 4.1 Calculation of the appropriate rotation angle
+
+    def plan(self, document: Document, unusable: set[int]) -> Plan:
+        """Choose the side with an occluding edge, and the rotation that leaves S_0 of overlap."""
+        canonical, config = self.canonical(document), self._config.planning
+        outer = fronts(document, self.angles_deg)
+        turned = outer[Side.LEFT][1] + outer[Side.RIGHT][1]
+        unavailable = document.used_views | document.refused_views | unusable
+        sides = []
+        for side, (front, _) in outer.items():
+            curves = column_curves(  # steps 1 and 2: Z-angles, h(u) and A_z(u)
+                canonical.view,
+                self._views.axis,
+                self.angles_deg[front],
+                config.z_angle_limit_deg,
+                canonical.current_from_view[front].inverse(),
+            )
+            edge = self._occluding_edge_m(front, document.parts.get(front, 0), side)
+            sides.append(  # steps 3 and 4: A_0 = A_z(u_b), A = A_w - A_0
+                plan_side(side, curves, edge, front, self.angles_deg, unavailable, turned, config)
+            )
+        return choose(sides, document.accepted[-1].side if document.accepted else None)
+
+    def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
+        flattening = self._views.flattening(view_index)
+        level = flattening.levels[-1]
+        points = level.points_rc[flattening.components[component].members]
+        return occluding_edge_length_m(flattening.surface, points, level.sampling_interval_px, side)
+
+    # ------------------------------------------------- 4.2 Alignment of two flattened views
+
+    def propose(
+        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
+    ) -> Placement:
+        """Align a view by lines of equal Z-angle and a search; of its components the one that fits best."""
+        progress(0.1, f"flattening view {view_index}")
+        components, config = self._views.flattening(view_index).components, self._config
+        least_m2 = LEAST_COMPONENT_SHARE * components[0].view.area_m2
+        found: list[tuple[int, Alignment]] = []
+        errors: list[AlignmentError] = []
+        for n, component in enumerate(components):
+            # Departure: the paper has one surface a view. Which of several continues the shape shows here.
+            if component.view.area_m2 < least_m2:
+                continue
+            if component.folded_share > config.flattening.max_folded_share:
+                errors.append(AlignmentError(_folded(view_index, component.folded_share)))
+                continue
+            try:
+                found.append((n, self._align(document, view_index, n, side or Side.LEFT, progress)))
+            except AlignmentError as error:
+                errors.append(error)
+        if not found:
+            raise errors[0]
+        best, alignment = max(found, key=lambda item: item[1].score.total)
+        return Placement(component=best, alignment=alignment)
+
+    def _align(
+        self, document: Document, view_index: int, component: int, side: Side, progress: Progress
+    ) -> Alignment:
+        canonical, angles = self.canonical(document), self.angles_deg
+        front = fronts(document, angles)[side][0]
+        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
+        return align_by_z_angle(
+            canonical.view,
+            self._views.part(view_index, component),
+            self._views.axis,
+            (angles[front], angles[front] + turn),
+            canonical.current_from_view[front].inverse(),
+            self._config.planning.z_angle_limit_deg,
+            progress,
+        )
+
+    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
+        """Score a placement by intensity and height."""
+        return self._matcher(document, view_index, component).score(motion)
+
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        """Refine a placement from where it lies, by the descent of the search."""
+        return self._matcher(document, view_index, component).refine(motion)
+
+    def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
+        key = (document.start_view, document.accepted, view_index, component)
+        new = self._views.part(view_index, component)
+        return self._matchers.get(key, lambda: Matcher(self.canonical(document).view, new, self._views.axis))
+
+    # ------------------------------------------------- 4.3 Renewal of the flattened view
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view of a document's accepted views (cached by prefix).
-
-        Raises
-        ------
-        FlatclothError
-            If the session has no start view yet.
-        """
+        """Renew the flattened view by each accepted view in turn (cached by prefix)."""
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
         start = document.start_view
@@ -81,91 +157,6 @@ class Paper:
             made = self._canonicals.get(key, grow)
         return made
 
-    def plan(self, document: Document, unusable: set[int]) -> Plan:
-        """Choose the next view (paper, 4.1)."""
-        canonical = self.canonical(document)
-        outer = fronts(document, self._angles_deg)
-        turned = outer[Side.LEFT][1] + outer[Side.RIGHT][1]
-        unavailable = document.used_views | document.refused_views | unusable
-        config = self._config.planning
-        parts = document.parts
-        sides = []
-        for side, (front, _) in outer.items():
-            curves = column_curves(
-                canonical.view,
-                self._views.axis,
-                self._angles_deg[front],
-                config.z_angle_limit_deg,
-                canonical.current_from_view[front].inverse(),
-            )
-            edge = self._occluding_edge_m(front, parts.get(front, 0), side)
-            sides.append(plan_side(side, curves, edge, front, self._angles_deg, unavailable, turned, config))
-        last = document.accepted[-1].side if document.accepted else None
-        return choose(sides, last)
-
-    def propose(
-        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
-    ) -> Placing:
-        """Align a view by the paper's steps; of its parts the one that fits best.
-
-        Raises
-        ------
-        SurfaceError, FlatteningError, AlignmentError
-            If the view shows too little, or has no Z-angle in common with the shape.
-        """
-        progress(0.1, f"flattening view {view_index}")
-        components = self._views.flattening(view_index).components
-        canonical = self.canonical(document)
-        front = fronts(document, self._angles_deg)[side or Side.LEFT][0]
-        angles = self._angles_deg
-        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
-        found: list[tuple[int, Alignment]] = []
-        errors: list[AlignmentError] = []
-        for n, component in enumerate(components):
-            # Which of several parts continues the shape is not known before they are tried.
-            if component.view.area_m2 < self._config.alignment.least_part_share * components[0].view.area_m2:
-                continue
-            if component.folded_share > self._config.flattening.max_folded_share:
-                errors.append(AlignmentError(_folded(view_index, component.folded_share)))
-                continue
-            try:
-                found.append(
-                    (
-                        n,
-                        align_by_z_angle(
-                            canonical.view,
-                            component.view,
-                            self._views.axis,
-                            (angles[front], angles[front] + turn),
-                            canonical.current_from_view[front].inverse(),
-                            self._config.planning.z_angle_limit_deg,
-                            self._config.alignment,
-                            progress,
-                        ),
-                    )
-                )
-            except AlignmentError as error:
-                errors.append(error)
-        if not found:
-            raise errors[0]
-        best, alignment = max(found, key=lambda item: item[1].score.total)
-        return Placing(component=best, alignment=alignment)
-
-    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement, nudged or not."""
-        return self._matcher(document, view_index, component).score(motion)
-
-    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
-        """Refine a placement from where it lies, by the descent of the search."""
-        return self._matcher(document, view_index, component).refine(motion)
-
-    def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
-        key = (document.start_view, document.accepted, view_index, component)
-        new = self._views.part(view_index, component)
-        return self._matchers.get(
-            key, lambda: Matcher(self.canonical(document).view, new, self._views.axis, self._config.alignment)
-        )
-
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return where a later decision lies on the present plane: where it lay on its predecessor.
 
@@ -180,37 +171,26 @@ class Paper:
         assert document.start_view is not None
         return current_from_view[document.start_view] @ motion
 
-    def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
-        flattening = self._views.flattening(view_index)
-        level = flattening.levels[-1]
-        points = level.points_rc[flattening.components[component].members]
-        return occluding_edge_length_m(
-            flattening.surface, points, level.sampling_interval_px, side, self._config.planning
+    # ------------------------------------------------- what the rest of the program asks
+
+    def side_of(self, document: Document, view_index: int) -> Side | None:
+        """Return the side that a view chosen by the operator extends."""
+        return side_of(document, self.angles_deg, view_index)
+
+    def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
+        """Return the side, and the outermost accepted view there."""
+        side = side or side_of(document, self.angles_deg, view_index)
+        return side, fronts(document, self.angles_deg)[side][0]
+
+    def surface_edges(self, document: Document) -> SurfaceEdges:
+        """Return the edges of each accepted view, as it was laid."""
+        placements = self.canonical(document).current_from_view
+        return joined_edges(
+            [
+                edges_of_view(self._views, self.angles_deg[view], view, document.parts.get(view, 0), motion)
+                for view, motion in placements.items()
+            ]
         )
-
-
-def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:
-    """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
-    assert document.start_view is not None
-    start = document.start_view
-    outer = {Side.LEFT: (start, 0.0), Side.RIGHT: (start, 0.0)}
-    for added in document.accepted:
-        turn = (angles_deg[added.view_index] - angles_deg[start]) % 360.0
-        side = added.side or (Side.LEFT if turn <= 180.0 else Side.RIGHT)
-        covered = turn if side is Side.LEFT else (-turn) % 360.0
-        if covered > outer[side][1]:
-            outer[side] = (added.view_index, covered)
-    return outer
-
-
-def side_of(document: Document, angles_deg: Sequence[float], view_index: int) -> Side:
-    """Return the side that a view chosen by hand extends: the one it is less far beyond."""
-    outer = fronts(document, angles_deg)
-    beyond = {
-        Side.LEFT: (angles_deg[view_index] - angles_deg[outer[Side.LEFT][0]]) % 360.0,
-        Side.RIGHT: (angles_deg[outer[Side.RIGHT][0]] - angles_deg[view_index]) % 360.0,
-    }
-    return min(beyond, key=lambda side: beyond[side])
 
 
 def _folded(view_index: int, share: float) -> str:

@@ -1,9 +1,9 @@
-"""Strips and necks of cloth: where pairs leave a sheet limp, their directions hold it.
+"""Articulated sheets: wide rigid parts that narrow, flexible strips of cloth connect.
 
-Two wide parts joined by a strip a few nodes wide turn freely about it as far as lengths go, and
-descent along lengths moves them there ever more slowly. Here every wide part is one rigid body, the
-nodes of strips are free, and lengths and directions (how a view sees a node's neighbours lie in its
-tangent plane) are weighed together: a small problem that Gauss-Newton solves in a few steps.
+Lengths alone do not determine the angle between two wide parts that a strip of a few nodes connects,
+and descent along lengths converges ever more slowly there. Here every wide part is one rigid part,
+the nodes of strips are free, and residuals of lengths and of directions (of a node's neighbours in its
+tangent plane, as a view observed them) are minimised together by a few Gauss-Newton steps.
 """
 
 from __future__ import annotations
@@ -18,9 +18,15 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import SuperLU, splu
 
-from flatcloth.core.config import JointConfig
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.methods.robust.relaxation import turns
+from flatcloth.methods.robust.relaxation import local_rotations
+
+LEAST_RIGID_PART_NODES = 40
+"""Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
+_STRIP_WIDTH = 3.0
+"""Cloth narrower than so many typical pairs is a strip: directions hold it, not lengths alone."""
+DIRECTION_WEIGHT = 0.5
+"""What the direction of a pair counts there, beside its length."""
 
 Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
@@ -35,7 +41,7 @@ _DAMPING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hinged:
+class FlexibleSheet:
     """A sheet's pairs: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
 
     ``length_m`` (M,), ``weight`` (M,) and ``offset`` (M, 2) complex as in
@@ -50,8 +56,8 @@ class Hinged:
     offset: Complex128
 
 
-def bodies(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
-    """Return which wide part each node (N,) belongs to, from 0; -1 in strips and necks.
+def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
+    """Return the rigid part of each node (N,), from 0; -1 in strips and necks.
 
     Parameters
     ----------
@@ -59,8 +65,6 @@ def bodies(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
         Where the nodes lie.
     edges : (M, 2) int32
         Pairs.
-    config : JointConfig
-        How wide is wide, and how many nodes make a part.
 
     Notes
     -----
@@ -71,27 +75,27 @@ def bodies(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
     graph = _graph(uv_m, edges)
     pair = float(np.median(graph.data))
-    half = 0.5 * config.strip_width * pair
+    half = 0.5 * _STRIP_WIDTH * pair
     rim = np.flatnonzero(_at_rim(along, edges, n))
     deep = np.flatnonzero(_distance(graph, rim, half) >= half)
     wide = np.isfinite(_distance(graph, deep, half + _OVER * pair))
     label = connected_components(graph[wide][:, wide], directed=False)[1]
     size = np.bincount(label)
-    body = np.full(n, -1, dtype=np.int32)
-    large = size[label] >= config.large_part
-    body[np.flatnonzero(wide)[large]] = np.unique(label[large], return_inverse=True)[1]
-    return body
+    rigid_part = np.full(n, -1, dtype=np.int32)
+    large = size[label] >= LEAST_RIGID_PART_NODES
+    rigid_part[np.flatnonzero(wide)[large]] = np.unique(label[large], return_inverse=True)[1]
+    return rigid_part
 
 
-def nearest_body(uv_m: Float64, edges: Int32, body: Int32) -> Int32:
-    """Return the wide part (N,) that each node is nearest to along the pairs; -1 where none is."""
-    inside = np.flatnonzero(body >= 0)
+def nearest_rigid_part(uv_m: Float64, edges: Int32, rigid_part: Int32) -> Int32:
+    """Return the rigid part (N,) nearest to each node along the pairs; -1 where there is none."""
+    inside = np.flatnonzero(rigid_part >= 0)
     nearest = np.full(len(uv_m), -1, dtype=np.int32)
     if inside.size:
         _, _, source = dijkstra(
             _graph(uv_m, edges), directed=False, indices=inside, min_only=True, return_predecessors=True
         )
-        nearest[source >= 0] = body[source[source >= 0]]
+        nearest[source >= 0] = rigid_part[source[source >= 0]]
     return nearest
 
 
@@ -139,32 +143,30 @@ def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
     return rim
 
 
-def limp(body: Int32, edges: Int32) -> Bool:
-    """Tell which pairs (M,) are not within one wide part."""
-    result: Bool = (body[edges[:, 0]] < 0) | (body[edges[:, 0]] != body[edges[:, 1]])
+def flexible(rigid_part: Int32, edges: Int32) -> Bool:
+    """Return which pairs (M,) are flexible: not within one rigid part."""
+    result: Bool = (rigid_part[edges[:, 0]] < 0) | (rigid_part[edges[:, 0]] != rigid_part[edges[:, 1]])
     return result
 
 
-def swung(uv_m: Float64, sheet: Hinged, config: JointConfig) -> Float64:
-    """Return the nodes (N, 2) with strips and necks settled; the largest wide part stays where it is.
+def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
+    """Return the nodes (N, 2) with strips and necks settled; the largest rigid part stays fixed.
 
     Parameters
     ----------
     uv_m : (N, 2) float64
         The nodes, laid out and minimised.
-    sheet : Hinged
+    sheet : FlexibleSheet
         The pairs between them.
-    config : JointConfig
-        How wide is wide, and what directions count beside lengths.
     """
-    body = bodies(uv_m, sheet.edges, config)
-    loose = limp(body, sheet.edges)
-    if not loose.any() or body.max(initial=-1) < 0:
+    rigid_part = rigid_parts(uv_m, sheet.edges)
+    is_flexible = flexible(rigid_part, sheet.edges)
+    if not is_flexible.any() or rigid_part.max(initial=-1) < 0:
         return uv_m
     stars = np.zeros(sheet.n_members, dtype=np.bool_)
-    stars[sheet.member[loose]] = True
-    near = np.flatnonzero(loose | stars[sheet.member].any(axis=1))
-    system = _System(body, sheet, near, loose[near], stars, config.direction_weight)
+    stars[sheet.member[is_flexible]] = True
+    near = np.flatnonzero(is_flexible | stars[sheet.member].any(axis=1))
+    system = _System(rigid_part, sheet, near, is_flexible[near], stars, DIRECTION_WEIGHT)
     place = uv_m
     for _ in range(_STEPS):
         place, farthest_m = system.step(place)
@@ -174,39 +176,39 @@ def swung(uv_m: Float64, sheet: Hinged, config: JointConfig) -> Float64:
 
 
 class _System:
-    """The residuals of lengths and directions, in the unknowns of bodies, free nodes and turns."""
+    """Residuals of lengths and directions; unknown are rigid parts, free nodes and local rotations."""
 
     def __init__(
         self,
-        body: Int32,
-        sheet: Hinged,
+        rigid_part: Int32,
+        sheet: FlexibleSheet,
         near: Int64,
-        loose: Bool,
+        is_flexible: Bool,
         stars: Bool,
         direction_weight: float,
     ) -> None:
-        self._body, self._edges, self._member = body, sheet.edges[near], sheet.member[near]
+        self._rigid_part, self._edges, self._member = rigid_part, sheet.edges[near], sheet.member[near]
         self._length, self._offset = sheet.length_m[near], sheet.offset[near]
         self._n_members = sheet.n_members
         weight = sheet.weight[near]
-        self._root = np.sqrt(weight * loose)
+        self._root = np.sqrt(weight * is_flexible)
         self._turn_weight = weight
         self._turn_root = np.sqrt(direction_weight * weight[:, None] * stars[self._member])
-        self._bodies = int(body.max()) + 1
-        self._free = np.unique(self._edges[body[self._edges] < 0])
-        self._at = np.full(len(body), -1, dtype=np.int64)
-        self._at[self._free] = 3 * self._bodies + 2 * np.arange(self._free.size)
+        self._n_rigid_parts = int(rigid_part.max()) + 1
+        self._free = np.unique(self._edges[rigid_part[self._edges] < 0])
+        self._at = np.full(len(rigid_part), -1, dtype=np.int64)
+        self._at[self._free] = 3 * self._n_rigid_parts + 2 * np.arange(self._free.size)
         turning = np.unique(self._member)
         self._turn_at = np.full(self._n_members, -1, dtype=np.int64)
-        self._turn_at[turning] = 3 * self._bodies + 2 * self._free.size + np.arange(turning.size)
-        self._unknowns = 3 * self._bodies + 2 * self._free.size + turning.size
-        largest = int(np.bincount(body[body >= 0]).argmax())
+        self._turn_at[turning] = 3 * self._n_rigid_parts + 2 * self._free.size + np.arange(turning.size)
+        self._unknowns = 3 * self._n_rigid_parts + 2 * self._free.size + turning.size
+        largest = int(np.bincount(rigid_part[rigid_part >= 0]).argmax())
         self._solved = np.ones(self._unknowns, dtype=np.bool_)
         self._solved[3 * largest : 3 * largest + 3] = False
 
     def step(self, place: Float64) -> tuple[Float64, float]:
         """Return the places after one Gauss-Newton step, and how far a free node moved at most."""
-        centers = np.stack([place[self._body == b].mean(axis=0) for b in range(self._bodies)])
+        centers = np.stack([place[self._rigid_part == b].mean(axis=0) for b in range(self._n_rigid_parts)])
         matrix, residual = self._linearised(place, centers)
         matrix = matrix[:, self._solved]
         normal = csc_matrix(matrix.T @ matrix)
@@ -215,12 +217,12 @@ class _System:
         change = np.zeros(self._unknowns)
         change[self._solved] = factor(damped).solve(-(matrix.T @ residual))
         moved = place.copy()
-        for b in range(self._bodies):
-            own = self._body == b
+        for b in range(self._n_rigid_parts):
+            own = self._rigid_part == b
             shift, turn = change[3 * b : 3 * b + 2], np.arctan(change[3 * b + 2])
             cos, sin = np.cos(turn), np.sin(turn)
             moved[own] = centers[b] + shift + (place[own] - centers[b]) @ np.array([[cos, sin], [-sin, cos]])
-        first = 3 * self._bodies
+        first = 3 * self._n_rigid_parts
         moved[self._free] += change[first : first + 2 * self._free.size].reshape(-1, 2)
         return moved, float(np.abs(moved - place).max())
 
@@ -232,7 +234,7 @@ class _System:
         ends = [self._derivative(place, centers, self._edges[:, end]) for end in (0, 1)]
         rows = _Rows(ends, self._unknowns)
         rows.add(unit, self._root, distance - self._length)
-        turn = turns(
+        turn = local_rotations(
             place @ np.array([1.0, 1j]),
             self._edges,
             self._member,
@@ -250,11 +252,11 @@ class _System:
 
     def _derivative(self, place: Float64, centers: Float64, nodes: Int32) -> tuple[Int64, Float64, Float64]:
         """Return the unknowns (M, 3) that move nodes, and how (M, 3), along u and along v."""
-        free = self._body[nodes] < 0
-        body = np.maximum(self._body[nodes], 0)
-        arm = place[nodes] - centers[body]
+        free = self._rigid_part[nodes] < 0
+        rigid_part = np.maximum(self._rigid_part[nodes], 0)
+        arm = place[nodes] - centers[rigid_part]
         zero, one = np.zeros(len(nodes)), np.ones(len(nodes))
-        at = 3 * body[:, None] + np.arange(3)
+        at = 3 * rigid_part[:, None] + np.arange(3)
         at[free] = self._at[nodes[free], None] + np.array([0, 1, 0])
         along_u = np.stack([one, zero, np.where(free, 0.0, -arm[:, 1])], axis=1)
         along_v = np.stack([zero, one, np.where(free, 0.0, arm[:, 0])], axis=1)

@@ -10,7 +10,6 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from flatcloth.core.config import JointConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis
 from flatcloth.flattening.raster import read_attributes
@@ -18,10 +17,13 @@ from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 from flatcloth.methods.robust.joint import JointShape
-from flatcloth.methods.robust.observations import Sighting
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
+
+_RIM_NOISE = 3.0
+"""A pixel at the rim of the surface is placed worse by this, fading over a few pixels."""
 
 
-def draw_shape(
+def composite(
     shape: JointShape,
     surfaces: Mapping[int, Surface],
     axis: RotationAxis,
@@ -59,9 +61,9 @@ def draw_shape(
     cost = np.full(size, np.inf, dtype=np.float32)
     label = np.full(size, -1, dtype=np.int16)
     stretches: dict[int, Float32] = {}
-    for n, sighting in enumerate(shape.sightings):
-        surface = surfaces[sighting.view_index]
-        seen = _samples(sighting, uv, interval_px)
+    for n, observation in enumerate(shape.observations):
+        surface = surfaces[observation.view_index]
+        seen = _samples(observation, uv, interval_px)
         if seen is None:
             continue
         samples, own_uv = seen
@@ -71,7 +73,7 @@ def draw_shape(
             points / pixel_size_m - low,
             carrier.nearest >= 0,
             surface.steps,
-            costs[sighting.view_index],
+            costs[observation.view_index],
             n,
             source,
             cost,
@@ -88,29 +90,29 @@ def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple
     return low, (int(size[1]), int(size[0]))
 
 
-def _samples(sighting: Sighting, uv: Float64, interval_px: int) -> tuple[Samples, Float64] | None:
+def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[Samples, Float64] | None:
     """Return a view's placed nodes as samples of its image, and their places; None if they are too few."""
-    own = uv[sighting.node]
+    own = uv[observation.node]
     kept = np.isfinite(own[:, 0])
     linked = np.zeros(len(kept), dtype=bool)
-    linked[sighting.edges[kept[sighting.edges].all(axis=1)]] = True
+    linked[observation.edges[kept[observation.edges].all(axis=1)]] = True
     kept &= linked
     if kept.sum() < 3:
         return None
     number = np.cumsum(kept) - 1
-    inside = kept[sighting.edges].all(axis=1)
+    inside = kept[observation.edges].all(axis=1)
     samples = Samples(
         sampling_interval_px=interval_px,
-        points_rc=np.rint(sighting.rc[kept]).astype(np.int32),
-        points_m=sighting.points_m[kept],
-        normal=sighting.normal[kept],
-        edges=number[sighting.edges[inside]].astype(np.int32),
-        edge_length_m=sighting.edge_length_m[inside],
+        points_rc=np.rint(observation.rc[kept]).astype(np.int32),
+        points_m=observation.points_m[kept],
+        normal=observation.normal[kept],
+        edges=number[observation.edges[inside]].astype(np.int32),
+        edge_length_m=observation.edge_length_m[inside],
     )
     return samples, own[kept]
 
 
-def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
+def pixel_cost(surface: Surface) -> Float32:
     """Return how badly each pixel (H, W) of a view is placed: worse on steep cloth and beside a rim."""
     rows, cols = np.nonzero(surface.usable)
     k = surface.frame.intrinsics
@@ -120,9 +122,7 @@ def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
     steep = 1.0 / np.square(np.clip(cos, 0.2, 1.0)) - 1.0
     rim = ndimage.distance_transform_edt(surface.usable)[rows, cols]
     cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
-    cost[rows, cols] = (
-        config.frontal_noise + config.steep_noise * steep + config.rim_noise * np.exp(-rim / 3.0)
-    )
+    cost[rows, cols] = FRONTAL_NOISE + STEEP_NOISE * steep + _RIM_NOISE * np.exp(-rim / 3.0)
     return cost
 
 
@@ -225,12 +225,12 @@ def _read_views(
         origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
     assert result.quality is not None
-    for n, box in enumerate(ndimage.find_objects(label + 1, max_label=len(shape.sightings))):
+    for n, box in enumerate(ndimage.find_objects(label + 1, max_label=len(shape.observations))):
         if box is None:
             continue
         own = label[box] == n
         own_source = np.where(own[..., None], source[box], np.float32(np.nan))
-        surface = surfaces[shape.sightings[n].view_index]
+        surface = surfaces[shape.observations[n].view_index]
         held: Rigid3 = shape.held_from_camera[n]
         part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
         assert part.quality is not None

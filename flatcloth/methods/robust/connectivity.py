@@ -20,7 +20,9 @@ _TRIANGLES = 3
 """A pair holds firmly if at least so many nodes are neighbours of both its ends."""
 
 
-def hanging_together(n: int, edges: Int32, trust: Float64, large: int, least_trust: float) -> Int32:
+def connected_pieces(
+    n: int, edges: Int32, evidence: Float64, least_core_nodes: int, least_evidence: float
+) -> Int32:
     """Return which piece of cloth each node belongs to (n,).
 
     Parameters
@@ -40,18 +42,18 @@ def hanging_together(n: int, edges: Int32, trust: Float64, large: int, least_tru
     i, j = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
     key, where = np.unique(i * n + j, return_inverse=True)
     i, j = key // n, key % n
-    trusted: Float64 = np.bincount(where, trust, key.size).astype(np.float64)
+    summed: Float64 = np.bincount(where, evidence, key.size).astype(np.float64)
     ones = np.ones(2 * key.size, dtype=np.int32)
     adjacency = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)).tocsr()
     adjacency.sort_indices()
-    firm = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
-    part = _components(n, i[firm], j[firm])
-    cores = np.bincount(part) >= large
-    label = _grown(np.where(cores[part], part, -1), i, j, trusted)
+    rigid = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
+    core_of = _components(n, i[rigid], j[rigid])
+    is_core = np.bincount(core_of) >= least_core_nodes
+    label = _grown(np.where(is_core[core_of], core_of, -1), i, j, summed)
     rest = label < 0
     label[rest] = n + _components(n, i[rest[i] & rest[j]], j[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
-    return _joined(label, i, j, trusted, least_trust)
+    return _joined(label, i, j, summed, least_evidence)
 
 
 @njit(cache=True, nogil=True)
@@ -70,7 +72,7 @@ def _neighbours_in_common(
     return counts
 
 
-def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Float64) -> Int32:
+def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64) -> Int32:
     """Give each node without a label (-1) that of the neighbours with the most trust, layer by layer.
 
     Afterwards these nodes change sides where that makes the cut between two parts smaller.
@@ -81,19 +83,19 @@ def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Floa
     if count == 0:
         return label
     ends, others = np.concatenate([i, j]), np.concatenate([j, i])
-    weight = np.concatenate([trust, trust])
+    weight = np.concatenate([evidence, evidence])
     open_ = own[ends] < 0
     ends, others, weight = ends[open_], others[open_], weight[open_]
     voters, voter = np.unique(ends, return_inverse=True)
-    settled = 0
-    while settled <= _SWEEPS:
+    sweeps = 0
+    while sweeps <= _SWEEPS:
         says = own[others] >= 0
         votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
         votes = votes.reshape(voters.size, count)
         best = np.where(votes.any(axis=1), votes.argmax(axis=1), own[voters])
         if (best == own[voters]).all():
             break
-        settled += not (own[voters] < 0)[best >= 0].any()
+        sweeps += not (own[voters] < 0)[best >= 0].any()
         own[voters] = best
     grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
     return grown
@@ -103,19 +105,23 @@ _SWEEPS = 4
 
 
 def _joined(
-    part: Int32, i: NDArray[np.int64], j: NDArray[np.int64], trust: Float64, least_trust: float
+    piece: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64, least_evidence: float
 ) -> Int32:
     """Join parts between which the pairs are to be trusted enough."""
     while True:
-        count = int(part.max()) + 1
-        a, b = part[i], part[j]
+        count = int(piece.max()) + 1
+        a, b = piece[i], piece[j]
         across = a != b
         low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across].astype(np.int64)
         key, where = np.unique(low * count + high, return_inverse=True)
-        strong = np.bincount(where, trust[across], key.size) >= least_trust if key.size else np.zeros(0, bool)
+        strong = (
+            np.bincount(where, evidence[across], key.size) >= least_evidence
+            if key.size
+            else np.zeros(0, bool)
+        )
         if not strong.any():
-            return part
-        part = _components(count, key[strong] // count, key[strong] % count)[part]
+            return piece
+        piece = _components(count, key[strong] // count, key[strong] % count)[piece]
 
 
 def _components(n: int, i: NDArray[np.int64], j: NDArray[np.int64]) -> Int32:

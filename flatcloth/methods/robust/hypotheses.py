@@ -1,4 +1,4 @@
-"""Where a part of a view may lie on the joint shape: several ways to find out, all judged alike.
+"""Hypotheses: where a component of a view may lie on the joint shape, from several estimators.
 
 *place*: nodes of the shape that the view shows at the same place in space, fitted rigidly on the
 plane. *lines*: the paper's lines of equal Z-angle (4.2). *correlation*: normals, height and texture
@@ -12,24 +12,26 @@ import math
 import numpy as np
 from scipy import fft
 
-from flatcloth.core.config import AgreementConfig, AlignmentConfig
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2, height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationAxis
 from flatcloth.methods.base import Hypothesis
 from flatcloth.methods.paper.alignment import correspond, from_lines
-from flatcloth.methods.robust.scoring import Ground, Part, lay, refine
+from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
+
+_DISTINCT_M = 0.008
+"""Hypotheses nearer to each other than this are one."""
 
 _COARSE_M = 0.012
 _TURNS_DEG = tuple(range(-40, 41, 10))
 
 
-def by_place(ground: Ground, part: Part) -> list[Rigid2]:
-    """Fit the nodes that the part shows: robustly, since layers that lie on each other mislead."""
-    at = np.flatnonzero(part.node >= 0)
-    target = ground.node_uv(part.node[at])
+def from_association(reference: ReferenceShape, sampled: SampledComponent) -> list[Rigid2]:
+    """Fit the associated nodes rigidly, by RANSAC: layers that lie on each other give wrong associations."""
+    at = np.flatnonzero(sampled.node >= 0)
+    target = reference.node_uv(sampled.node[at])
     placed = np.isfinite(target[:, 0])
-    points, target = part.uv_m[at][placed], target[placed]
+    points, target = sampled.uv_m[at][placed], target[placed]
     if len(points) < 3:
         return []
     best, most = fit_rigid2(points, target), -1.0
@@ -55,23 +57,22 @@ def by_place(ground: Ground, part: Part) -> list[Rigid2]:
     return [best]
 
 
-def by_lines(
+def from_z_angle_lines(
     coarse: FlattenedView,
     new: FlattenedView,
     axis: RotationAxis,
     angles_deg: tuple[float, float],
     z_angle_limit_deg: float,
-    config: AlignmentConfig,
 ) -> list[Rigid2]:
     """Return the paper's initial estimate, if the views have a Z-angle in common."""
     try:
-        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, config)
+        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg)
     except AlignmentError:
         return []
     return [from_lines(found)]
 
 
-def by_correlation(
+def from_correlation(
     coarse: FlattenedView, new: FlattenedView, axis: RotationAxis, around: float, most: int = 2
 ) -> list[Rigid2]:
     """Compare normals and height at all places, for turns about ``around`` (rad); the best few."""
@@ -132,17 +133,19 @@ def _turned(
     return grid.reshape(extent, extent, 4), mask, origin
 
 
-def coarse_view(ground: Ground, axis: RotationAxis, angle_deg: float) -> FlattenedView:
+def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float) -> FlattenedView:
     """Return the main piece on a coarse grid: places, normals and Z-angles (no colors), from its nodes."""
-    main = ground.uv_m[ground.is_main]
+    main = reference.uv_m[reference.is_main]
     low = np.floor(main.min(axis=0) / _COARSE_M) - 1
     high = np.ceil(main.max(axis=0) / _COARSE_M) + 2
     cols, rows = (high - low).astype(int)
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-    covered, node, there = ground.under((grid + low) * _COARSE_M)
+    covered, node, there = reference.surface_at((grid + low) * _COARSE_M)
     valid = covered.reshape(rows, cols)
     xyz = np.where(covered[:, None], there, np.nan).reshape(rows, cols, 3).astype(np.float32)
-    normal = np.where(covered[:, None], ground.normal[node], np.nan).reshape(rows, cols, 3).astype(np.float32)
+    normal = (
+        np.where(covered[:, None], reference.normal[node], np.nan).reshape(rows, cols, 3).astype(np.float32)
+    )
     angle = np.full(valid.shape, np.nan, dtype=np.float32)
     angle[valid] = z_angle_deg(normal[valid], axis, angle_deg)
     return FlattenedView(
@@ -158,38 +161,37 @@ def coarse_view(ground: Ground, axis: RotationAxis, angle_deg: float) -> Flatten
     )
 
 
-def judged(
-    ground: Ground,
-    part: Part,
+def evaluate(
+    reference: ReferenceShape,
+    sampled: SampledComponent,
     component: int,
-    ideas: list[tuple[str, Rigid2]],
-    config: AgreementConfig,
+    estimates: list[tuple[str, Rigid2]],
 ) -> list[Hypothesis]:
     """Refine and score ideas; of those that come to lie together the best stays. The best is first."""
     found = []
-    for source, initial in ideas:
-        refined = refine(ground, part, initial)
+    for source, initial in estimates:
+        refined = refine(reference, sampled, initial)
         found.append(
             Hypothesis(
                 source=source,
                 component=component,
                 initial=initial,
-                current_from_new=refined.shape_from_part,
-                score=lay(ground, part, refined.shape_from_part),
+                current_from_new=refined.shape_from_component,
+                score=score_placement(reference, sampled, refined.shape_from_component),
                 std=refined.std,
             )
         )
-    return distinct(found, part, config)
+    return distinct(found, sampled)
 
 
-def distinct(found: list[Hypothesis], part: Part, config: AgreementConfig) -> list[Hypothesis]:
+def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothesis]:
     """Return the hypotheses by falling confidence, without those that lie where a better one does."""
     kept: list[Hypothesis] = []
-    corners = np.stack([part.uv_m.min(axis=0), part.uv_m.max(axis=0), part.uv_m.mean(axis=0)])
+    corners = np.stack([sampled.uv_m.min(axis=0), sampled.uv_m.max(axis=0), sampled.uv_m.mean(axis=0)])
     for hypothesis in sorted(found, key=lambda h: -h.score.total):
         there = hypothesis.current_from_new.apply(corners)
         if all(
-            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > config.distinct_m
+            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > _DISTINCT_M
             for other in kept
         ):
             kept.append(hypothesis)

@@ -17,24 +17,35 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from flatcloth.core.config import FlatteningConfig, JointConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import Hinged, swung
-from flatcloth.methods.robust.connectivity import hanging_together
+from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES, FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.connectivity import connected_pieces
 from flatcloth.methods.robust.observations import (
+    Association,
     Complex128,
     Nodes,
-    Recognised,
-    Sighting,
+    Observation,
+    associate,
     averaged,
     no_nodes,
-    recognise,
-    sight,
+    observe,
 )
-from flatcloth.methods.robust.relaxation import relaxed, turns
+from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
+
+_ROBUST_STD = 3.0
+"""A pair that is off by this many standard deviations counts a quarter."""
+_LEAST_EVIDENCE = 2.0
+"""... so many smooth pairs without noise, or more with."""
+_OUTGROWN = 1.3
+"""Another piece that has so many times the nodes of the main one becomes the main one."""
+_ARAP_STEPS = 8
+"""Steps of as-rigid-as-possible relaxation before the minimisation."""
+_ROBUST_ROUNDS = 2
+"""Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
 
 Int64 = NDArray[np.int64]
 
@@ -47,11 +58,11 @@ _LEAST_PIECE = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Links:
-    """The pairs of all sightings in one list.
+    """The pairs of all observations in one list.
 
     ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
     memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
-    in :class:`Sighting`; ``sighting`` (M,) int32, the position of the view in the shape.
+    in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
     """
 
     edges: Int32
@@ -60,14 +71,14 @@ class Links:
     length_m: Float64
     std_m: Float64
     offset: Complex128
-    sighting: Int32
+    observation: Int32
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointShape:
     """All accepted views, flattened together.
 
-    ``sightings`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
+    ``observations`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
     piece of cloth that each node belongs to: 0 the main piece, others float (nothing seen connects
     them to it), -1 too small to matter. ``all_uv_m`` (N, 2) is where each node lies; floating pieces
     lie beside the main one, far off. ``anchor`` (A,) int32 are nodes of the main piece that one of
@@ -77,7 +88,7 @@ class JointShape:
     """
 
     nodes: Nodes
-    sightings: tuple[Sighting, ...]
+    observations: tuple[Observation, ...]
     held_from_camera: tuple[Rigid3, ...]
     piece: Int32
     all_uv_m: Float64
@@ -99,7 +110,7 @@ class JointShape:
     @cached_property
     def links(self) -> Links:
         """The pairs of all views."""
-        return _links(self.sightings)
+        return _links(self.observations)
 
     @property
     def placed(self) -> Bool:
@@ -110,7 +121,7 @@ class JointShape:
     @property
     def views(self) -> tuple[int, ...]:
         """The accepted views."""
-        return tuple(s.view_index for s in self.sightings)
+        return tuple(s.view_index for s in self.observations)
 
 
 def begin_joint(
@@ -118,7 +129,6 @@ def begin_joint(
     held_from_camera: Rigid3,
     start_uv_m: Float64,
     flattening: FlatteningConfig,
-    config: JointConfig,
 ) -> JointShape:
     """Return the joint shape of the start view alone.
 
@@ -130,15 +140,15 @@ def begin_joint(
         Where its camera stands.
     start_uv_m : (H, W, 2) float64
         Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
-    flattening, config
-        Sampling and limits.
+    flattening : FlatteningConfig
+        Sampling interval.
     """
-    nodes, first = sight(no_nodes(), _NONE, surface, held_from_camera, flattening, config)
+    nodes, first = observe(no_nodes(), _NONE, surface, held_from_camera, flattening)
     at = np.rint(first.rc).astype(np.int32)
     uv = start_uv_m[at[:, 0], at[:, 1]]
     shape = JointShape(
         nodes=nodes,
-        sightings=(first,),
+        observations=(first,),
         held_from_camera=(held_from_camera,),
         piece=np.where(np.isfinite(uv[:, 0]), 0, -1).astype(np.int32),
         all_uv_m=uv,
@@ -146,10 +156,10 @@ def begin_joint(
         anchor_uv_m=np.zeros((0, 2)),
         weight=np.ones(len(first.edges)),
     )
-    return _solved(shape, config)
+    return _solved(shape)
 
 
-_NONE = Recognised(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
+_NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
 
 
 def extend_joint(
@@ -157,8 +167,7 @@ def extend_joint(
     surface: Surface,
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
-    config: JointConfig,
-    recognised: Recognised | None = None,
+    associated: Association | None = None,
 ) -> JointShape:
     """Return the shape with one view more, all flattened anew.
 
@@ -168,18 +177,18 @@ def extend_joint(
         The shape so far.
     surface, held_from_camera
         The view to add, and where its camera stands.
-    flattening, config
-        Sampling and limits.
-    recognised : Recognised, optional
+    flattening : FlatteningConfig
+        Sampling interval.
+    associated : Association, optional
         The nodes that the view shows, if they are not to be found by place and normal.
     """
-    if recognised is None:
-        recognised = recognise(shape.nodes, surface, held_from_camera, config)
-    nodes, added = sight(shape.nodes, recognised, surface, held_from_camera, flattening, config)
+    if associated is None:
+        associated = associate(shape.nodes, surface, held_from_camera)
+    nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
     more = len(nodes) - len(shape.nodes)
     grown = JointShape(
         nodes=nodes,
-        sightings=(*shape.sightings, added),
+        observations=(*shape.observations, added),
         held_from_camera=(*shape.held_from_camera, held_from_camera),
         piece=np.concatenate([shape.piece, np.full(more, -1, dtype=np.int32)]),
         all_uv_m=np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)]),
@@ -187,48 +196,50 @@ def extend_joint(
         anchor_uv_m=shape.anchor_uv_m,
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
     )
-    return _solved(grown, config)
+    return _solved(grown)
 
 
-def reposed(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
+def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
     """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
     if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
         return shape
     nodes = no_nodes()
-    for sighting, held in zip(shape.sightings, held_from_camera, strict=True):
-        nodes = averaged(nodes, sighting, held)
+    for observation, held in zip(shape.observations, held_from_camera, strict=True):
+        nodes = averaged(nodes, observation, held)
     return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
 
 
-def floating_pieces(shape: JointShape, loose: Bool | None = None) -> list[Float64]:
+def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
     """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
 
-    What of the main piece is ``loose`` (N,) floats too, each connected part of it as a piece.
+    Nodes of the main piece that are ``unreliable`` (N,) float too, each connected part of it as a piece.
     """
     pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
-    if loose is not None and loose.any():
-        inside = shape.links.edges[loose[shape.links.edges].all(axis=1)]
-        graph = coo_matrix((np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(loose),) * 2)
-        label = np.where(loose, connected_components(graph, directed=False)[1], -1)
-        sizes = np.bincount(label[loose])
+    if unreliable is not None and unreliable.any():
+        inside = shape.links.edges[unreliable[shape.links.edges].all(axis=1)]
+        graph = coo_matrix(
+            (np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(unreliable),) * 2
+        )
+        label = np.where(unreliable, connected_components(graph, directed=False)[1], -1)
+        sizes = np.bincount(label[unreliable])
         pieces += [label == n for n in np.flatnonzero(sizes >= _LEAST_PIECE)]
     pieces.sort(key=lambda own: -int(own.sum()))
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
-def _solved(shape: JointShape, config: JointConfig) -> JointShape:
-    """Lay out and minimise each piece that hangs together; the largest is the main one.
+def _solved(shape: JointShape) -> JointShape:
+    """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another outgrows it clearly.
     """
     links, before = shape.links, shape.piece
-    label = _hanging(shape, config)
+    label = _pieces(shape)
     touched = np.zeros(int(label.max()) + 1, dtype=bool)
-    touched[label[shape.sightings[-1].node]] = True
+    touched[label[shape.observations[-1].node]] = True
     sizes = np.bincount(label)
     order = np.flatnonzero(sizes >= _LEAST_PIECE)
     main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
-    if sizes.max() > config.outgrown * sizes[main]:
+    if sizes.max() > _OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
     order = np.concatenate([[main], sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])]).astype(
         int
@@ -245,9 +256,9 @@ def _solved(shape: JointShape, config: JointConfig) -> JointShape:
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
                 _seed(z, links, within)
-            z = _lay_out(z, links, within)
+            z = _initialise(z, links, within)
             inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
-            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside], config)
+            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside])
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
@@ -289,38 +300,42 @@ def _anchored(shape: JointShape) -> JointShape:
         uv = shape.all_uv_m.copy()
         uv[shape.placed] -= uv[shape.placed].mean(axis=0)
         shape = replace(shape, all_uv_m=uv)
-    for sighting in shape.sightings:
-        anchor = sighting.node[shape.placed[sighting.node]]
+    for observation in shape.observations:
+        anchor = observation.node[shape.placed[observation.node]]
         if anchor.size >= 3:
             break
     return replace(shape, anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
 
 
-def _hanging(shape: JointShape, config: JointConfig) -> Int32:
+def _pieces(shape: JointShape) -> Int32:
     """Return which piece of cloth each node (N,) belongs to."""
-    evidence = np.concatenate([s.edge_evidence for s in shape.sightings])
-    return hanging_together(
-        len(shape.nodes), shape.links.edges, shape.weight * evidence, config.large_part, config.least_evidence
+    evidence = np.concatenate([s.edge_evidence for s in shape.observations])
+    return connected_pieces(
+        len(shape.nodes), shape.links.edges, shape.weight * evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
     )
 
 
-def _links(sightings: tuple[Sighting, ...]) -> Links:
-    first = np.cumsum([0] + [len(s.node) for s in sightings])
+def _links(observations: tuple[Observation, ...]) -> Links:
+    first = np.cumsum([0] + [len(s.node) for s in observations])
     return Links(
-        edges=np.concatenate([s.node[s.edges] for s in sightings]).astype(np.int32),
-        member=np.concatenate([s.edges + f for s, f in zip(sightings, first, strict=False)]).astype(np.int32),
+        edges=np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32),
+        member=np.concatenate([s.edges + f for s, f in zip(observations, first, strict=False)]).astype(
+            np.int32
+        ),
         n_members=int(first[-1]),
-        length_m=np.concatenate([s.edge_length_m for s in sightings]),
-        std_m=np.concatenate([s.edge_std_m for s in sightings]),
-        offset=np.concatenate([s.offset for s in sightings]),
-        sighting=np.repeat(np.arange(len(sightings), dtype=np.int32), [len(s.edges) for s in sightings]),
+        length_m=np.concatenate([s.edge_length_m for s in observations]),
+        std_m=np.concatenate([s.edge_std_m for s in observations]),
+        offset=np.concatenate([s.offset for s in observations]),
+        observation=np.repeat(
+            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
+        ),
     )
 
 
 # ------------------------------------------------------------------ laying out
 
 
-def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
+def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
     """Place (as u + iv) what pairs ``inside`` connect to placed nodes, layer by layer.
 
     A placed node whose turn is known, from its placed neighbours in the same view, says where its
@@ -337,7 +352,7 @@ def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     while True:
         known = np.isfinite(z.real[edges])
         both: Bool = np.asarray(known.all(axis=1))
-        turn = turns(z, edges, member, offset, both.astype(np.float64), links.n_members)
+        turn = local_rotations(z, edges, member, offset, both.astype(np.float64), links.n_members)
         sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
         for end, sign in ((0, 1.0), (1, -1.0)):
             says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
@@ -354,9 +369,7 @@ def _lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
 # ------------------------------------------------------------------ minimising
 
 
-def _minimised(
-    z: Complex128, links: Links, inside: Int64, weight: Float64, config: JointConfig
-) -> tuple[Float64, Float64]:
+def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
     """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
     own = np.flatnonzero(np.isfinite(z.real))
     place = np.full(len(z), -1, dtype=np.int32)
@@ -367,18 +380,18 @@ def _minimised(
     std = links.std_m[inside]
     accuracy = np.square(np.median(std) / std)
     narrow = banding(own.size, edges)
-    x = relaxed(
+    x = relax_rigidly(
         z[own],
         edges,
         links.member[inside],
         links.offset[inside],
         accuracy * weight,
         links.n_members,
-        config.arap_steps,
+        _ARAP_STEPS,
         narrow,
     )
     length = links.length_m[inside]
-    for _ in range(config.robust_rounds):
+    for _ in range(_ROBUST_ROUNDS):
         x = minimise(
             x,
             edges,
@@ -389,8 +402,8 @@ def _minimised(
             narrow=narrow,
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std, config.robust_std)
-    sheet = Hinged(
+        weight = _robust_weight(residual / std, _ROBUST_STD)
+    sheet = FlexibleSheet(
         edges=edges,
         member=links.member[inside],
         n_members=links.n_members,
@@ -399,7 +412,7 @@ def _minimised(
         offset=links.offset[inside],
     )
     uv = np.full((len(z), 2), np.nan)
-    uv[own] = swung(x, sheet, config)
+    uv[own] = settle_flexible(x, sheet)
     return uv, weight
 
 

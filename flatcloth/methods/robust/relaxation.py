@@ -1,6 +1,6 @@
-"""As-rigid-as-possible relaxation: every view says how a node's neighbours lie around it.
+"""As-rigid-as-possible relaxation (Sorkine and Alexa, 2007) of a sheet observed by several views.
 
-A membership is a node as one view sees it. Each membership turns as a whole from its tangent plane
+A membership is a node as one view observed it. Each membership turns as a whole from its tangent plane
 to the plane, mirror images excluded; then all nodes move at once, by one solve.
 """
 
@@ -20,10 +20,12 @@ _HELD = 1e-6
 
 
 @njit(cache=True, nogil=True)
-def turns(
+def local_rotations(
     z: Complex128, edges: Int32, member: Int32, offset: Complex128, weight: Float64, n_members: int
 ) -> Complex128:
-    """Return each membership's unit turn from its tangent plane to the plane; 0 where nothing tells.
+    """Return the rotation of each membership from its tangent plane to the plane, as a unit complex number.
+
+    0 where no pair determines it.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def _wanted(
     return rhs
 
 
-def relaxed(
+def relax_rigidly(
     z: Complex128,
     edges: Int32,
     member: Int32,
@@ -96,7 +98,7 @@ def relaxed(
     center = z.mean()
     z = z - center
     for _ in range(steps):
-        turn = turns(z, edges, member, offset, alike, n_members)
+        turn = local_rotations(z, edges, member, offset, alike, n_members)
         rhs = _wanted(turn, edges, member, offset, weight, len(z))
         moved = laplacian.solve(rhs + _HELD * z.view(np.float64).reshape(-1, 2))
         z = moved[:, 0] + 1j * moved[:, 1]

@@ -1,4 +1,4 @@
-"""How well a part of a view fits a joint shape where it is laid: place in space, color, contradiction.
+"""Scoring: how well a component of a view fits the joint shape at a placement.
 
 The rotation is known, so the cloth at one place of the plane must be at one place in space: where a
 part covers the shape, its points turned to the held frame must lie where the shape's do. The other
@@ -9,36 +9,55 @@ come to lie on itself. Color is compared where the accepted view that saw the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import AgreementConfig
 from flatcloth.core.geometry import Rigid3, height_m, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore
 from flatcloth.methods.robust.joint import JointShape
 
+_COVER_M = 0.010
+"""A place of the plane is covered if a node lies within this."""
+_PLACE_STD_M = 0.003
+"""Distance in space of equal cloth, besides the noise of the views."""
+_TWICE_M = 0.015
+"""The same cloth that lies farther apart on the plane than this is there twice."""
+_TEXTURE_SIZE_M = 0.007
+"""Texture is the intensity less its mean over this size."""
+_COLOR_STD = 20.0
+"""Difference of equal color in two views, grey levels."""
+_TELLING_COLOR = 0.25
+"""Color that disagrees less than this at random counts in proportion."""
+_REFINE_RADIUS_M = 0.02
+"""Refinement begins with cloth that is apart by about this in space."""
+_CORRELATED_SAMPLES = 20.0
+"""So many samples count as one independent measurement."""
+CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
+"""Logistic regression of a right placement: constant, place, color and outline agreement, shares of
+    other cloth and of cloth that is there twice, log10 of the overlap in cm2, median distance in cm."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """What a view's surface looks like: ``hue`` (H, W, 3) float32 in grey levels.
+class TextureFeatures:
+    """Features of a view's texture: ``texture`` (H, W, 3) float32 in grey levels.
 
     Intensity without its local mean, which stays with the light, and two color differences relative
     to the intensity, which shading does not change. NaN off the surface.
     """
 
-    hue: Float32
+    texture: Float32
 
 
-def look(surface: Surface, config: AgreementConfig) -> Look:
-    """Return what a surface looks like."""
+def texture_features(surface: Surface) -> TextureFeatures:
+    """Compute the features of a surface."""
     inside = surface.usable.astype(np.float32)
-    sigma_px = config.texture_size_m / surface.pixel_pitch_m
+    sigma_px = _TEXTURE_SIZE_M / surface.pixel_pitch_m
 
     def mean(image: Float32, sigma: float) -> Float32:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
@@ -49,56 +68,53 @@ def look(surface: Surface, config: AgreementConfig) -> Look:
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
     brightness = np.maximum(gray, 8.0)
-    hue = np.empty_like(fine)
-    hue[..., 0] = gray - coarse
-    hue[..., 1] = 64.0 * red / brightness - 64.0
-    hue[..., 2] = 64.0 * blue / brightness - 64.0
-    hue[~surface.usable] = np.nan
-    return Look(hue=hue)
+    texture = np.empty_like(fine)
+    texture[..., 0] = gray - coarse
+    texture[..., 1] = 64.0 * red / brightness - 64.0
+    texture[..., 2] = 64.0 * blue / brightness - 64.0
+    texture[~surface.usable] = np.nan
+    return TextureFeatures(texture=texture)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
-    """A part of a view in its own plane, thinned out.
+class SampledComponent:
+    """Samples of a component of a view, in the view's own plane.
 
     ``uv_m`` (K, 2); ``rc`` (K, 2) pixels of the (cropped) image; ``xyz_m``, ``normal`` (K, 3) held
-    frame; ``hue`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there, -1
-    none; ``area_m2`` of the whole part.
+    frame; ``texture`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there, -1
+    none; ``area_m2`` of the whole component.
     """
 
     uv_m: Float64
     rc: Int32
     xyz_m: Float64
     normal: Float64
-    hue: Float64
+    texture: Float64
     node: Int32
     area_m2: float
 
 
-class Ground:
-    """A joint shape as what parts are laid on.
+class ReferenceShape:
+    """A joint shape as the reference that components are compared with.
 
     Parameters
     ----------
     shape : JointShape
         The shape.
-    surfaces, looks : mapping
+    surfaces, textures : mapping
         Of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
-    config : AgreementConfig
-        Scales.
     """
 
     def __init__(
         self,
         shape: JointShape,
         surfaces: Mapping[int, Surface],
-        looks: Mapping[int, Look],
+        textures: Mapping[int, TextureFeatures],
         axis: RotationAxis,
-        config: AgreementConfig,
     ) -> None:
-        self.config, self._axis = config, axis
+        self._axis = axis
         self.number = np.flatnonzero(shape.has_place).astype(np.int32)
         self.uv_m = shape.all_uv_m[self.number]
         self.is_main = shape.piece[self.number] == 0
@@ -106,10 +122,10 @@ class Ground:
         self.normal = shape.nodes.normal[self.number]
         self.frames = _space_from_plane(shape)[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
-        self._best_view, self.hue = _best_looks(shape, looks, self.number)
+        self._best_view, self.texture = _best_textures(shape, textures, self.number)
         self._poses = [held.inverse() for held in shape.held_from_camera]
         self._surfaces = [surfaces[v] for v in shape.views]
-        self._looks = [looks[v].hue for v in shape.views]
+        self._textures = [textures[v].texture for v in shape.views]
         self._tree = cKDTree(self.uv_m)
         self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
         self._place[self.number] = np.arange(self.number.size)
@@ -119,22 +135,22 @@ class Ground:
         at = np.where(node >= 0, self._place[node], -1)
         return np.where((at >= 0)[:, None], self.uv_m[at], np.nan)
 
-    def under(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
+    def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
         """Return which places (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
-        distance, nearest = self._tree.query(uv_m, distance_upper_bound=self.config.cover_m)
+        distance, nearest = self._tree.query(uv_m, distance_upper_bound=_COVER_M)
         covered = np.isfinite(distance)
         at = np.where(covered, nearest, 0).astype(np.int32)
         offset = uv_m - self.uv_m[at]
         return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
 
-    def hue_at(self, node: Int32, xyz_m: Float64) -> Float64:
-        """Return how points (K, 3) look in the accepted view that saw the node nearby best."""
+    def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
+        """Return the features (K, 3) of points in the accepted view that observed the node best."""
         found = np.full((len(node), 3), np.nan)
         view = self._best_view[node]
         for n in np.unique(view):
             own = np.flatnonzero(view == n)
             rc = project(self._poses[n].apply(xyz_m[own]), self._surfaces[n].frame.intrinsics)
-            found[own] = _read_nearest(self._looks[n], rc)
+            found[own] = _read_nearest(self._textures[n], rc)
         return found
 
 
@@ -181,20 +197,24 @@ def _nearest_isometries(maps: Float64) -> Float64:
     return isometry
 
 
-def _best_looks(shape: JointShape, looks: Mapping[int, Look], number: Int32) -> tuple[Int32, Float64]:
-    """Return for each placed node the sighting that saw it best, and how it looked there (N, 3)."""
+def _best_textures(
+    shape: JointShape, textures: Mapping[int, TextureFeatures], number: Int32
+) -> tuple[Int32, Float64]:
+    """Return for each placed node the observation at least incidence, and its features (N, 3)."""
     incidence = np.full(len(shape.nodes), np.inf)
     view = np.zeros(len(shape.nodes), dtype=np.int32)
-    hue = np.full((len(shape.nodes), 3), np.nan)
-    for n, sighting in enumerate(shape.sightings):
-        better = sighting.incidence_deg < incidence[sighting.node]
-        node = sighting.node[better]
-        incidence[node], view[node] = sighting.incidence_deg[better], n
-        hue[node] = _read_nearest(looks[sighting.view_index].hue, sighting.rc[better])
-    return view[number], hue[number]
+    texture = np.full((len(shape.nodes), 3), np.nan)
+    for n, observation in enumerate(shape.observations):
+        better = observation.incidence_deg < incidence[observation.node]
+        node = observation.node[better]
+        incidence[node], view[node] = observation.incidence_deg[better], n
+        texture[node] = _read_nearest(textures[observation.view_index].texture, observation.rc[better])
+    return view[number], texture[number]
 
 
-def lay(ground: Ground, part: Part, shape_from_part: Rigid2) -> AlignmentScore:
+def score_placement(
+    reference: ReferenceShape, sampled: SampledComponent, shape_from_component: Rigid2
+) -> AlignmentScore:
     """Score a placement.
 
     Returns
@@ -205,63 +225,63 @@ def lay(ground: Ground, part: Part, shape_from_part: Rigid2) -> AlignmentScore:
         color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
         distance in space.
     """
-    c = ground.config
-    uv = shape_from_part.apply(part.uv_m)
-    covered, node, there = ground.under(uv)
-    each_m2 = part.area_m2 / max(len(uv), 1)
+    uv = shape_from_component.apply(sampled.uv_m)
+    covered, node, there = reference.surface_at(uv)
+    each_m2 = sampled.area_m2 / max(len(uv), 1)
     overlap_m2 = float(covered.sum()) * each_m2
     at = np.flatnonzero(covered).astype(np.int32)
-    scale = c.place_std_m + 2.0 * ground.noise_m
+    scale = _PLACE_STD_M + 2.0 * reference.noise_m
     parts = {
         "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
         "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
     }  # fmt: skip
     if at.size:
-        apart = np.linalg.norm(part.xyz_m[at] - there[at], axis=1)
-        facing = (part.normal[at] * ground.normal[node[at]]).sum(axis=1)
+        apart = np.linalg.norm(sampled.xyz_m[at] - there[at], axis=1)
+        facing = (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1)
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
         parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
         parts["place_median_mm"] = 1e3 * float(np.median(apart))
-        up = height_m(part.xyz_m[at], ground._axis) - height_m(there[at], ground._axis)
+        up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there[at], reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
-        parts["color_agreement"] = _color_agreement(ground, part, at, node, there)
-    known = np.flatnonzero(part.node >= 0)
-    own = ground.node_uv(part.node[known])
+        parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
+    known = np.flatnonzero(sampled.node >= 0)
+    own = reference.node_uv(sampled.node[known])
     placed = np.isfinite(own[:, 0])
     if placed.any():
         off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
-        parts["twice_share"] = float((off > c.twice_m).mean())
+        parts["twice_share"] = float((off > _TWICE_M).mean())
         parts["outline_agreement"] = float(covered[known][placed].mean())
     elif at.size:
         parts["twice_share"] = 0.0
-    return AlignmentScore(confidence_of(parts, c), parts)
+    return AlignmentScore(confidence_of(parts), parts, "place_median_mm")
 
 
-def _color_agreement(ground: Ground, part: Part, at: Int32, node: Int32, there: Float64) -> float:
+def _color_agreement(
+    reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
+) -> float:
     """Agreement of color, 0.5 if there is nothing to tell; against what random pairs would give."""
-    c = ground.config
-    seen = ground.hue_at(node[at], there[at])
-    own = part.hue[at]
+    seen = reference.texture_at(node[at], there[at])
+    own = sampled.texture[at]
     known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
     if known.sum() < 10:
         return 0.5
     seen, own = seen[known], own[known]
 
     def disagreement(a: Float64, b: Float64) -> float:
-        square = np.square((a - b) / c.color_std).sum(axis=1)
+        square = np.square((a - b) / _COLOR_STD).sum(axis=1)
         return float((square / (1.0 + square)).mean())
 
     random = np.random.default_rng(0)
     chance = disagreement(seen, own[random.permutation(len(own))])
-    telling = min(1.0, chance / c.telling_color)
+    telling = min(1.0, chance / _TELLING_COLOR)
     return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
 
 
-def confidence_of(parts: Mapping[str, float], config: AgreementConfig) -> float:
+def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
     """Return the chance that a placement with these parts is right (logistic regression)."""
-    logit = sum(w * v for w, v in zip(config.confidence_weights, features_of(parts), strict=True))
+    logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
 
@@ -293,35 +313,34 @@ _FAR_MM = 30.0
 class Refined:
     """A placement after refinement: the motion, and standard deviations of turn (rad), u and v (m)."""
 
-    shape_from_part: Rigid2
+    shape_from_component: Rigid2
     std: Float64
 
 
-def refine(ground: Ground, part: Part, initial: Rigid2, rounds: int = 8) -> Refined:
-    """Move a part on the plane so that its points lie nearest in space to what they cover.
+def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2, rounds: int = 8) -> Refined:
+    """Refine a placement by Gauss-Newton: the points of the component onto the surface they cover in space.
 
     The standard deviations say which directions the cloth in common leaves open: a flat strip under
     a strip, say; where nothing is covered all three are infinite.
     """
-    c = ground.config
     motion = initial
-    reach = c.refine_reach_m
-    scale = c.place_std_m + 2.0 * ground.noise_m
+    reach = _REFINE_RADIUS_M
+    scale = _PLACE_STD_M + 2.0 * reference.noise_m
     hessian = np.zeros((3, 3))
     for _ in range(rounds):
-        uv = motion.apply(part.uv_m)
-        covered, node, there = ground.under(uv)
+        uv = motion.apply(sampled.uv_m)
+        covered, node, there = reference.surface_at(uv)
         at = np.flatnonzero(covered)
         if at.size < 6:
-            return Refined(shape_from_part=motion, std=np.full(3, np.inf))
-        residual = part.xyz_m[at] - there[at]
+            return Refined(shape_from_component=motion, std=np.full(3, np.inf))
+        residual = sampled.xyz_m[at] - there[at]
         size = np.linalg.norm(residual, axis=1)
         weight = 1.0 / np.square(1.0 + np.square(size / reach))
-        weight *= (part.normal[at] * ground.normal[node[at]]).sum(axis=1) > 0.5
+        weight *= (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1) > 0.5
         if weight.sum() < 3.0:
-            return Refined(shape_from_part=motion, std=np.full(3, np.inf))
+            return Refined(shape_from_component=motion, std=np.full(3, np.inf))
         center = uv[at].mean(axis=0)
-        frames = ground.frames[node[at]]
+        frames = reference.frames[node[at]]
         offset = uv[at] - center
         turned = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
         rows = np.concatenate([np.einsum("nij,nj->ni", frames, turned)[:, :, None], frames], axis=2)
@@ -332,37 +351,37 @@ def refine(ground: Ground, part: Part, initial: Rigid2, rounds: int = 8) -> Refi
         reach = max(0.6 * reach, scale)
         if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
             break
-    independent = c.correlated_samples
+    independent = _CORRELATED_SAMPLES
     std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
-    return Refined(shape_from_part=motion, std=std)
+    return Refined(shape_from_component=motion, std=std)
 
 
-def part_of(
+def sample_component(
     uv_m: Float64,
     rc: Int32,
     surface: Surface,
-    own_look: Look,
+    own_texture: TextureFeatures,
     held_from_camera: Rigid3,
-    recognised_rc: Float64,
-    recognised_node: Int32,
+    associated_rc: Float64,
+    associated_node: Int32,
     area_m2: float,
-) -> Part:
-    """Return a part of a view from where its pixels (K, 2) lie on their own plane (K, 2)."""
+) -> SampledComponent:
+    """Return samples of a component at pixels ``rc`` (K, 2), which lie at ``uv_m`` (K, 2) of its plane."""
     at = rc[:, 0], rc[:, 1]
     xyz, normal = held_from_camera.apply_with_normal(
         surface.xyz_m[at].astype(np.float64), surface.normal[at].astype(np.float64)
     )
     node = np.full(len(rc), -1, dtype=np.int32)
-    if len(recognised_rc):
-        distance, nearest = cKDTree(recognised_rc).query(rc, distance_upper_bound=2.0)
+    if len(associated_rc):
+        distance, nearest = cKDTree(associated_rc).query(rc, distance_upper_bound=2.0)
         near = np.isfinite(distance)
-        node[near] = recognised_node[nearest[near]]
-    return Part(
+        node[near] = associated_node[nearest[near]]
+    return SampledComponent(
         uv_m=uv_m,
         rc=rc,
         xyz_m=xyz,
         normal=normal,
-        hue=own_look.hue[at].astype(np.float64),
+        texture=own_texture.texture[at].astype(np.float64),
         node=node,
         area_m2=area_m2,
     )

@@ -1,42 +1,30 @@
 """The joint shapes behind a session's documents: registered, extended by what was accepted, drawn.
 
-Everything is derived from a document and remembered by its prefix, so undo is exact.
+Everything is derived from a document and cached by its prefix, so undo is exact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Protocol
 
 import numpy as np
 
-from flatcloth.core.cache import Memory
-from flatcloth.core.config import Config
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32, Rigid2, RotationAxis
-from flatcloth.flattening.flatten import Flattening
+from flatcloth.core.types import Bool, Float64, Int32, Rigid2
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.base import Canonical
-from flatcloth.methods.robust.compositing import draw_shape, pixel_cost
-from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, reposed
-from flatcloth.methods.robust.observations import Recognised, recognise
+from flatcloth.methods.base import Canonical, Views
+from flatcloth.methods.robust.compositing import composite, pixel_cost
+from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, with_poses
+from flatcloth.methods.robust.observations import Association, associate
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
 from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
-from flatcloth.registration.view_features import Scan, scan
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
-
-class Views(Protocol):
-    """Where the method gets single views from."""
-
-    config: Config
-    axis: RotationAxis
-    held_point_m: Float64
-
-    def flattening(self, view_index: int) -> Flattening:
-        """Return a view's flattened view with its surface."""
-        ...
+_GATE_M = 0.025
+"""Nodes farther than this from where the placement puts them are not taken for the same cloth."""
 
 
 class JointShapes:
@@ -50,12 +38,12 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        self._shapes: Memory[JointShape] = Memory(64)
-        self._drawn: Memory[Canonical] = Memory(16)
-        self._scans: Memory[Scan] = Memory(48)
-        self._registrations: Memory[Registered] = Memory(64)
-        self._labels: Memory[Int32] = Memory(48)
-        self._sighted: Memory[tuple[JointShape, Rigid3, Recognised]] = Memory(4)
+        self._shapes: Cache[JointShape] = Cache(64)
+        self._drawn: Cache[Canonical] = Cache(16)
+        self._features: Cache[ViewFeatures] = Cache(48)
+        self._registrations: Cache[Registered] = Cache(64)
+        self._component_maps: Cache[Int32] = Cache(48)
+        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""
@@ -82,13 +70,12 @@ class JointShapes:
         return {view: self._views.flattening(view).surface for view in shape.views}
 
     def registered(self, views: tuple[int, ...]) -> Registered:
-        """Return where the cameras of views, accepted in this order, stand (remembered)."""
+        """Return where the cameras of views, accepted in this order, stand (cached)."""
         if not views:
-            c = self._config.registration
-            return begin_registration(self._views.axis, self._views.held_point_m, c)
+            return begin_registration(self._views.axis, self._views.held_point_m)
 
         def make() -> Registered:
-            return extend_registration(self.registered(views[:-1]), self._scan(views[-1]))
+            return extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
 
         return self._registrations.get(views, make)
 
@@ -97,76 +84,74 @@ class JointShapes:
         registered = self.registered(views)
         return registered.held_from_camera if registered.is_loose else registered.known
 
-    def _scan(self, view_index: int) -> Scan:
-        return self._scans.get(
-            view_index, lambda: scan(self._views.flattening(view_index).surface, self._config.registration)
+    def _view_features(self, view_index: int) -> ViewFeatures:
+        return self._features.get(
+            view_index, lambda: extract_features(self._views.flattening(view_index).surface)
         )
 
     def _begin(self, start: int) -> JointShape:
         flattening = self._views.flattening(start)
         uv, _ = flattening.carrier.place_all()
-        uv[self.label(start) != 0] = np.nan
-        return begin_joint(
-            flattening.surface, self.poses((start,))[0], uv, self._config.flattening, self._config.joint
-        )
+        uv[self.component_of_pixel(start) != 0] = np.nan
+        return begin_joint(flattening.surface, self.poses((start,))[0], uv, self._config.flattening)
 
-    def recognised(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Recognised]:
+    def associated(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Association]:
         """Return the shape, a view's pose, and the nodes that the view shows, its camera's place known."""
-        return self._recognised(prefix(document), self.shape(document), view_index)
+        return self._associated(prefix(document), self.shape(document), view_index)
 
-    def _recognised(
+    def _associated(
         self, key: Hashable, shape: JointShape, view_index: int
-    ) -> tuple[JointShape, Rigid3, Recognised]:
-        def make() -> tuple[JointShape, Rigid3, Recognised]:
+    ) -> tuple[JointShape, Rigid3, Association]:
+        def make() -> tuple[JointShape, Rigid3, Association]:
             *before, held = self.poses((*shape.views, view_index))
-            moved = reposed(shape, tuple(before))
+            moved = with_poses(shape, tuple(before))
             surface = self._views.flattening(view_index).surface
-            return moved, held, recognise(moved.nodes, surface, held, self._config.joint)
+            return moved, held, associate(moved.nodes, surface, held)
 
-        return self._sighted.get((key, view_index), make)
+        return self._associations.get((key, view_index), make)
 
     def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
-        shape, held, recognised = self._recognised(key, shape, added.view_index)
-        recognised = self._trusted(shape, recognised, added)
-        return extend_joint(shape, surface, held, self._config.flattening, self._config.joint, recognised)
+        shape, held, associated = self._associated(key, shape, added.view_index)
+        associated = self._trusted(shape, associated, added)
+        return extend_joint(shape, surface, held, self._config.flattening, associated)
 
-    def _trusted(self, shape: JointShape, recognised: Recognised, added: Accepted) -> Recognised:
-        """Keep the nodes whose place on the plane fits the accepted placement, part by part.
+    def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
+        """Keep the nodes whose place on the plane fits the accepted placement, component by component.
 
-        Layers that lie on each other are at one place in space. A part whose nodes do not fit a
-        rigid motion on the plane is left for later; where a part was laid by hand against what
-        space says, or where space says nothing, the nodes under it are taken instead.
+        Layers that lie on each other are at one place in space. A component whose nodes do not fit a
+        rigid motion on the plane is not joined yet. If the operator placed a component where few
+        associated nodes lie, the nodes under it on the plane are taken instead.
         """
-        label = self.label(added.view_index)
+        component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
-        pixel = np.rint(recognised.rc).astype(np.int32)
-        part = label[pixel[:, 0], pixel[:, 1]]
-        own, target = carrier.place(pixel), shape.all_uv_m[recognised.node]
+        pixel = np.rint(associated.rc).astype(np.int32)
+        component = component_of_pixel[pixel[:, 0], pixel[:, 1]]
+        own, target = carrier.place(pixel), shape.all_uv_m[associated.node]
         known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0])
         kept = np.ones(len(pixel), dtype=bool)
-        at = np.flatnonzero(known & (part == added.component))
+        at = np.flatnonzero(known & (component == added.component))
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
-        kept[at] = off <= self._config.agreement.gate_m
+        kept[at] = off <= _GATE_M
         by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
-        for component in np.setdiff1d(part, [added.component]):
-            at = np.flatnonzero(known & (part == component))
-            for piece in np.unique(shape.piece[recognised.node[at]]):
-                there = at[shape.piece[recognised.node[at]] == piece]
-                kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
+        for number in np.setdiff1d(component, [added.component]):
+            at = np.flatnonzero(known & (component == number))
+            for piece in np.unique(shape.piece[associated.node[at]]):
+                there = at[shape.piece[associated.node[at]] == piece]
+                kept[there] = _consistent(own[there], target[there], _GATE_M)
         if not by_hand:
-            return _chosen(recognised, kept)
-        under = self._under(shape, added)
-        kept &= (part != added.component) & ~np.isin(recognised.node, under.node)
-        others = _chosen(recognised, kept)
-        return Recognised(
+            return _chosen(associated, kept)
+        under = self._nodes_under(shape, added)
+        kept &= (component != added.component) & ~np.isin(associated.node, under.node)
+        others = _chosen(associated, kept)
+        return Association(
             node=np.concatenate([others.node, under.node]),
             rc=np.concatenate([others.rc, under.rc]),
             incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
         )
 
-    def _under(self, shape: JointShape, added: Accepted) -> Recognised:
-        """Return the nodes that lie on the plane where the part was put by hand."""
+    def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
+        """Return the nodes that lie on the plane where the operator put the component."""
         view = self._views.flattening(added.view_index).components[added.component].view
         surface = self._views.flattening(added.view_index).surface
         placed = np.flatnonzero(shape.has_place).astype(np.int32)
@@ -179,20 +164,20 @@ class JointShapes:
         quality = view.quality
         assert quality is not None
         incidence = quality[rc[inside, 0], rc[inside, 1], 1].astype(np.float64)
-        return Recognised(node=placed[inside], rc=source, incidence_deg=incidence)
+        return Association(node=placed[inside], rc=source, incidence_deg=incidence)
 
     def _draw(self, document: Document, shape: JointShape) -> Canonical:
         surfaces, c = self.surfaces(shape), self._config
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
-        std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
-        loose = undetermined(shape, std, c.uncertainty, c.joint)
-        costs = {view: pixel_cost(surface, c.joint) for view, surface in surfaces.items()}
-        sure, *pieces = [
-            draw_shape(shape, surfaces, self._views.axis, interval, size, costs, uv)
-            for uv in (np.where(loose[:, None], np.nan, shape.uv_m), *floating_pieces(shape, loose))
+        std = placement_std_m(shape, self._views.held_point_m)
+        unreliable = undetermined(shape, std)
+        costs = {view: pixel_cost(surface) for view, surface in surfaces.items()}
+        reliable, *pieces = [
+            composite(shape, surfaces, self._views.axis, interval, size, costs, uv)
+            for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *floating_pieces(shape, unreliable))
         ]
-        view = with_placement_std(sure, shape, np.where(loose, np.nan, std), surfaces, c.uncertainty)
+        view = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces)
         least = c.surface.min_component_area_m2
         return Canonical(
             view=view,
@@ -201,19 +186,21 @@ class JointShapes:
         )
 
     def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
-        """Return for each view the motion that comes nearest to what the joint shape did to its part."""
+        """Return for each view the motion that comes nearest to what the joint shape did to its component."""
         motions = {}
-        for sighting in shape.sightings:
-            view = sighting.view_index
-            pixel = np.rint(sighting.rc).astype(np.int32)
-            own, there = self._views.flattening(view).carrier.place(pixel), shape.all_uv_m[sighting.node]
-            part = self.label(view)[pixel[:, 0], pixel[:, 1]]
-            good = (part == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
+        for observation in shape.observations:
+            view = observation.view_index
+            pixel = np.rint(observation.rc).astype(np.int32)
+            own, there = self._views.flattening(view).carrier.place(pixel), shape.all_uv_m[observation.node]
+            component = self.component_of_pixel(view)[pixel[:, 0], pixel[:, 1]]
+            good = (
+                (component == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
+            )
             motions[view] = fit_rigid2(own[good], there[good]) if good.sum() > 2 else Rigid2()
         return motions
 
-    def label(self, view_index: int) -> Int32:
-        """Return which part of a view's flattened view each pixel (H, W) belongs to, -1 none."""
+    def component_of_pixel(self, view_index: int) -> Int32:
+        """Return the component of the flattened view of each pixel (H, W), -1 none."""
 
         def make() -> Int32:
             flattening = self._views.flattening(view_index)
@@ -223,7 +210,7 @@ class JointShapes:
                 number[level.component[component.members[0]]] = n
             return number[np.where(nearest >= 0, level.component[nearest], -1)]
 
-        return self._labels.get(view_index, make)
+        return self._component_maps.get(view_index, make)
 
 
 def prefix(document: Document) -> Hashable:
@@ -231,14 +218,14 @@ def prefix(document: Document) -> Hashable:
     return (document.start_view, *document.accepted)
 
 
-def _chosen(recognised: Recognised, at: Bool) -> Recognised:
-    return Recognised(
-        node=recognised.node[at], rc=recognised.rc[at], incidence_deg=recognised.incidence_deg[at]
+def _chosen(associated: Association, at: Bool) -> Association:
+    return Association(
+        node=associated.node[at], rc=associated.rc[at], incidence_deg=associated.incidence_deg[at]
     )
 
 
 def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
-    """Tell which points of a part fit one motion to their target; none if fewer than half do."""
+    """Return which points fit one motion to their target; none if fewer than half do."""
     none = np.zeros(len(points), dtype=np.bool_)
     if len(points) < 4:
         return none

@@ -1,7 +1,8 @@
-"""The camera of another program's folder: Open3D's ``intrinsic.json``, or ``calibration.txt``."""
+"""The camera of a folder of images: from the user, ``intrinsic.json`` (Open3D) or ``calibration.txt``."""
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,14 @@ from typing import Any, NoReturn
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
+from flatcloth.recordings.files.depth_files import read_depth_header
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.lens import Lens
 from flatcloth.recordings.files.paths import read_text
+from flatcloth.recordings.files.pcd import camera_of, read_pcd
 from flatcloth.recordings.files.text import shortened
 from flatcloth.recordings.manifest import load_json
+from flatcloth.recordings.source import SourceOptions
 
 JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "camera.json")
 TEXT_NAME = "calibration.txt"
@@ -24,32 +28,37 @@ _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera as a file describes it; ``units_per_m`` of whole-numbered depth, where the file says so.
+    """A camera described by a file or the user; ``units_per_m`` of integer depth, if given.
 
-    ``assumed`` is set if no file described it.
+    ``notes`` are remarks for the operator: the camera is approximate, or assumed.
     """
 
     intrinsics: Intrinsics
     lens: Lens
     units_per_m: float | None = None
-    assumed: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def camera_file(folder: Path) -> Path | None:
-    """Return the file of a folder that describes its camera, if there is one."""
+    """Return the file of a folder that describes its camera; None if there is none."""
     return next((f for name in (*JSON_NAMES, TEXT_NAME) if (f := folder / name).is_file()), None)
 
 
-def read_camera(folder: Path, first_color: Path) -> Camera:
-    """Read the camera of a folder.
+def read_camera(
+    folder: Path, first_color: Path, first_depth: Path, options: SourceOptions | None = None
+) -> Camera:
+    """Return the camera of a folder of images.
 
     Parameters
     ----------
     folder : Path
-        Where ``intrinsic.json`` or ``calibration.txt`` lies. Without either, images of 640x480 px
-        are taken for those of a Kinect, as in the TUM RGB-D data set.
-    first_color : Path
-        Tells the size of the images where the file does not.
+        Folder with ``intrinsic.json`` or ``calibration.txt``, if the user gives no camera. Without
+        either, the camera is computed from depth in organised PCD files, and images of 640x480 px
+        are assumed to be those of a Kinect, as in the TUM RGB-D data set.
+    first_color, first_depth : Path
+        The color image gives the size of the images if the file does not.
+    options : SourceOptions, optional
+        A camera file, or a field of view.
 
     Raises
     ------
@@ -58,16 +67,110 @@ def read_camera(folder: Path, first_color: Path) -> Camera:
     """
     header = read_header(first_color)
     size = (header.width, header.height)
+    given = given_camera(size, options or SourceOptions())
+    if given is not None:
+        return given
     path = camera_file(folder)
-    if path is None:
-        if size != _KINECT[0]:
-            raise RecordingError(
-                f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
-                "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy."
-            )
-        intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
-        return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), assumed=True)
-    return _from_text(path, size) if path.name == TEXT_NAME else _from_json(path, size)
+    if path is not None:
+        return camera_of_file(path, size)
+    if first_depth.suffix.lower() == ".pcd" and read_depth_header(first_depth).kind == "pcd":
+        intrinsics, lens = camera_of(read_pcd(first_depth), first_depth)
+        return Camera(intrinsics=intrinsics, lens=lens)
+    if size != _KINECT[0]:
+        raise RecordingError(
+            f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
+            "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy; or give --camera-file "
+            "or, approximately, --fov."
+        )
+    intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
+    note = (
+        "The camera of this recording is not described; a Kinect's is assumed, with a focal length of "
+        f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
+    )
+    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(note,))
+
+
+def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
+    """Return the camera given by the user, None if there is none.
+
+    If there is a field of view and a path of a camera file that does not exist, the file is written.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Size of the images, pixels.
+    options : SourceOptions
+        The user's options.
+
+    Raises
+    ------
+    RecordingError
+        If the file or the field of view is not valid, or both were given.
+    """
+    path = None if options.camera_file is None else options.camera_file.expanduser()
+    if options.fov_deg is None:
+        return None if path is None else camera_of_file(path, size)
+    if path is not None and path.exists():
+        raise RecordingError(f"{path}: given together with --fov. Give only one of them.")
+    intrinsics = camera_of_fov(size, options.fov_deg)
+    if path is not None:
+        write_camera_file(path, intrinsics, rough=True)
+    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(_rough(intrinsics),))
+
+
+def camera_of_file(path: Path, size: tuple[int, int]) -> Camera:
+    """Read a camera file: a line of numbers in a ``.txt``, otherwise JSON.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or not valid, or describes images of another size.
+    """
+    return _from_text(path, size) if path.suffix.lower() == ".txt" else _from_json(path, size)
+
+
+def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
+    """Return the camera with a field of view (horizontal, vertical) and its axis in the image centre.
+
+    Raises
+    ------
+    RecordingError
+        If the field of view is out of range.
+    """
+
+    def fail(cause: str, remedy: str) -> NoReturn:
+        raise RecordingError(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}: {cause}. {remedy}")
+
+    if not all(5 <= angle <= 150 for angle in fov_deg):
+        fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
+    # The image ends half a pixel beyond the centre of its outermost pixels.
+    fx, fy = (n / 2 / math.tan(math.radians(angle) / 2) for n, angle in zip(size, fov_deg, strict=True))
+    return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
+
+
+def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> None:
+    """Write a camera file (JSON), which records whether the camera is approximate.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be written.
+    """
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    table = {name: round(float(getattr(intrinsics, name)), 4) for name in names}
+    table |= {"width": intrinsics.width, "height": intrinsics.height}
+    try:
+        path.write_text(json.dumps({**table, "rough": rough}, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror}). Choose another path.") from error
+
+
+def _rough(intrinsics: Intrinsics) -> str:
+    return (
+        f"The camera is approximate, from a field of view only (focal length {intrinsics.fx:.0f} and "
+        f"{intrinsics.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
+        "calibrate the camera before measuring."
+    )
 
 
 def _failing(path: Path) -> Any:
@@ -85,9 +188,7 @@ def _from_text(path: Path, size: tuple[int, int]) -> Camera:
     except ValueError:
         numbers = []
     if len(numbers) - 4 not in _LENSES or not all(map(math.isfinite, numbers)):
-        fail(
-            "is not a line of numbers", "Write fx fy cx cy, and k1 k2 p1 p2 k3 behind them if there are any."
-        )
+        fail("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
     fx, fy, cx, cy, *distortion = numbers
     intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
     lens = checked_lens(intrinsics, distortion, fail, model=_LENSES[len(distortion)])
@@ -110,7 +211,7 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     if given != size:
         fail(
             f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
-            "Write the camera of these images.",
+            "Describe the camera of these images.",
         )
     if "intrinsic_matrix" in table:
         fx, fy, cx, cy = _of_matrix(
@@ -127,12 +228,13 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     scale = table.get("depth_scale")
     units_per_m = None if scale is None else number(scale, "depth_scale")
     if units_per_m is not None and not 10 <= units_per_m <= 1e6:
-        fail(f"depth_scale is {units_per_m:g}", "It is the depth units per metre, 1000 for millimetres.")
-    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m)
+        fail(f"depth_scale is {units_per_m:g}", "Give the depth units per metre, 1000 for millimetres.")
+    notes = (_rough(intrinsics),) if table.get("rough") is True else ()
+    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m, notes=notes)
 
 
 def _flat(matrix: Any) -> list[Any]:
-    """Return the nine values by columns, as Open3D writes them; rows of rows are turned."""
+    """Return the nine values by columns, as Open3D writes them; nested rows are transposed."""
     if (
         isinstance(matrix, list)
         and len(matrix) == 3
@@ -144,7 +246,7 @@ def _flat(matrix: Any) -> list[Any]:
 
 def _of_matrix(m: list[float], fail: Any) -> tuple[float, float, float, float]:
     if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
-        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # was written by rows
+        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # written by rows
     if len(m) != 9 or m[8] != 1 or any(m[i] for i in (1, 2, 5)):
-        fail("intrinsic_matrix is no camera's", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
+        fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
     return m[0], m[4], m[6], m[7]

@@ -17,7 +17,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2, finite
-from flatcloth.engine.repair import PairFit, Reach, apart_mm, fit_pairs
+from flatcloth.engine.repair import PairFit, Reach, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import nudge_about
@@ -33,7 +33,7 @@ _STILL_MM = 0.05
 _STILL_DEG = 0.005
 
 
-class RepairBench:
+class RepairService:
     """Computes what repairs need; its methods may be called from any thread and return at once.
 
     Parameters
@@ -79,7 +79,7 @@ class RepairBench:
                 failed(str(error))
             except Exception as error:  # noqa: BLE001 - told and logged
                 _log.exception("a refinement failed")
-                failed(f"Unexpected error while refining: {error!r}. The terminal shows more.")
+                failed(f"Unexpected error while refining: {error!r}. See the terminal.")
             else:
                 done(found)
 
@@ -95,7 +95,7 @@ class RepairBench:
             told = {"why": str(error)}
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a preview could not be computed")
-            told = {"why": f"Unexpected error: {error!r}. The terminal shows more."}
+            told = {"why": f"Unexpected error: {error!r}. See the terminal."}
         else:
             told = told_reach(found)
         self._tell(client, {"type": "preview", "id": number, **told})
@@ -123,7 +123,7 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     FlatclothError
         If the view has no such part.
     """
-    parts = () if overlay is None else overlay.proposal.placing.parts
+    parts = () if overlay is None else overlay.proposal.placement.parts
     part = next((p for p in parts if p.component == component), None)
     if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
         raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
@@ -134,9 +134,9 @@ def told_reach(found: Reach) -> dict[str, Any]:
     """Return what a tab is told of a placement and of what refining it reaches."""
     return {
         "score": finite(found.score.total),
-        "apart_mm": apart_mm(found.score),
+        "apart_mm": found.score.apart_mm,
         "reached_score": finite(found.refined_score.total),
-        "reached_apart_mm": apart_mm(found.refined_score),
+        "reached_apart_mm": found.refined_score.apart_mm,
     }
 
 

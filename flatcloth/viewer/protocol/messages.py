@@ -1,211 +1,213 @@
-"""What the page may say to the server: parsed strictly, so that a bad message is only a notification."""
+"""What the page may say to the server: parsed strictly, so that a bad message is only a notification.
+
+Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
+which the page's own types can be generated. Bounds stand in the types: whatever number comes in, a
+garment and its plane hold it.
+"""
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Literal
 
+import msgspec
+from msgspec import Meta, inspect
+
+from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
 from flatcloth.rendering.layers import LAYERS
+from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 
 MAX_MESSAGE_CHARS = 100_000
 MAX_NAME_CHARS = 80
 MAX_FPS = 240.0
-
-
 MAX_PAIRS = 50
+MAX_ANGLE_DEG = 3600.0
 
-Numbers = tuple[float, ...]
-Points = tuple[tuple[float, float], ...]
+Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
+"""A place on a garment's plane, or a shift there."""
+Pointed = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+"""Where the pointer is, in metres of the plane: also far off the garment, where the page is zoomed out."""
+Radians = Annotated[float, Meta(ge=-100.0, le=100.0)]
+Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
+Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+"""A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
+Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]
+Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
+
+SessionAction = Literal[
+    "step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"
+]
+CaptureAction = Literal["begin", "keep", "repeat", "turned", "aim", "finish"]
 
 
 class MessageError(FlatclothError):
     """A message that the page's server does not understand; names the field and what was expected."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Do:
+class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
+    """What all messages of the page have in common: their ``type``."""
+
+
+class Do(_Said, tag="do", frozen=True, kw_only=True):
     """Perform a session action; ``view_index`` is the view the user means, if the action has one."""
 
-    action: str
-    view_index: int | None = None
+    action: SessionAction
+    view_index: Count | None = None
     reason: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Move:
+class Move(_Said, tag="move", frozen=True, kw_only=True):
     """Move the pending view: turn about its own centre, then shift on the plane."""
 
-    view_index: int
-    theta_rad: float = 0.0
-    u_m: float = 0.0
-    v_m: float = 0.0
+    view_index: Count
+    theta_rad: Radians = 0.0
+    u_m: Metres = 0.0
+    v_m: Metres = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Choose:
+class Choose(_Said, tag="choose", frozen=True, kw_only=True):
     """Lay the pending view where one of its hypotheses says; ``index`` 0 is the best."""
 
-    view_index: int
-    index: int
+    view_index: Count
+    index: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class Preview(Move):
+class Preview(Move, tag="preview", frozen=True, kw_only=True):
     """Ask how the pending view would fit if it were moved so; ``id`` comes back with the answer."""
 
-    id: int
+    id: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class TakePart:
+class TakePart(_Said, tag="take_part", frozen=True, kw_only=True):
     """Place another connected part of the pending view, the largest being 0."""
 
-    view_index: int
-    component: int
+    view_index: Count
+    component: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class Refine:
+class Refine(_Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
-    view_index: int
+    view_index: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pairs:
+class Pairs(_Said, tag="pairs", frozen=True, kw_only=True):
     """Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so.
 
     ``weights`` one a pair. Without ``fit`` only the residuals are asked for.
     """
 
-    view_index: int
+    view_index: Count
     new_uv_m: Points
     shape_uv_m: Points
-    weights: Numbers
+    weights: Weights
     fit: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hover:
+class Hover(_Said, tag="hover", frozen=True, kw_only=True):
     """Ask for all attributes at a place of the plane; ``id`` comes back with the answer.
 
     ``view`` asks where it falls in the source image of a view, too.
     """
 
-    id: int
-    u_m: float
-    v_m: float
-    view: int | None = None
+    id: Count
+    u_m: Pointed
+    v_m: Pointed
+    view: Count | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measure:
+class Measure(_Said, tag="measure", frozen=True, kw_only=True):
     """Ask for the distance between two places of the plane; ``id`` comes back with the answer."""
 
-    id: int
-    from_u_m: float
-    from_v_m: float
-    to_u_m: float
-    to_v_m: float
+    id: Count
+    from_u_m: Pointed
+    from_v_m: Pointed
+    to_u_m: Pointed
+    to_v_m: Pointed
 
 
-@dataclass(frozen=True, kw_only=True)
-class PickAt:
+class PickAt(_Said, tag="pick", frozen=True, kw_only=True):
     """Pick the cloth at (or nearest to) a place of the plane.
 
     ``revision`` tells which picture the user saw; only frames of live mode change fast enough for
     that to matter.
     """
 
-    u_m: float
-    v_m: float
-    revision: int | None = None
+    u_m: Pointed
+    v_m: Pointed
+    revision: Count | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShowPick:
+class ShowPick(_Said, tag="show_pick", frozen=True, kw_only=True):
     """Make a pick of the list the current one; None: none is current."""
 
-    id: int | None = None
+    id: Count | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class RenamePick:
+class RenamePick(_Said, tag="rename_pick", frozen=True, kw_only=True):
     """Give a pick of the list another name."""
 
-    id: int
-    name: str
+    id: Count
+    name: Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DeletePick:
+class DeletePick(_Said, tag="delete_pick", frozen=True, kw_only=True):
     """Delete a pick from the list."""
 
-    id: int
+    id: Count
 
 
-@dataclass(frozen=True, kw_only=True)
-class SetGrip:
+class SetGrip(_Said, tag="grip", frozen=True, kw_only=True):
     """Change how a pick is gripped: ``axis_deg`` on the plane (u towards v) or along the outline; opening."""
 
-    id: int
-    axis_deg: float | None = None
+    id: Count
+    axis_deg: Degrees | None = None
     outline: bool | None = None
-    opening_m: float | None = None
+    opening_m: Metres | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class SetAuto:
+class SetAuto(_Said, tag="auto", frozen=True, kw_only=True):
     """Switch Auto on or off."""
 
     running: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Set:
+class Set(_Said, tag="set", frozen=True, kw_only=True):
     """Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before."""
 
     reset: bool = False
-    auto_threshold: float | None = None
+    auto_threshold: Finite | None = None
     advance: bool | None = None
     follow: bool | None = None
-    step_mm: float | None = None
-    step_deg: float | None = None
+    step_mm: Finite | None = None
+    step_deg: Finite | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShowEdges:
+class ShowEdges(_Said, tag="edges", frozen=True, kw_only=True):
     """Draw the edges that the flattening strained in the 3D scene as well, or not."""
 
     show: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Play:
+class Play(_Said, tag="play", frozen=True, kw_only=True):
     """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
 
     playing: bool | None = None
     forward: bool | None = None
-    fps: float | None = None
-    frame: int | None = None
-    step: int | None = None
+    fps: Annotated[float, Meta(gt=0.0, le=MAX_FPS)] | None = None
+    frame: Count | None = None
+    step: Count | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Capture:
+class Capture(_Said, tag="capture", frozen=True, kw_only=True):
     """Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish."""
 
-    action: str
-    angle_deg: float | None = None
+    action: CaptureAction
+    angle_deg: Degrees | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ready:
+class Ready(_Said, tag="ready", frozen=True, kw_only=True):
     """Live mode: the tab has drawn what it was sent, and takes the next frame with this layer."""
 
     layer: str
@@ -234,33 +236,7 @@ Message = (
     | Capture
 )
 
-KINDS: dict[str, type[Message]] = {
-    "do": Do,
-    "move": Move,
-    "choose": Choose,
-    "preview": Preview,
-    "refine": Refine,
-    "take_part": TakePart,
-    "pairs": Pairs,
-    "hover": Hover,
-    "measure": Measure,
-    "pick": PickAt,
-    "show_pick": ShowPick,
-    "rename_pick": RenamePick,
-    "delete_pick": DeletePick,
-    "grip": SetGrip,
-    "auto": SetAuto,
-    "set": Set,
-    "edges": ShowEdges,
-    "play": Play,
-    "ready": Ready,
-    "capture": Capture,
-}
-
-CAPTURE_ACTIONS = frozenset({"begin", "keep", "repeat", "turned", "aim", "finish"})
-SESSION_ACTIONS = frozenset(
-    {"step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"}
-)
+KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
 
 
 def parse(text: str) -> Message:
@@ -274,75 +250,62 @@ def parse(text: str) -> Message:
     if len(text) > MAX_MESSAGE_CHARS:
         raise MessageError(f"A message of {len(text)} characters is too long; reload the page.")
     try:
-        raw = json.loads(text)
-    except ValueError as error:
+        message: Message = _DECODER.decode(text)
+    except msgspec.ValidationError as error:
+        raise _not_understood(text) from error
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
         raise MessageError(f"A message was not JSON ({error}); reload the page.") from error
-    if not isinstance(raw, dict):
-        raise MessageError("A message was not a JSON object; reload the page.")
-    kind = raw.pop("type", None)
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise MessageError(f"Unknown message type {kind!r}; known are {', '.join(KINDS)}.")
-    message = _fill(KINDS[kind], kind, raw)
     _check(message)
     return message
 
 
-def _fill(target: type[Message], kind: str, raw: Mapping[str, Any]) -> Message:
-    known = {f.name: f for f in fields(target)}
-    for name in raw:
-        if name not in known:
-            raise MessageError(f"Message {kind!r}: no field {name!r}; known are {', '.join(known)}.")
-    values = {name: _value(kind, name, str(f.type), raw[name]) for name, f in known.items() if name in raw}
+_DECODER = msgspec.json.Decoder(Message)
+
+
+def _not_understood(text: str) -> MessageError:
+    """Say what is wrong with a message that is JSON."""
     try:
-        return target(**values)
-    except TypeError as error:
-        raise MessageError(f"Message {kind!r}: a field is missing ({error}).") from error
+        raw = parse_json(text)
+    except ValueError as error:
+        return MessageError(f"A message was not JSON ({error}); reload the page.")
+    if not isinstance(raw, dict):
+        return MessageError("A message was not a JSON object; reload the page.")
+    kind = raw.get("type")
+    if not isinstance(kind, str) or kind not in KINDS:
+        return MessageError(f"Unknown message type {kind!r:.60}; known are {', '.join(KINDS)}.")
+    try:
+        fitted(raw, KINDS[kind])
+    except MisfitError as error:
+        if error.found == UNKNOWN:
+            known = ", ".join(KINDS[kind].__struct_fields__)
+            return MessageError(f"Message {kind!r}: no field {error.where!r:.60}; known are {known}.")
+        return MessageError(f"Message {kind!r}: {error}{_known(KINDS[kind], error)}.")
+    return MessageError(f"Message {kind!r} was not understood; reload the page.")
 
 
-def _value(kind: str, name: str, hint: str, value: Any) -> Any:
-    if value is None and hint.endswith("| None"):
-        return None
-    wanted = hint.removesuffix(" | None")
-    if wanted == "float" and _is_number(value):
-        return float(value)
-    if wanted == "Numbers" and isinstance(value, list) and all(map(_is_number, value)):
-        return tuple(map(float, value))
-    if wanted == "Points" and isinstance(value, list) and all(map(_is_point, value)):
-        return tuple((float(u), float(v)) for u, v in value)
-    if wanted == "int" and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53:
-        return value
-    if wanted == "str" and isinstance(value, str):
-        return value
-    if wanted == "bool" and isinstance(value, bool):
-        return value
-    raise MessageError(f"Message {kind!r}: {name} must be of type {hint}, not {value!r:.60}.")
+def _known(kind: type[_Said], error: MisfitError) -> str:
+    """List the values of a field that has a few."""
+    field = next((f for f in _fields_of(kind) if f.name == error.where), None)
+    if field is None or not isinstance(field.type, inspect.LiteralType):
+        return ""
+    return f": {', '.join(map(str, field.type.values))}"
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_point(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
+def _fields_of(kind: type[_Said]) -> tuple[inspect.Field, ...]:
+    about = inspect.type_info(kind)
+    assert isinstance(about, inspect.StructType)
+    return about.fields
 
 
 def _check(message: Message) -> None:
     match message:
-        case Do(action=action) if action not in SESSION_ACTIONS:
-            known = ", ".join(sorted(SESSION_ACTIONS))
-            raise MessageError(f"Unknown action {action!r:.60}; known are {known}.")
         case Do(action="view" | "reopen" as action, view_index=None):
             raise MessageError(f"Action {action!r} needs a view_index.")
         case Do(reason=str(reason)) if reason not in REJECT_REASONS:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
-        case Pairs(weights=weights) if len(weights) > MAX_PAIRS or any(w <= 0 for w in weights):
-            raise MessageError(f"There are up to {MAX_PAIRS} pairs, and their weights are above 0.")
-        case Play(fps=float(fps)) if not 0 < fps <= MAX_FPS:
-            raise MessageError(f"The frame rate lies above 0 and up to {MAX_FPS:g}, not at {fps:g}.")
-        case Capture(action=action, angle_deg=angle):
-            if action not in CAPTURE_ACTIONS or (action == "aim") != (angle is not None):
-                raise MessageError(f"A capture cannot {action!r:.40}; only aiming has an angle.")
+        case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
+            raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
         case Ready(layer=layer) if layer not in LAYERS:
             raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
-        case RenamePick(name=name) if not name.strip() or len(name) > MAX_NAME_CHARS:
+        case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

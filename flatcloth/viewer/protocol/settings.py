@@ -10,13 +10,12 @@ import ast
 import dataclasses
 import inspect
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse
@@ -24,7 +23,9 @@ from starlette.routing import Route
 
 from flatcloth.core import config as numbers
 from flatcloth.core.config import Config
+from flatcloth.core.decoding import decoded, fitted
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain, replace_file
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"
@@ -39,6 +40,13 @@ class Settings:
     follow: bool = True
     step_mm: float = 2.0
     step_deg: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(Settings):
+    """The settings as they are kept."""
+
+    format: Literal["flatcloth-settings/1"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +99,7 @@ SETTINGS = (
 )
 
 
-class SettingsBook:
+class SettingsStore:
     """The settings of a session; ``folder`` None keeps them in memory only. Used by one thread.
 
     Raises
@@ -140,11 +148,9 @@ class SettingsBook:
 
     def _keep(self, settings: Settings) -> None:
         if self._path is not None:
-            draft = self._path.with_name(f".{FILE}.partial")
             content = {"format": FORMAT, **dataclasses.asdict(settings)}
             try:
-                draft.write_text(json.dumps(content, indent=1) + "\n")
-                os.replace(draft, self._path)
+                replace_file(self._path, json.dumps(content, indent=1).encode() + b"\n")
             except OSError as error:
                 raise FlatclothError(
                     f"{self._path}: cannot be written ({error.strerror}). Nothing was set; make room."
@@ -167,22 +173,16 @@ def check(setting: Setting, value: float | bool | None) -> None:
 
 def _read(path: Path, defaults: Settings) -> Settings:
     try:
-        content = json.loads(path.read_bytes())
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}")
-        values: dict[str, Any] = {}
+        kept = fitted({**dataclasses.asdict(defaults), **decoded(read_plain(path), dict[str, Any])}, _File)
+        values = {setting.name: getattr(kept, setting.name) for setting in SETTINGS}
         for setting in SETTINGS:
-            value = content.get(setting.name, getattr(defaults, setting.name))
-            if isinstance(value, bool) != (setting.low is None):
-                raise ValueError(f"{setting.name} is {value!r:.40}")
-            check(setting, value)
-            values[setting.name] = value
+            check(setting, values[setting.name])
         return Settings(**values)
     except FileNotFoundError:
         return defaults
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, FlatclothError) as error:
+    except (ValueError, FlatclothError) as error:
         raise FlatclothError(f"{path}: is damaged ({error}). Delete it: all is as at first then.") from error
 
 

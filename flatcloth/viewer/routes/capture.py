@@ -8,10 +8,9 @@ understood), 404 (no such address), 409 (not allowed now) or 503 (the camera has
 
 from __future__ import annotations
 
-import json
-import math
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
+import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -19,7 +18,9 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 
+MAX_BODY_BYTES = 10_000
 _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
 
 
@@ -63,7 +64,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
         angle_deg, keeps_itself = None, False
         if word == "angle":
             try:
-                angle_deg, keeps_itself = _announcement(await request.body())
+                angle_deg, keeps_itself = _announcement(await _body(request))
             except ValueError as error:
                 return _refused(str(error), 400)
         try:
@@ -82,20 +83,36 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
     ]
 
 
+async def _body(request: Request) -> bytes:
+    """Return what was sent, as long as it is no more than an announcement can be."""
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MAX_BODY_BYTES:
+            raise ValueError(f"That was longer than {MAX_BODY_BYTES} bytes; an angle takes some 20.")
+    return body
+
+
+class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The body of ``POST /capture/angle``; without ``keep`` the view keeps itself."""
+
+    angle_deg: Annotated[float, msgspec.Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
+    keep: bool = True
+
+
 def _announcement(body: bytes) -> tuple[float, bool]:
-    """Read ``{"angle_deg": 20.0, "keep": true}``; without ``keep`` the view keeps itself."""
     wanted = 'Send JSON: {"angle_deg": 20.0}, and "keep": false if an operator decides.'
     try:
-        given = json.loads(body[:10_000])
-    except ValueError as error:
+        given = msgspec.json.decode(body, type=_Announcement)
+    except msgspec.ValidationError as error:
+        if "unknown field" in str(error):
+            raise ValueError(f"That has other fields. {wanted}") from error
+        raise ValueError(
+            f"angle_deg must be a number up to {MAX_ANGLE_DEG:g}, and keep true or false. {wanted}"
+        ) from error
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"That was not JSON. {wanted}") from error
-    if not isinstance(given, dict) or set(given) - {"angle_deg", "keep"}:
-        raise ValueError(f"That has other fields. {wanted}")
-    angle_deg, keep = given.get("angle_deg"), given.get("keep", True)
-    known = isinstance(keep, bool) and not isinstance(angle_deg, bool)
-    if not known or not isinstance(angle_deg, int | float) or not math.isfinite(angle_deg):
-        raise ValueError(f"angle_deg must be a number, and keep true or false. {wanted}")
-    return float(angle_deg), keep
+    return given.angle_deg, given.keep
 
 
 def _refused(text: str, status: int) -> Response:

@@ -21,7 +21,7 @@ from flatcloth.export.session import OpenedSession, of_page
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
         from flatcloth.export.outline import outline_text
 
-        return outline_text(session.view, session.story.recording_name, suffix).encode()
+        return outline_text(session.view, session.history.recording_name, suffix).encode()
 
     return make
 
@@ -85,7 +85,7 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
 """What can be asked for: the media type, and what makes it."""
 
 
-class ExportDesk:
+class ExportRoutes:
     """Makes exports, one at a time: they take all the processor that there is.
 
     Parameters
@@ -111,9 +111,7 @@ class ExportDesk:
             return PlainTextResponse(str(error), status_code=409)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the export of %s failed", name)
-            return PlainTextResponse(
-                f"Unexpected error: {error!r}. The terminal shows more.", status_code=500
-            )
+            return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         # As a file to keep, never shown in the page's own place: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
         return Response(data, media_type=KINDS[name][0], headers=headers)

@@ -25,15 +25,15 @@ from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.resources import static_folder
-from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.modes.player import Player
 from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.modes.teaching import TeachingDesk
+from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.routes.exports import ExportDesk
-from flatcloth.viewer.routes.layers import PngDesk
-from flatcloth.viewer.routes.sources import SourceDesk
+from flatcloth.viewer.routes.exports import ExportRoutes
+from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.hub import Hub, Tab
@@ -41,7 +41,7 @@ from flatcloth.viewer.server.relay import relay
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.session.journal import SessionFolder
+    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        What to show, see :class:`flatcloth.viewer.modes.controller.PageDesk`.
+        What to show, see :class:`flatcloth.viewer.modes.controller.PageController`.
     host : str
         Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
     port : int
@@ -71,7 +71,7 @@ class PageServer:
         Given for live mode: flattens the frames that are played.
     fps : float
         In live mode, frames a second to begin with.
-    desk : callable, optional
+    controller : callable, optional
         Makes the application of another mode, such as that of a camera.
     """
 
@@ -84,7 +84,7 @@ class PageServer:
         port: int = 8080,
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
-        desk: Callable[[Stage, Audience], PageDesk] | None = None,
+        controller: Callable[[SceneView, ClientSink], PageController] | None = None,
     ) -> None:
         self._integration = integration
         self._socket = bind(host, port)
@@ -95,9 +95,9 @@ class PageServer:
         axis = integration.axis
         self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
         self._hub = Hub()
-        self.application: PageDesk
-        if desk is not None:
-            self.application = desk(self._scene, self._hub)
+        self.application: PageController
+        if controller is not None:
+            self.application = controller(self._scene, self._hub)
         elif player is not None:
             self.application = LiveApplication(integration, folder, self._scene, self._hub, player, fps)
         else:
@@ -108,10 +108,10 @@ class PageServer:
         if isinstance(self.application, Application):
             self._scene.offer_clouds(integration)
             self._scene.offer_axis(self.application.adjust_axis)
-        self._pngs = PngDesk(self.application, integration)
-        self._sources = SourceDesk(self.application, integration)
-        self._teaching = TeachingDesk(integration)
-        self._exports = ExportDesk(integration, folder)
+        self._pngs = LayerRoutes(self.application, integration)
+        self._sources = SourceRoutes(self.application, integration)
+        self._teaching = TeachingRoutes(integration)
+        self._exports = ExportRoutes(integration, folder)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
@@ -292,14 +292,14 @@ def serve(
     port: int = 8080,
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
-    desk: Callable[[Stage, Audience], PageDesk] | None = None,
+    controller: Callable[[SceneView, ClientSink], PageController] | None = None,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, player, fps, desk
+    integration, folder, host, port, player, fps, controller
         See :class:`PageServer`.
     open_url
         Called with the page's address once it answers; the default prints it.
@@ -309,7 +309,9 @@ def serve(
     ServerError
         If the address cannot be bound.
     """
-    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps, desk=desk) as server:
+    with PageServer(
+        integration, folder, host=host, port=port, player=player, fps=fps, controller=controller
+    ) as server:
         (open_url or _print_url)(server.url)
         try:
             server.join()

@@ -4,7 +4,8 @@ import numpy as np
 from scenes import Cylinder, placement_error_m, sheet, views
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.methods.paper.merging import begin, place, renew
+from flatcloth.flattening.resampling import place
+from flatcloth.methods.paper.merging import begin, renew
 from flatcloth.session.machine import Side
 
 

@@ -9,12 +9,22 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import JointConfig, UncertaintyConfig
-from flatcloth.methods.robust.articulated import Hinged, bodies, limp, nearest_body, swung
+from flatcloth.methods.robust.articulated import (
+    FlexibleSheet,
+    flexible,
+    nearest_rigid_part,
+    rigid_parts,
+    settle_flexible,
+)
 from flatcloth.methods.robust.observations import _offsets
-from flatcloth.methods.robust.uncertainty import _layer_rims, placement_std_m, undetermined
+from flatcloth.methods.robust.uncertainty import (
+    LEAST_STD_M,
+    MOST_STD_M,
+    _layer_rims,
+    placement_std_m,
+    undetermined,
+)
 
-CONFIG = JointConfig()
 STEP_M = 0.008
 
 
@@ -33,12 +43,12 @@ def plates(neck: int, gap: float = 0.064) -> tuple[np.ndarray, np.ndarray, np.nd
     return uv, edges, plate
 
 
-def sheet(uv: np.ndarray, edges: np.ndarray, noise_m: float = 0.0) -> Hinged:
+def sheet(uv: np.ndarray, edges: np.ndarray, noise_m: float = 0.0) -> FlexibleSheet:
     """The pairs as one view sees them that looks along the normal."""
     z = uv @ np.array([1.0, 1j])
     along = z[edges[:, 1]] - z[edges[:, 0]]
     length = np.abs(along) + noise_m * np.random.default_rng(0).standard_normal(len(edges))
-    return Hinged(
+    return FlexibleSheet(
         edges=edges,
         member=edges,
         n_members=len(uv),
@@ -58,36 +68,36 @@ def turned_about(uv: np.ndarray, which: np.ndarray, center: np.ndarray, degrees:
 
 def test_plates_on_a_strip_are_two_parts_and_the_strip_is_none() -> None:
     uv, edges, plate = plates(neck=2)
-    body = bodies(uv, edges, CONFIG)
-    assert len(set(body[plate == 0])) == len(set(body[plate == 1])) == 1
-    assert body[0] != body[plate == 1][0]
-    assert (body[plate == 2] == -1).any()
-    assert limp(body, edges).any()
-    nearest = nearest_body(uv, edges, body)
+    rigid_part = rigid_parts(uv, edges)
+    assert len(set(rigid_part[plate == 0])) == len(set(rigid_part[plate == 1])) == 1
+    assert rigid_part[0] != rigid_part[plate == 1][0]
+    assert (rigid_part[plate == 2] == -1).any()
+    assert flexible(rigid_part, edges).any()
+    nearest = nearest_rigid_part(uv, edges, rigid_part)
     assert (nearest >= 0).all()
-    assert set(nearest[plate == 0]) == {body[0]}
+    assert set(nearest[plate == 0]) == {rigid_part[0]}
 
 
 def test_plates_that_are_joined_all_along_are_one_part() -> None:
     uv, edges, _ = plates(neck=2, gap=STEP_M)
-    body = bodies(uv, edges, CONFIG)
-    assert set(body) == {0}
+    rigid_part = rigid_parts(uv, edges)
+    assert set(rigid_part) == {0}
 
 
 def test_parts_that_overlap_on_the_plane_stay_apart() -> None:
     uv, edges, plate = plates(neck=2)
     folded = uv.copy()
     folded[plate == 1] -= (0.1, 0.0)
-    body = bodies(folded, edges, CONFIG)
-    assert set(body[plate == 0]).isdisjoint(body[plate == 1])
+    rigid_part = rigid_parts(folded, edges)
+    assert set(rigid_part[plate == 0]).isdisjoint(rigid_part[plate == 1])
 
 
 @pytest.mark.parametrize("degrees", [-25.0, 8.0])
 def test_a_hinge_turns_to_where_directions_say(degrees: float) -> None:
     uv, edges, plate = plates(neck=1)
-    body = bodies(uv, edges, CONFIG)
-    start = turned_about(uv, body == body[plate == 1][0], np.array([0.15, 0.04]), degrees)
-    found = swung(start, sheet(uv, edges), CONFIG)
+    rigid_part = rigid_parts(uv, edges)
+    start = turned_about(uv, rigid_part == rigid_part[plate == 1][0], np.array([0.15, 0.04]), degrees)
+    found = settle_flexible(start, sheet(uv, edges))
     assert np.abs(found[plate == 0] - uv[plate == 0]).max() < 1e-6
     assert np.linalg.norm(found - uv, axis=1).max() < 5e-4
 
@@ -95,14 +105,14 @@ def test_a_hinge_turns_to_where_directions_say(degrees: float) -> None:
 def test_a_sheet_without_strips_is_left_alone() -> None:
     uv = grid(12, 12, (0.0, 0.0))
     edges = cKDTree(uv).query_pairs(1.5 * STEP_M, output_type="ndarray").astype(np.int32)
-    assert swung(uv, sheet(uv, edges), CONFIG) is uv
+    assert settle_flexible(uv, sheet(uv, edges)) is uv
 
 
 def test_contradicted_pairs_do_not_stop_it() -> None:
     uv, edges, plate = plates(neck=2)
     seen = sheet(uv, edges)
     seen.weight[:] = np.where((plate[edges] == 2).all(axis=1), 0.0, 1.0)
-    assert np.isfinite(swung(uv, seen, CONFIG)).all()
+    assert np.isfinite(settle_flexible(uv, seen)).all()
 
 
 def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
@@ -134,7 +144,7 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
             placed=np.ones(len(uv), dtype=bool),
             uv_m=uv,
             weight=np.ones(len(edges)),
-            sightings=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
+            observations=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
         ),
     )
 
@@ -142,10 +152,9 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
 def std_of_far_plate(neck: int, gap: float) -> tuple[float, np.ndarray]:
     uv, edges, plate = plates(neck, gap)
     shape = shape_of(uv, edges, plate)
-    config = UncertaintyConfig()
-    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
+    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     assert np.median(std[plate == 0]) < 0.003
-    return float(np.median(std[plate == 1])), undetermined(shape, std, config, CONFIG)[plate == 1]
+    return float(np.median(std[plate == 1])), undetermined(shape, std)[plate == 1]
 
 
 def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
@@ -154,18 +163,18 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     string_m, string_floats = std_of_far_plate(neck=1, gap=0.12)
     assert wide_m < 0.005 < strip_m < string_m
     assert not wide_floats.any()
-    assert string_m > UncertaintyConfig().most_std_m
+    assert string_m > MOST_STD_M
     assert string_floats.all()
 
 
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
     uv, edges, plate = plates(2, STEP_M)
-    shape, config = shape_of(uv, edges, plate), UncertaintyConfig()
+    shape = shape_of(uv, edges, plate)
     corner = int(uv.sum(axis=1).argmax())
-    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
-    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner], config, CONFIG)
+    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
+    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner])
     assert held_here[corner] > 2.0 * held_far[corner]
-    assert min(held_far.min(), held_here.min()) >= config.least_m
+    assert min(held_far.min(), held_here.min()) >= LEAST_STD_M
 
 
 def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
@@ -183,7 +192,7 @@ def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
             inverse_depth=np.where(depth > 0, 1.0, 0.0),
         ),
     )
-    rims = _layer_rims(surface, UncertaintyConfig())
+    rims = _layer_rims(surface)
     assert rims[20, 26:29].all()  # beside the other layer
     assert not rims[20, :25].any()  # inside, and at an outline beyond which is no other cloth
     assert not rims[5:8, 5:24].any()

@@ -9,7 +9,7 @@ import pytest
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.flattening.minimisation import BandedLaplacian, banding
-from flatcloth.methods.robust.relaxation import relaxed, turns
+from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 ROWS, COLS, SPACING_M = 7, 9, 0.01
 
@@ -37,13 +37,13 @@ def test_turns_are_those_of_the_frames() -> None:
     z, edges = grid()
     offset, turn = seen(z, edges, np.random.default_rng(1))
     alike = np.ones(len(edges))
-    np.testing.assert_allclose(turns(z, edges, edges, offset, alike, len(z)), turn, atol=1e-12)
+    np.testing.assert_allclose(local_rotations(z, edges, edges, offset, alike, len(z)), turn, atol=1e-12)
     turned = z * cmath.exp(0.7j)
     np.testing.assert_allclose(
-        turns(turned, edges, edges, offset, alike, len(z)), turn * cmath.exp(0.7j), atol=1e-12
+        local_rotations(turned, edges, edges, offset, alike, len(z)), turn * cmath.exp(0.7j), atol=1e-12
     )
     unused = np.zeros(len(edges))
-    assert not turns(z, edges, edges, offset, unused, len(z)).any()
+    assert not local_rotations(z, edges, edges, offset, unused, len(z)).any()
 
 
 def test_a_sheet_that_was_shaken_comes_back_to_its_shape() -> None:
@@ -52,7 +52,7 @@ def test_a_sheet_that_was_shaken_comes_back_to_its_shape() -> None:
     offset, _ = seen(z, edges, random)
     shaken = z + 0.003 * (random.standard_normal(len(z)) + 1j * random.standard_normal(len(z)))
     weight = np.ones(len(edges))
-    found = relaxed(shaken, edges, edges, offset, weight, len(z), 60, banding(len(z), edges))
+    found = relax_rigidly(shaken, edges, edges, offset, weight, len(z), 60, banding(len(z), edges))
     true = np.stack([z.real, z.imag], axis=1)
     before = np.stack([shaken.real, shaken.imag], axis=1)
 

@@ -1,0 +1,144 @@
+"""Decoding and validation of external data by msgspec, with errors in plain words.
+
+The types define what is valid: dataclasses and ``msgspec.Struct``, bounds as ``Annotated[float, Meta(...)]``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+Finite = Annotated[float, msgspec.Meta(ge=-1e300, le=1e300)]
+"""A number that is neither infinite nor NaN."""
+Vector3 = tuple[Finite, Finite, Finite]
+"""Three numbers x, y, z."""
+
+_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "null": "null",
+    "object": "an object", "array": "a list",
+}  # fmt: skip
+UNKNOWN = "no field that is known"
+"""Description of a field that should not exist."""
+_STEPS = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
+
+
+class MisfitError(ValueError):
+    """A value does not have its type: ``where`` it is, what was ``found`` there and what was ``expected``."""
+
+    def __init__(self, where: str, found: str, expected: str) -> None:
+        super().__init__(f"{where or 'it'} is {found}" + (f"; expected {expected}" if expected else ""))
+        self.where, self.found, self.expected = where, found, expected
+
+
+def parse_json(data: bytes | str) -> Any:
+    """Parse a JSON text to plain dictionaries and lists.
+
+    NaN and Infinity, which Python and others write, are accepted here, so that the error can name
+    their place later.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, or nested too deeply; the text is one line.
+    """
+    try:
+        return json.loads(data)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def fitted(raw: Any, kind: type[T]) -> T:
+    """Convert plain dictionaries and lists to a value of a type.
+
+    Raises
+    ------
+    MisfitError
+        If anything is missing or of another type or range.
+    """
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise _misfit(str(error), raw) from error
+    except OverflowError as error:
+        raise MisfitError("", "a number of too many digits", "a number") from error
+
+
+def decoded(data: bytes | str, kind: type[T]) -> T:
+    """Parse a JSON text to a value of a type.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON; as :class:`MisfitError`, if anything is missing or of another type or range.
+    """
+    return fitted(parse_json(data), kind)
+
+
+def described(value: Any) -> str:
+    """Describe a value from a file in a word or two."""
+    match value:
+        case None:
+            return "missing"
+        case bool():
+            return "true or false"
+        case float() if not math.isfinite(value):
+            return "not a finite number"
+        case int() if abs(value) > 10**300:
+            return "not a finite number"
+        case int() | float():
+            return "a number"
+        case str():
+            return "text"
+        case dict():
+            return "an object"
+        case list():
+            return f"a list of {len(value)}"
+    return "of another type"
+
+
+def _misfit(text: str, raw: Any) -> MisfitError:
+    """Translate a message of msgspec, which ends with `` - at `$.path` `` unless it concerns the whole."""
+    problem, _, path = text.partition(" - at `$")
+    where = path.removesuffix("`").removeprefix(".")
+    value = found_at(raw, where)
+    if field := re.match(r"Object missing required field `(.+)`", problem):
+        return MisfitError(f"{where}.{field[1]}".removeprefix("."), "missing", "")
+    if field := re.match(r"Object contains unknown field `(.+)`", problem):
+        return MisfitError(f"{where}.{field[1]}".removeprefix("."), UNKNOWN, "")
+    if expected := re.match(r"Expected (.*?)(?:, got .*)?$", problem):
+        wanted = re.sub(r"`([^`]+)`", lambda found: _plain(found[1]), expected[1])
+        found = described(value)
+        bounded = found in ("a number", "text") and ("<" in wanted or ">" in wanted)
+        return MisfitError(where, f"{value!r:.60}" if bounded and _is_short(value) else found, wanted)
+    if problem == "Number out of range":
+        return MisfitError(where, "not a finite number", "a number")
+    return MisfitError(where, f"{value!r:.60}", "one of")
+
+
+def found_at(raw: Any, where: str) -> Any:
+    """Return the value at a place as named by :class:`MisfitError`; None if there is none."""
+    for name, index in _STEPS.findall("." + where if where else ""):
+        raw = _step(raw, name, index)
+    return raw
+
+
+def _step(value: Any, name: str, index: str) -> Any:
+    if isinstance(value, dict):
+        return value.get(name)
+    if isinstance(value, list) and index.isdecimal():
+        return value[int(index)]
+    return None
+
+
+def _plain(kinds: str) -> str:
+    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | ") if kind != "null")
+
+
+def _is_short(value: Any) -> bool:
+    return not isinstance(value, int) or abs(value) < 10**60

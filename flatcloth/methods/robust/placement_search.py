@@ -1,0 +1,220 @@
+"""Where the components of a view may lie on the joint shape: hypotheses, their scores, the choice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import AlignmentError
+from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
+from flatcloth.methods.robust.hypotheses import (
+    coarse_view,
+    evaluate,
+    from_association,
+    from_correlation,
+    from_z_angle_lines,
+)
+from flatcloth.methods.robust.scoring import (
+    ReferenceShape,
+    SampledComponent,
+    TextureFeatures,
+    sample_component,
+    score_placement,
+    texture_features,
+)
+from flatcloth.methods.robust.shapes import JointShapes, prefix
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
+from flatcloth.session.machine import Document
+
+_SAMPLES = 500
+"""So many pixels of a part are compared."""
+_RELIABLE_CONFIDENCE = 0.95
+"""Above this the costly search over all places and turns is spared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """The hypotheses for each component of a view, the best first; the largest share that is folded."""
+
+    hypotheses: dict[int, list[Hypothesis]]
+    folded_share: float
+
+
+class PlacementSearch:
+    """Compares components of views with the joint shape of a document.
+
+    Parameters
+    ----------
+    views : Views
+        Single views.
+    shapes : JointShapes
+        The joint shapes of documents.
+    angles_deg : sequence of float
+        Angles of all views.
+    """
+
+    def __init__(self, views: Views, shapes: JointShapes, angles_deg: Sequence[float]) -> None:
+        self._views, self._shapes, self._angles_deg = views, shapes, angles_deg
+        self._config = views.config
+        self._references: Cache[ReferenceShape] = Cache(4)
+        self._textures: Cache[TextureFeatures] = Cache(48)
+        self._components: Cache[dict[int, SampledComponent]] = Cache(8)
+
+    def reference(self, document: Document) -> ReferenceShape:
+        """Return a document's shape as that with which components are compared (cached)."""
+
+        def make() -> ReferenceShape:
+            shape = self._shapes.shape(document)
+            textures = {view: self._texture(view) for view in shape.views}
+            surfaces = self._shapes.surfaces(shape)
+            return ReferenceShape(shape, surfaces, textures, self._views.axis)
+
+        return self._references.get(prefix(document), make)
+
+    def components(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
+        """Return the components of a view that are large enough to be placed, sampled (cached)."""
+        key = (prefix(document), view_index)
+        return self._components.get(key, lambda: self._sampled(document, view_index))
+
+    def search(self, document: Document, view_index: int) -> Found:
+        """Find hypotheses for each component that is not folded."""
+        flattening = self._views.flattening(view_index)
+        components = self.components(document, view_index)
+        largest = max((c.area_m2 for c in components.values()), default=0.0)
+        reference = self.reference(document)
+        coarse = coarse_view(reference, self._views.axis, self._angles_deg[view_index])
+        found: dict[int, list[Hypothesis]] = {}
+        folded = 0.0
+        for n, sampled in components.items():
+            component = flattening.components[n]
+            if component.folded_share > self._config.flattening.max_folded_share:
+                folded = max(folded, component.folded_share)
+                continue
+            large = sampled.area_m2 >= LEAST_COMPONENT_SHARE * largest
+            if hypotheses := self._hypotheses(reference, coarse, view_index, n, sampled, searched=large):
+                found[n] = hypotheses
+        return Found(hypotheses=found, folded_share=folded)
+
+    def _hypotheses(
+        self,
+        reference: ReferenceShape,
+        coarse: FlattenedView,
+        view_index: int,
+        number: int,
+        sampled: SampledComponent,
+        *,
+        searched: bool,
+    ) -> list[Hypothesis]:
+        """Return the hypotheses for one component; only large ones are ``searched`` for on the plane."""
+        c, view = self._config, self._views.flattening(view_index).components[number].view
+        estimates = [("place", motion) for motion in from_association(reference, sampled)]
+        if searched:
+            angles_deg = (self._angles_deg[view_index], self._angles_deg[view_index])
+            limit_deg = c.planning.z_angle_limit_deg
+            lines = from_z_angle_lines(coarse, view, self._views.axis, angles_deg, limit_deg)
+            estimates += [("lines", motion) for motion in lines]
+        hypotheses = evaluate(reference, sampled, number, estimates)
+        reliable = bool(hypotheses) and hypotheses[0].score.total >= _RELIABLE_CONFIDENCE
+        if reliable or not searched:
+            return hypotheses
+        around = estimates[0][1].theta_rad if estimates else 0.0
+        correlated = from_correlation(coarse, view, self._views.axis, around)
+        estimates += [("correlation", motion) for motion in correlated]
+        return evaluate(reference, sampled, number, estimates)
+
+    def _texture(self, view_index: int) -> TextureFeatures:
+        return self._textures.get(
+            view_index,
+            lambda: texture_features(self._views.flattening(view_index).surface),
+        )
+
+    def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
+        flattening = self._views.flattening(view_index)
+        _, held_from_camera, associated = self._shapes.associated(document, view_index)
+        component_of_pixel = self._shapes.component_of_pixel(view_index)
+        pixel = np.rint(associated.rc).astype(np.int32)
+        component_of_node = component_of_pixel[pixel[:, 0], pixel[:, 1]]
+        sampled = {}
+        for n, component in enumerate(flattening.components):
+            rc = np.argwhere(component_of_pixel == n).astype(np.int32)
+            rc = rc[:: max(1, len(rc) // _SAMPLES)]
+            uv = flattening.carrier.place(rc)
+            known = np.isfinite(uv[:, 0])
+            own = np.flatnonzero(component_of_node == n)
+            if own.size:  # nodes among the samples, so that each shows where it is twice
+                rc = np.concatenate([rc[known], pixel[own]])
+                uv = np.concatenate([uv[known], flattening.carrier.place(pixel[own])])
+                known = np.isfinite(uv[:, 0])
+            if known.sum() < 10:
+                continue
+            sampled[n] = sample_component(
+                uv[known],
+                rc[known],
+                flattening.surface,
+                self._texture(view_index),
+                held_from_camera,
+                associated.rc[own],
+                associated.node[own],
+                component.view.area_m2,
+            )
+        return sampled
+
+
+def choose_placement(
+    reference: ReferenceShape,
+    components: Mapping[int, SampledComponent],
+    found: Found,
+    view_index: int,
+    cameras: str,
+) -> Placement:
+    """Choose the component by confidence times the root of its area, and its best hypothesis.
+
+    Raises
+    ------
+    AlignmentError
+        If no component has a hypothesis.
+    """
+    if not found.hypotheses:
+        raise AlignmentError(
+            f"View {view_index}: its flattened view is folded ({found.folded_share:.0%} of it); "
+            "choose another view."
+            if found.folded_share
+            else f"View {view_index}: it has no cloth in common with the shape; choose another view."
+        )
+    by_component = found.hypotheses
+    best = max(by_component, key=lambda n: by_component[n][0].score.total * math.sqrt(components[n].area_m2))
+    hypotheses = by_component[best]
+    first, second = hypotheses[0], hypotheses[1] if len(hypotheses) > 1 else None
+    return Placement(
+        component=best,
+        alignment=Alignment(
+            current_from_new=first.current_from_new,
+            initial=first.initial,
+            score=first.score,
+            initial_score=score_placement(reference, components[best], first.initial),
+            correspondence=None,
+        ),
+        hypotheses=tuple(hypotheses[:4]),
+        margin=first.score.total - (second.score.total if second else 0.0),
+        cameras=cameras,
+        parts=tuple(
+            ComponentPlacement(
+                component=n,
+                area_m2=sampled.area_m2,
+                hypothesis=by_component[n][0] if n in by_component else None,
+            )
+            for n, sampled in components.items()
+        ),
+    )
+
+
+def recorded_rc(views: Views, view_index: int, sampled: SampledComponent) -> Float64:
+    """Return where a component's samples (K, 2) lie in the recorded image."""
+    offset = views.flattening(view_index).surface.frame.offset_rc
+    recorded: Float64 = sampled.rc.astype(np.float64) + np.asarray(offset)
+    return recorded

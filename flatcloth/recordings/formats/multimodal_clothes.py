@@ -1,0 +1,258 @@
+"""MultimodalClothes (TAMS): garments held by a robot hand and turned forth and back before an RGB-D camera.
+
+Its layout is ``<class>/<sample>/<area>/<name>_<NN>_rgb.png, ..._depth.png, ..._pc.pcd``, with folder names
+of two digits. An area, i.e. a place where the garment was held, is one recording of 50 images: 25 while it
+turned forth and 25 while it turned back. The data set contains neither camera nor angles. Therefore:
+
+- an organised cloud with colors gives color, depth and camera, all of the same pixels; without clouds, color
+  and depth must be registered images of one size, and the user gives the camera;
+- the images of a sweep are assumed to be evenly spaced over the turning range, which the user gives; the
+  sweep back passes the same angles, so only one of the two is read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.recordings.base import Recording, check_index
+from flatcloth.recordings.files.images import read_header
+from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
+from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
+from flatcloth.recordings.formats.camera_file import Camera, camera_file, given_camera
+from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.source import Format, SourceOptions
+
+UNITS_PER_M = 1000.0
+IMAGES_OF_A_SWEEP = 25
+"""The data set's public loader splits its 50 images in this way."""
+_COLOR = re.compile(r"(?P<name>.+)_(?P<number>[0-9]{2})_rgb\.png")
+_TWO_DIGITS = re.compile(r"[0-9]{2}")
+_LEVELS = 3
+"""Class, sample, area."""
+_LEAST_TURN_DEG, _MOST_TURN_DEG = 1.0, 720.0
+
+
+def is_area(path: Path) -> bool:
+    """Return whether a folder contains the images of one area."""
+    try:
+        return path.is_dir() and any(
+            _COLOR.fullmatch(file.name) and (_depth(file).exists() or _cloud(file).exists())
+            for file in path.glob("*_[0-9][0-9]_rgb.png")
+        )
+    except OSError:
+        return False
+
+
+def areas_below(path: Path) -> list[Path]:
+    """Return the areas of the data set, of a class or of a sample; none for any other folder."""
+    for levels in range(_LEVELS, 0, -1):
+        found = [
+            folder
+            for folder in sorted(path.glob("/".join(["[0-9][0-9]"] * levels)))
+            if all(_TWO_DIGITS.fullmatch(part) for part in folder.parts[-levels:]) and is_area(folder)
+        ]
+        if found:
+            return found
+    return []
+
+
+def open_area(folder: Path, options: SourceOptions) -> Recording:
+    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table.
+
+    Raises
+    ------
+    RecordingError
+        If images are missing or damaged, or the camera or the angles are unknown.
+    """
+    folder = folder.resolve()
+    colors, angles_deg = _sweep(folder, options)
+    if all(_cloud(color).is_file() for color in colors) and read_pcd_header(_cloud(colors[0])).has_color:
+        return _of_clouds(folder, [_cloud(color) for color in colors], angles_deg, options)
+    return _of_images(folder, [(color, _depth(color)) for color in colors], angles_deg, options)
+
+
+FORMAT = Format(
+    name="multimodal_clothes",
+    what="an area of MultimodalClothes (<name>_<NN>_rgb.png, ..._depth.png, ..._pc.pcd)",
+    recognises=is_area,
+    open=open_area,
+    recordings_below=areas_below,
+)
+
+
+def _depth(color: Path) -> Path:
+    return color.with_name(color.name.removesuffix("_rgb.png") + "_depth.png")
+
+
+def _cloud(color: Path) -> Path:
+    return color.with_name(color.name.removesuffix("_rgb.png") + "_pc.pcd")
+
+
+def _name(folder: Path) -> str:
+    """Return the name of an area: its class, sample and number."""
+    return "-".join(part for part in folder.parts[-_LEVELS:] if _TWO_DIGITS.fullmatch(part)) or folder.name
+
+
+# --- angles ----------------------------------------------------------------------------------
+
+
+def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float]]:
+    """Return the color images of the selected sweep, in order, and the angle of each since the first."""
+    found = {
+        int(match["number"]): (match["name"], folder / match.string)
+        for file in folder.iterdir()
+        if (match := _COLOR.fullmatch(file.name))
+    }
+    names = sorted({name for name, _ in found.values()})
+    if len(names) != 1:
+        raise RecordingError(
+            f"{folder}: has the images of {len(names)} recordings ({', '.join(names[:3])}). "
+            "Put each into a folder of its own."
+        )
+    back = options.sweep == "back"
+    numbers = [n for n in sorted(found) if (n >= IMAGES_OF_A_SWEEP) == back]
+    if not numbers:
+        raise RecordingError(f"{folder}: has no images of the sweep {'back' if back else 'forth'}.")
+    colors = [found[n][1] for n in numbers]
+    if options.turning_deg is None:
+        return _as_given(folder, colors, options)
+    options.refuse_together("turning_deg", "angles", "step_deg")
+    turning = options.turning_deg
+    if not _LEAST_TURN_DEG <= abs(turning) <= _MOST_TURN_DEG:
+        raise RecordingError(f"--turning {turning:g}: give the range in degrees, 1 to 720 or negative.")
+    step = (-1.0 if back else 1.0) * turning / (IMAGES_OF_A_SWEEP - 1)
+    # Images after a full turn repeat earlier angles.
+    kept = [(n, c) for n, c in zip(numbers, colors, strict=True) if abs((n - numbers[0]) * step) < 359.99]
+    return [c for _, c in kept], [(n - numbers[0]) * step for n, _ in kept]
+
+
+def _as_given(folder: Path, colors: list[Path], options: SourceOptions) -> tuple[list[Path], list[float]]:
+    if options.angles is None and options.step_deg is None and not (folder / ANGLES_FILE).is_file():
+        raise RecordingError(
+            f"{folder}: the data set does not contain its angles. Give --turning DEG, the angle between the "
+            "first and the last image of a sweep, or --angles FILE.csv."
+        )
+    shots = Shots(source=str(folder), count=len(colors), names=[color.name for color in colors])
+    views = options.given_angles.views(shots, beside=folder)
+    return [colors[n] for n, _ in views], [angle for _, angle in views]
+
+
+# --- images ----------------------------------------------------------------------------------
+
+
+def _of_images(
+    folder: Path, pairs: list[tuple[Path, Path]], angles_deg: list[float], options: SourceOptions
+) -> Recording:
+    (color, depth) = (read_header(file) for file in pairs[0])
+    if (color.width, color.height) != (depth.width, depth.height):
+        raise RecordingError(
+            f"{folder}: color has {color.width}x{color.height} px, depth {depth.width}x{depth.height}: they "
+            "are not registered. Put the organised clouds (..._pc.pcd, with colors) beside them."
+        )
+    if options.camera_file is None and options.fov_deg is None and camera_file(folder) is None:
+        raise RecordingError(
+            f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
+        )
+    images = ImagePairs(
+        folder=folder,
+        name=_name(folder),
+        pairs=pairs,
+        angles_deg=angles_deg,
+        units_per_m=UNITS_PER_M,
+        description="MultimodalClothes, color and depth images",
+    )
+    return recording_of(images, options)
+
+
+# --- clouds ----------------------------------------------------------------------------------
+
+
+def _of_clouds(
+    folder: Path, clouds: list[Path], angles_deg: list[float], options: SourceOptions
+) -> CloudRecording:
+    header = read_pcd_header(clouds[0])
+    camera = given_camera((header.width, header.height), options)
+    if camera is None:
+        intrinsics, lens = camera_of(read_pcd(clouds[0]), clouds[0])
+        note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
+        camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
+    return CloudRecording(folder, _name(folder), clouds, angles_deg, camera)
+
+
+class CloudRecording:
+    """Views in organised point clouds with colors: depth and color have the same pixels.
+
+    Parameters
+    ----------
+    folder : Path
+        Name for messages.
+    name : str
+        Name of the recording.
+    clouds : sequence of Path
+        One file per view.
+    angles_deg : sequence of float
+        Angle of each view since the first.
+    camera : Camera
+        The camera whose pixels the points are.
+
+    Raises
+    ------
+    RecordingError
+        If a cloud is missing, damaged, without colors, or of another size.
+    """
+
+    rotation_axis: RotationAxis | None = None
+    held_point_m: Float64 | None = None
+    has_masks = False
+    description = "MultimodalClothes, organised clouds"
+
+    def __init__(
+        self, folder: Path, name: str, clouds: Sequence[Path], angles_deg: Sequence[float], camera: Camera
+    ) -> None:
+        self.name, self.location = name, str(folder)
+        self.intrinsics: Intrinsics = camera.intrinsics
+        self.notes = camera.notes
+        self.angles_deg = tuple(angles_deg)
+        self._clouds, self._lens = tuple(clouds), camera.lens
+        for cloud in clouds:
+            self._check(cloud)
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self._clouds)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Read one view, with lens distortion corrected.
+
+        Raises
+        ------
+        IndexError, RecordingError
+            If there is no such view, or its cloud is damaged or contains no measurement.
+        """
+        check_index(self, view_index)
+        path = self._clouds[view_index]
+        self._check(path)
+        cloud = read_pcd(path)
+        depth_m = self._lens.undistort(cloud.depth_m, blend=False)
+        if cloud.rgb is None or not depth_m.any():
+            raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=self.angles_deg[view_index],
+            color=self._lens.undistort(cloud.rgb, blend=True),
+            depth_m=depth_m,
+            mask=None,
+            intrinsics=self.intrinsics,
+        )
+
+    def _check(self, path: Path) -> None:
+        header, camera = read_pcd_header(path), self.intrinsics
+        if (header.width, header.height) != (camera.width, camera.height):
+            raise RecordingError(
+                f"{path}: {header.width}x{header.height} points, but the camera has "
+                f"{camera.width}x{camera.height} px. All clouds must come from the same camera."
+            )

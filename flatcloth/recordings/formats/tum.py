@@ -1,0 +1,95 @@
+"""TUM RGB-D folders: lists of color and depth images with their times."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.files.paths import inside, read_text
+from flatcloth.recordings.files.text import shortened
+from flatcloth.recordings.film.pairing import pair_by_time
+from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.source import Format, SourceOptions
+
+UNITS_PER_M = 5000.0
+_ASSOCIATIONS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
+_MOST_APART_S = 0.02  # as in TUM's own tool
+
+
+def is_tum(folder: Path) -> bool:
+    """Return whether a folder has the lists of the TUM RGB-D format."""
+    lists = all((folder / name).is_file() for name in ("rgb.txt", "depth.txt"))
+    return lists or any((folder / name).is_file() for name in _ASSOCIATIONS)
+
+
+def open_tum(folder: Path, options: SourceOptions) -> Recording:
+    """Open a TUM RGB-D folder: ``associations.txt``, or ``rgb.txt`` and ``depth.txt``; 5000 units per metre.
+
+    Raises
+    ------
+    RecordingError
+        If a list or an image is not valid, or there are no angles.
+    """
+    options.refuse(str(folder), "turning_deg", "sweep")
+    folder = folder.resolve()
+    listed = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
+    pairs = _paired_lists(folder) if listed is None else _associations(folder, listed)
+    images = ImagePairs(
+        folder=folder,
+        pairs=[(color, depth) for _, color, depth in pairs],
+        times_s=[time for time, _, _ in pairs],
+        units_per_m=UNITS_PER_M,
+        description="TUM RGB-D folder",
+    )
+    return recording_of(images, options)
+
+
+FORMAT = Format(name="tum", what="a TUM RGB-D folder", recognises=is_tum, open=open_tum)
+
+
+def _rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:
+    lines = [(n, line.strip()) for n, line in enumerate(read_text(path).splitlines(), start=1)]
+    rows = [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
+    for n, row in rows:
+        if len(row) < columns:
+            raise RecordingError(
+                f"{path}: line {n} has {len(row)} columns. Expected a time, a file name, ..."
+            )
+    if not rows:
+        raise RecordingError(f"{path}: lists no images. Record at least one.")
+    return rows
+
+
+def _time(path: Path, line: int, text: str) -> float:
+    if not re.fullmatch(r"[+-]?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?", text):
+        raise RecordingError(f"{path}: line {line} has the time {shortened(text)}. Expected seconds.")
+    return float(text)
+
+
+def _associations(folder: Path, path: Path) -> list[tuple[float, Path, Path]]:
+    pairs = []
+    for n, row in _rows(path, 4):
+        (time_a, a), (time_b, b) = (row[0], row[1]), (row[2], row[3])
+        if "depth" in a.lower() and "depth" not in b.lower():  # some programs list depth first
+            (time_a, a), (_, b) = (time_b, b), (time_a, a)
+        where = f"line {n}"
+        pairs.append((_time(path, n, time_a), inside(folder, a, path, where), inside(folder, b, path, where)))
+    return pairs
+
+
+def _listed(folder: Path, path: Path) -> list[tuple[float, Path]]:
+    rows = _rows(path, 2)
+    return [(_time(path, n, row[0]), inside(folder, row[1], path, f"line {n}")) for n, row in rows]
+
+
+def _paired_lists(folder: Path) -> list[tuple[float, Path, Path]]:
+    colors, depths = (_listed(folder, folder / name) for name in ("rgb.txt", "depth.txt"))
+    pairs = pair_by_time([t for t, _ in colors], [t for t, _ in depths], _MOST_APART_S)
+    if not pairs:
+        raise RecordingError(
+            f"{folder}: no color image was taken within {_MOST_APART_S:g} s of a depth image. "
+            "List the pairs in associations.txt."
+        )
+    return [(colors[i][0], colors[i][1], depths[j][1]) for i, j in pairs]

@@ -1,0 +1,119 @@
+"""The readable formats: those of this package, and those that other packages add.
+
+A package adds a format by an entry point in its ``pyproject.toml``::
+
+    [project.entry-points."flatcloth.recordings"]
+    my_data_set = "my_package.my_data_set:FORMAT"
+
+where ``FORMAT`` is a :class:`flatcloth.recordings.source.Format`.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.formats import color_and_depth, multimodal_clothes, native, realsense, ros, tum
+from flatcloth.recordings.source import Format, SourceOptions
+
+ENTRY_POINTS = "flatcloth.recordings"
+BUILT_IN: tuple[Format, ...] = (
+    native.FORMAT,
+    tum.FORMAT,
+    color_and_depth.FORMAT,
+    multimodal_clothes.FORMAT,
+    realsense.FORMAT,
+    ros.FORMAT,
+)
+"""In the order in which they are tried; formats of other packages come after them."""
+
+_log = logging.getLogger(__name__)
+
+
+def every_format() -> Iterator[Format]:
+    """Yield the formats of this package, then those of other packages, which are searched only then."""
+    yield from BUILT_IN
+    yield from _added()
+
+
+@functools.cache
+def _added() -> tuple[Format, ...]:
+    """Return the formats of other packages; one that cannot be loaded is logged and left out."""
+    found, names = [], {form.name for form in BUILT_IN}
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        try:
+            form = entry.load()
+        except Exception as error:  # noqa: BLE001 - code of another package must not stop the others
+            _log.warning("The format %s of %s cannot be loaded (%s).", entry.name, entry.value, error)
+            continue
+        if not isinstance(form, Format) or form.name in names:
+            cause = "has the name of another format" if isinstance(form, Format) else "is not a Format"
+            _log.warning("The format %s of %s %s; it is left out.", entry.name, entry.value, cause)
+            continue
+        names.add(form.name)
+        found.append(form)
+    return tuple(found)
+
+
+def format_of(path: Path, options: SourceOptions) -> Format | None:
+    """Return the format of a source: the one named by the options, or the first that recognises it.
+
+    Raises
+    ------
+    RecordingError
+        If the options name an unknown format.
+    """
+    if options.format is None:
+        return next((form for form in every_format() if _recognises(form, path)), None)
+    for form in every_format():
+        if form.name == options.format:
+            return form
+    names = ", ".join(form.name for form in every_format())
+    raise RecordingError(f"--format {options.format}: unknown format. Choose one of {names}.")
+
+
+def _recognises(form: Format, path: Path) -> bool:
+    if form in BUILT_IN:
+        return form.recognises(path)
+    try:
+        return bool(form.recognises(path))
+    except Exception:  # noqa: BLE001 - another package's code
+        _log.exception("The format %s failed to examine %s.", form.name, path)
+        return False
+
+
+def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
+    """Open a source with a format.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be opened, also if a format of another package fails in any way.
+    """
+    if form in BUILT_IN:
+        return form.open(path, options)
+    try:
+        return form.open(path, options)
+    except RecordingError:
+        raise
+    except Exception as error:
+        _log.exception("The format %s failed to open %s.", form.name, path)
+        raise RecordingError(
+            f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "
+            "Report this to the author of that format."
+        ) from error
+
+
+def recordings_below(path: Path) -> tuple[Path, ...]:
+    """Return the sources of a data set if a folder is one of a known layout or a part of it."""
+    for form in every_format():
+        if form.recordings_below is not None:
+            found = tuple(form.recordings_below(path))
+            if found:
+                return found
+    return ()

@@ -1,0 +1,203 @@
+"""Sources of views: the user's options, and the interface of a format that reads them.
+
+A format is one module that offers a :class:`Format`. The formats of this package are listed in
+``recordings.registry``; another package adds its own by an entry point of the group ``flatcloth.recordings``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.film.angles import GivenAngles
+
+SWEEPS = ("forth", "back")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """The user's information on a source; None means not given.
+
+    ``angles`` is a table of angles, ``step_deg`` the rotation from view to view. ``camera_file``
+    describes the camera, ``fov_deg`` (horizontal, vertical) describes it approximately.
+    ``turning_deg`` is the angle between the first and the last image of a turn, right-handed about
+    the upward axis, and ``sweep`` the part that is read, for data sets that turn forth and back.
+    ``format`` names the format if it should not be recognised from the content.
+    """
+
+    angles: Path | None = None
+    step_deg: float | None = None
+    camera_file: Path | None = None
+    fov_deg: tuple[float, float] | None = None
+    turning_deg: float | None = None
+    sweep: str | None = None
+    format: str | None = None
+
+    @property
+    def given_angles(self) -> GivenAngles:
+        """The options about the angles."""
+        return GivenAngles(table=self.angles, step_deg=self.step_deg)
+
+    def refuse(self, source: str, *names: str) -> None:
+        """Raise if options were given that do not apply to a source.
+
+        Raises
+        ------
+        RecordingError
+            If one of these options was given.
+        """
+        for name in names:
+            if getattr(self, name) is not None:
+                raise RecordingError(f"{source}: {_REFUSED[name]}. Leave out {OPTION_NAMES[name]}.")
+
+    def refuse_together(self, name: str, *others: str) -> None:
+        """Raise if options were given that contradict each other.
+
+        Raises
+        ------
+        RecordingError
+            If this option was given together with one of the others.
+        """
+        for other in others:
+            if getattr(self, name) is not None and getattr(self, other) is not None:
+                pair = f"{OPTION_NAMES[name]} given together with {OPTION_NAMES[other]}"
+                raise RecordingError(f"{pair}. Give only one of them.")
+
+    def files(self) -> tuple[Path, ...]:
+        """Return the files named by the options."""
+        return tuple(path for path in (self.angles, self.camera_file) if path is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the given options for JSON; paths are absolute."""
+        said: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Path):
+                value = str(value.expanduser().absolute())
+            if value is not None:
+                said[field.name] = list(value) if isinstance(value, tuple) else value
+        return said
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], where: str, beside: Path | None = None) -> SourceOptions:
+        """Read options from a table, of JSON or of a CSV file, in which empty text means not given.
+
+        Parameters
+        ----------
+        values : mapping
+            Option name to value.
+        where : str
+            The table's place, for messages.
+        beside : Path, optional
+            Base folder of relative paths.
+
+        Raises
+        ------
+        RecordingError
+            If a name is unknown or a value is invalid.
+        """
+        known = {name: value for name, value in values.items() if value not in (None, "")}
+        unknown = sorted(set(known) - set(_READ))
+        if unknown:
+            raise RecordingError(f"{where}: unknown option {unknown[0]!r}. Known are {', '.join(_READ)}.")
+        made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
+        for name in ("angles", "camera_file"):
+            if name in made and beside is not None:
+                made[name] = beside / made[name].expanduser()
+        return cls(**made)
+
+
+OPTION_NAMES = {
+    "angles": "--angles",
+    "step_deg": "--step",
+    "camera_file": "--camera-file",
+    "fov_deg": "--fov",
+    "turning_deg": "--turning",
+    "sweep": "--sweep",
+    "format": "--format",
+}
+"""Names of the options on the command line."""
+
+_REFUSED = {
+    "angles": "contains its angles",
+    "step_deg": "contains its angles",
+    "camera_file": "contains its camera",
+    "fov_deg": "contains its camera",
+    "turning_deg": "does not have a known number of images per turn",
+    "sweep": "does not turn forth and back",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of sources.
+
+    Parameters
+    ----------
+    name : str
+        One word, for ``--format`` and for manifests.
+    what : str
+        Description of such a source in messages: "a TUM RGB-D folder".
+    recognises : callable
+        Returns whether a path is such a source; must be quick and must not raise.
+    open : callable
+        Opens a source; raises ``RecordingError`` with one line, ``<file>: cause. remedy.``
+    recordings_below : callable, optional
+        For data sets: returns the sources in a folder, in order; none if it is not such a folder.
+    """
+
+    name: str
+    what: str
+    recognises: Callable[[Path], bool]
+    open: Callable[[Path, SourceOptions], Recording]
+    recordings_below: Callable[[Path], Sequence[Path]] | None = None
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not value.isprintable() or len(value) > 1024:
+        raise RecordingError(f"{where} is not a text. Write a name.")
+    return value
+
+
+def _path(value: Any, where: str) -> Path:
+    return Path(_text(value, where))
+
+
+def _number(value: Any, where: str) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise RecordingError(f"{where} is not a number. Give degrees.")
+    return number
+
+
+def _pair(value: Any, where: str) -> tuple[float, float]:
+    parts = value.replace(",", " ").split() if isinstance(value, str) else value
+    if not isinstance(parts, list | tuple) or len(parts) != 2:
+        raise RecordingError(f"{where} is not a pair of numbers. Give two, horizontal and vertical.")
+    return _number(parts[0], where), _number(parts[1], where)
+
+
+def _sweep(value: Any, where: str) -> str:
+    if value not in SWEEPS:
+        raise RecordingError(f"{where} is unknown. Choose one of {', '.join(SWEEPS)}.")
+    return str(value)
+
+
+_READ: dict[str, Callable[[Any, str], Any]] = {
+    "angles": _path,
+    "step_deg": _number,
+    "camera_file": _path,
+    "fov_deg": _pair,
+    "turning_deg": _number,
+    "sweep": _sweep,
+    "format": _text,
+}

@@ -1,0 +1,158 @@
+"""``session.json``: the subject of a session, written once when the session begins."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from flatcloth.core.config import Config
+from flatcloth.core.decoding import fitted, parse_json
+from flatcloth.core.errors import ConfigError, JournalError
+from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.recordings.base import Recording, fingerprint
+
+FORMAT = "flatcloth-session/1"
+HEADER = "session.json"
+
+
+class RecordingAbout(msgspec.Struct, frozen=True, kw_only=True):
+    """The recording of a session."""
+
+    name: str
+    location: str
+    fingerprint: str
+    views: int
+
+
+class Header(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of ``session.json``."""
+
+    format: str
+    created: str
+    recording: RecordingAbout
+    method: str
+    config: dict[str, Any]
+    versions: Mapping[str, str]
+
+    @property
+    def effective_config(self) -> Config:
+        """The configuration that the session began with; raises ``ConfigError``."""
+        return Config.from_dict(self.config)
+
+
+def default_session_folder(recording: Recording, method: str, config: Config | None = None) -> Path:
+    """Return the default folder of a session.
+
+    It lies below ``$XDG_STATE_HOME`` (``~/.local/state``). Its name contains the recording's name and
+    a short hash of its location and header, the method and the settings, so that sessions that
+    cannot continue each other have different folders.
+    """
+    state_home = os.environ.get("XDG_STATE_HOME", "")
+    # The XDG specification says to ignore relative paths.
+    root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
+    settings = (config or Config()).to_former_dict()  # sessions of earlier versions are found again
+    about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
+    return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
+
+
+def read_header(folder: Path) -> Header:
+    """Read the header of a session folder.
+
+    Raises
+    ------
+    JournalError
+        If it is not a session folder, or its header is damaged; the message names the file.
+    """
+    path = folder / HEADER
+    try:
+        raw = parse_json(read_plain(path))
+        found = raw.get("format") if isinstance(raw, dict) else None
+        if found is not None and found != FORMAT:
+            raise JournalError(f"{path}: format {found!r:.60} is unknown, not {FORMAT}. Use another folder.")
+        header = fitted(raw, Header)
+        header.effective_config  # noqa: B018 - raises on unknown settings
+    except FileNotFoundError as error:
+        raise JournalError(
+            f"{folder}: not a session folder, it has no {HEADER}. Name the folder of --out or --session."
+        ) from error
+    except OSError as error:
+        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    except (ValueError, ConfigError) as error:
+        raise JournalError(
+            f"{path}: not valid ({error}). Restore it from a copy, or use the version that"
+            " wrote it. Otherwise use another folder."
+        ) from error
+    return header
+
+
+def settle_header(folder: Path, recording: Recording, config: Config, method: str) -> None:
+    """Write ``session.json``, or check that the existing one describes the same session.
+
+    Raises
+    ------
+    JournalError
+        If it describes another session, is damaged, or is missing beside its journal.
+    OSError
+        If it cannot be written.
+    """
+    path = folder / HEADER
+    if path.exists():
+        _check(path, read_header(folder), recording, config, method)
+        return
+    if (folder / "journal.jsonl").exists():
+        raise JournalError(f"{path}: missing beside its journal. Restore it, or use another folder.")
+    header = Header(
+        format=FORMAT,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        recording=RecordingAbout(
+            name=recording.name,
+            location=recording.location,
+            fingerprint=fingerprint(recording),
+            views=len(recording),
+        ),
+        method=method,
+        config=config.to_dict(),
+        versions={name: _version(name) for name in ("flatcloth", "numpy", "scipy", "viser")},
+    )
+    replace_file(path, json.dumps(msgspec.to_builtins(header), indent=1).encode() + b"\n")
+
+
+def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:
+    remedy = "Use another folder, or open the session with its own recording, method and settings."
+    if kept.recording.fingerprint != fingerprint(recording):
+        raise JournalError(
+            f"{path}: the session belongs to another recording"
+            f" ({kept.recording.name!r}, not {recording.name!r}). {remedy}"
+        )
+    if kept.method != method:
+        raise JournalError(f"{path}: the session uses method {kept.method!r}, not {method!r}. {remedy}")
+    if kept.effective_config != config:
+        difference = _difference(kept.effective_config, config)
+        raise JournalError(f"{path}: the session has other settings: {difference}. {remedy}")
+
+
+def _difference(kept: Config, config: Config) -> str:
+    old, new = kept.to_dict(), config.to_dict()
+    return next(
+        f"{section}.{name} was {old[section][name]}, is {value}"
+        for section in new
+        for name, value in new[section].items()
+        if value != old[section][name]
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:  # run from a checkout without installation
+        return "unknown"

@@ -1,0 +1,358 @@
+// The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
+
+import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
+import { byId } from "/static/page/dom.js";
+import { contains, grown, Transform, union } from "/static/canvas/geometry.js";
+import { Picture } from "/static/canvas/picture.js";
+import { Pyramid } from "/static/canvas/pyramid.js";
+
+const CLICK_PX = 4;
+const MARGIN_PX = 34;
+const SLACK_M = 0.05;
+
+/** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
+const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
+
+export class FlatCanvas {
+  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(),
+   * moving({theta, u, v}) while the proposal is moved, placed() when it is drawn anew.
+   *
+   * `scenery` paints shape and proposal, and tells where the proposal can be taken hold of. `tools`
+   * are offered each press of the pointer first; one that takes it gets what follows: `press(at)`
+   * returns whether it does, then `drag(at)` and `release(at)`. `drawers` draw over the pictures.
+   */
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.canvas = byId("canvas");
+    this.context = this.canvas.getContext("2d");
+    this.transform = new Transform();
+    this.layer = new Picture(() => this.layerReady());
+    this.overlay = new Picture((anew) => this.overlayReady(anew));
+    this.fitted = true; // until the operator pans or zooms
+    this.boxes = new Map(); // of live mode: where each view lay when it was shown last
+    this.extent = null; // what all of them need together
+    this.marks = [];
+    this.pick = null;
+    this.scenery = SHAPE_ALONE;
+    this.tools = [];
+    this.drawers = [];
+    this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
+    this.center = [0, 0];
+    this.dirty = false;
+    new ResizeObserver(() => this.resize()).observe(byId("stage"));
+    matchMedia("(resolution: 1dppx)").addEventListener("change", () => this.resize());
+    this.listen();
+  }
+
+  get layerRevision() {
+    return this.layer.shown?.revision ?? 0;
+  }
+
+  /** Take what a state says about the pictures, and show the named layer; `look` is how, for an address. */
+  update(state, layerName, look = "") {
+    const layers = state.layers;
+    if (!layers) {
+      this.layer.clear();
+      this.overlay.clear();
+    } else {
+      this.layer.show(`/layers/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
+      const overlay = state.pending ? layers.overlay : null;
+      if (overlay && overlay.view_index === state.pending.view_index) {
+        this.center = overlay.center_uv_m;
+        // In the colours of the shape, which span another range when the shape changes.
+        const address = `/overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
+        this.overlay.show(address, overlay.revision, overlay, true);
+      } else {
+        this.overlay.clear();
+      }
+    }
+    this.marks = state.picks.filter((p) => p.uv_m);
+    this.pick = state.pick?.in_shape ? state.pick : null;
+    this.redraw();
+  }
+
+  /** Live mode: show a frame (or none) where it lies on its plane. The zoom holds all frames, and stays still. */
+  showFrame(shown, view, pickUv) {
+    this.layer.shown = shown;
+    this.pick = pickUv ? { uv_m: pickUv } : null;
+    if (!shown) return;
+    this.boxes.set(view, shown.box);
+    const extent = [...this.boxes.values()].reduce(union);
+    if (this.extent && contains(this.extent, extent) && !contains(extent, grown(this.extent, -2 * SLACK_M))) return;
+    this.extent = grown(extent, SLACK_M);
+    if (this.fitted) this.fit();
+  }
+
+  /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
+  showMarks(picks) {
+    this.marks = picks.filter((p) => p.uv_m);
+    this.redraw();
+  }
+
+  layerReady() {
+    if (this.fitted) this.fit();
+    this.redraw();
+  }
+
+  resetPreview() {
+    this.preview = { theta: 0, u: 0, v: 0 };
+    this.redraw();
+  }
+
+  overlayReady(anew) {
+    if (anew) {
+      this.resetPreview();
+      this.handlers.placed();
+    }
+    if (this.fitted) this.fit();
+    this.redraw();
+  }
+
+  resize() {
+    const stage = byId("stage");
+    const ratio = devicePixelRatio;
+    this.width = stage.clientWidth;
+    this.height = stage.clientHeight;
+    this.canvas.width = Math.max(1, Math.round(this.width * ratio));
+    this.canvas.height = Math.max(1, Math.round(this.height * ratio));
+    if (this.fitted) this.fit();
+    this.draw(); // at once: a new size has cleared the canvas
+  }
+
+  fit() {
+    this.fitted = true;
+    const box = this.extent ?? union(this.layer.shown?.box, this.overlay.shown?.box);
+    if (box && this.width) this.transform.fit(box, this.width, this.height, MARGIN_PX);
+    this.redraw();
+  }
+
+  zoomBy(factor) {
+    this.fitted = false;
+    this.transform.zoom(factor, this.width / 2, this.height / 2);
+    this.redraw();
+  }
+
+  /** Turn and flip what is seen; the data stay as they are. */
+  turnTo(angle, flipped) {
+    this.transform.turn(angle, flipped, this.width / 2, this.height / 2);
+    if (this.fitted) this.fit();
+    this.redraw();
+  }
+
+  /** Place of the plane in the page's CSS pixels. */
+  toScreen(u, v) {
+    const at = this.canvas.getBoundingClientRect();
+    const { x, y } = this.transform.toPane(u, v);
+    return { x: at.left + x, y: at.top + y };
+  }
+
+  toPlane(x, y) {
+    const at = this.canvas.getBoundingClientRect();
+    return this.transform.toPlane(x - at.left, y - at.top);
+  }
+
+  /** Move the proposal's preview; the server is told by the caller. */
+  movePreview(by) {
+    this.preview.theta += by.theta;
+    this.preview.u += by.u;
+    this.preview.v += by.v;
+    this.handlers.moving(this.preview);
+    this.redraw();
+  }
+
+  /** A turn (clockwise) and a step (metres right and down) as they are seen, as a motion on the plane. */
+  asSeen(turn, right, down) {
+    const { scale, flipped } = this.transform;
+    return { theta: flipped ? -turn : turn, ...this.transform.toPlaneVector(scale * right, scale * down) };
+  }
+
+  redraw() {
+    if (this.dirty) return;
+    this.dirty = true;
+    requestAnimationFrame(() => {
+      this.dirty = false;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const context = this.context;
+    const ratio = devicePixelRatio;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, this.width, this.height);
+    const style = getComputedStyle(this.canvas);
+    this.scenery.paint(this);
+    for (const draw of this.drawers) draw(this, context, style);
+    if (!this.layer.shown) return;
+    for (const mark of this.marks) drawMark(this, mark, style);
+    if (this.pick) drawPick(this, this.pick, style);
+    drawScale(this, style);
+  }
+
+  drawShape() {
+    if (this.layer.shown) this.drawPicture(this.layer.shown, this.layer.shown.image);
+  }
+
+  /** The proposal where it is, or is being moved to; `outlined` also its outline, which is never pale. */
+  drawProposal(opacity = 1, outlined = false) {
+    const proposal = this.overlay.shown;
+    if (!proposal) return;
+    this.context.globalAlpha = opacity;
+    this.drawPicture(proposal, proposal.image, true);
+    this.context.globalAlpha = 1;
+    if (outlined) this.drawPicture(proposal, proposal.outline, true);
+  }
+
+  /** Draw a picture where it lies on the plane; `moved`: with the proposal, when that is being moved. */
+  drawPicture({ box, grid }, image, moved = false) {
+    const context = this.context;
+    context.save();
+    this.transform.apply(context);
+    if (moved) this.applyPreview();
+    // A pixel of cloth is a measurement: zoomed in, it is shown as the square it stands for.
+    const scale = this.transform.scale * grid.pixel_size_m * devicePixelRatio;
+    const source = image instanceof Pyramid ? image.at(scale) : image;
+    context.imageSmoothingEnabled = scale < 2;
+    context.imageSmoothingQuality = "low";
+    context.drawImage(source, box.left, box.top, box.right - box.left, box.bottom - box.top);
+    context.restore();
+  }
+
+  applyPreview() {
+    const { theta, u, v } = this.preview;
+    const [cu, cv] = this.center;
+    this.context.translate(cu + u, cv + v);
+    this.context.rotate(theta);
+    this.context.translate(-cu, -cv);
+  }
+
+  get isMoved() {
+    const { theta, u, v } = this.preview;
+    return theta !== 0 || u !== 0 || v !== 0;
+  }
+
+  // --- the pointer ---------------------------------------------------------------------------
+
+  listen() {
+    const canvas = this.canvas;
+    canvas.addEventListener("pointerdown", (event) => this.press(event));
+    canvas.addEventListener("pointermove", (event) => this.move(event));
+    canvas.addEventListener("pointerup", (event) => this.release(event));
+    canvas.addEventListener("pointercancel", () => (this.gesture = null));
+    canvas.addEventListener("pointerleave", () => this.handlers.hover(null));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        const { x, y } = this.inPane(event);
+        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
+        this.fitted = false;
+        this.transform.zoom(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.0016)), x, y);
+        this.redraw();
+      },
+      { passive: false },
+    );
+  }
+
+  inPane(event) {
+    const at = this.canvas.getBoundingClientRect();
+    return { x: event.clientX - at.left, y: event.clientY - at.top };
+  }
+
+  overProposal(x, y) {
+    const { u, v } = this.transform.toPlane(x, y);
+    return (
+      this.scenery.holds(x, y) &&
+      this.handlers.mayDrag() &&
+      this.overlay.covers(u - this.preview.u, v - this.preview.v)
+    );
+  }
+
+  press(event) {
+    if (event.button > 2) return;
+    const { x, y } = this.inPane(event);
+    // The pointer of the keys has nothing to capture.
+    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
+    const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
+    const kind = tool
+      ? "tool"
+      : event.button === 0 && this.overProposal(x, y)
+        ? event.shiftKey
+          ? "turn"
+          : "drag"
+        : "pan";
+    this.gesture = {
+      kind,
+      tool,
+      button: event.button,
+      x,
+      y,
+      lastX: x,
+      lastY: y,
+      moved: false,
+      by: { theta: 0, u: 0, v: 0 },
+    };
+  }
+
+  move(event) {
+    const { x, y } = this.inPane(event);
+    const gesture = this.gesture;
+    if (gesture?.tool) return gesture.tool.drag(this.at(x, y, event));
+    if (!gesture) {
+      this.canvas.style.cursor = this.overProposal(x, y) ? "move" : "crosshair";
+      const { u, v } = this.transform.toPlane(x, y);
+      this.handlers.hover(u, v);
+      return;
+    }
+    gesture.moved ||= Math.hypot(x - gesture.x, y - gesture.y) > CLICK_PX;
+    if (!gesture.moved) return;
+    const dx = x - gesture.lastX;
+    const dy = y - gesture.lastY;
+    if (gesture.kind === "pan") {
+      this.fitted = false;
+      this.canvas.style.cursor = "grabbing";
+      this.transform.pan(dx, dy);
+      this.redraw();
+    } else {
+      const by =
+        gesture.kind === "drag"
+          ? { theta: 0, ...this.transform.toPlaneVector(dx, dy) }
+          : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
+      if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
+      if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
+      for (const name of ["theta", "u", "v"]) gesture.by[name] += by[name];
+      this.movePreview(by);
+    }
+    gesture.lastX = x;
+    gesture.lastY = y;
+  }
+
+  /** The direction from the proposal's centre, on the plane. */
+  angleAt(x, y) {
+    const { u, v } = this.transform.toPlane(x, y);
+    return Math.atan2(v - this.center[1] - this.preview.v, u - this.center[0] - this.preview.u);
+  }
+
+  /** A place of the pane, as tools get it. */
+  at(x, y, event) {
+    return { x, y, ...this.transform.toPlane(x, y), shift: event.shiftKey };
+  }
+
+  release(event) {
+    const gesture = this.gesture;
+    this.gesture = null;
+    if (!gesture) return;
+    if (gesture.tool) {
+      const { x, y } = this.inPane(event);
+      return gesture.tool.release(this.at(x, y, event));
+    }
+    if (!gesture.moved && gesture.button === 0) {
+      const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
+      if (this.layer.shown) this.handlers.pick(u, v);
+    } else if (gesture.moved && gesture.kind !== "pan") {
+      this.handlers.nudge(gesture.by); // one gesture, one decision
+    }
+    this.move(event);
+  }
+}

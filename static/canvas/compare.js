@@ -1,0 +1,322 @@
+// A, the shape, and B, the proposal laid on it: both, each alone, wiped, blinking, or their difference.
+
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { degrees, hex, number, vector } from "/static/page/format.js";
+import { Picture } from "/static/canvas/picture.js";
+
+const BLINK_MS = 450;
+const WIPE_STEP = 0.02;
+const PALE = 0.25;
+
+/** The actions, in the order of their buttons, and the mode that each means. */
+const MODES = {
+  overlay: "both",
+  compare_shape: "shape",
+  compare_proposal: "proposal",
+  compare_wipe: "wipe",
+  blink: "blink",
+  compare_difference: "difference",
+};
+const LABELS = {
+  overlay: "Both",
+  compare_shape: "A",
+  compare_proposal: "B",
+  compare_wipe: "Wipe",
+  blink: "Blink",
+  compare_difference: "Differ",
+};
+const KINDS = { color: "Color", height: "Height", position: "3D" };
+
+/** Paints the flattened view. */
+export class Comparison {
+  name = "comparison";
+
+  constructor(page) {
+    const { canvas } = page;
+    this.page = page;
+    this.canvas = canvas;
+    this.actions = Object.fromEntries(Object.keys(MODES).map((name) => [name, () => this.choose(name)]));
+    this.mode = "both";
+    this.kind = "color";
+    this.opacity = 0.7;
+    this.share = 0.5; // of the pane's width, where the wipe stands
+    this.showsProposal = true;
+    this.legends = null;
+    this.heat = new Picture(() => canvas.redraw());
+    this.handle = make(
+      "div",
+      {
+        class: "wipe",
+        role: "separator",
+        tabindex: 0,
+        hidden: true,
+        "aria-orientation": "vertical",
+        "aria-label": "Wipe: the shape on the left, the proposal on the right",
+        "aria-valuemin": 0,
+        "aria-valuemax": 100,
+        on: { pointerdown: (e) => this.grab(e), pointermove: (e) => this.drag(e), keydown: (e) => this.key(e) },
+      },
+      make("span", {}, "A"),
+      make("span", {}, "B"),
+    );
+    this.chip = make("p", { class: "compare-chip", hidden: true, role: "status" });
+    byId("stage").append(this.handle, this.chip);
+    canvas.scenery = this;
+  }
+
+  get proposal() {
+    return this.canvas.overlay.shown;
+  }
+
+  /** Choose a mode by its action; the same again goes back to both, or on to the next difference. */
+  choose(action) {
+    const mode = MODES[action];
+    if (mode === "difference" && this.mode === mode) return this.setKind(next(Object.keys(KINDS), this.kind));
+    this.setMode(mode !== this.mode ? mode : mode === "both" ? "shape" : "both");
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    clearInterval(this.timer);
+    this.showsProposal = true;
+    if (mode === "blink") {
+      this.timer = setInterval(() => {
+        this.showsProposal = !this.showsProposal;
+        if (this.proposal) this.canvas.redraw();
+      }, BLINK_MS);
+    }
+    this.page.changed();
+  }
+
+  setOpacity(value) {
+    this.opacity = value;
+    this.canvas.redraw();
+  }
+
+  get pressed() {
+    return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
+  }
+
+  setKind(kind) {
+    this.kind = kind;
+    this.page.changed();
+  }
+
+  /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
+  show(state, look) {
+    const overlay = state.pending ? state.layers?.overlay : null;
+    this.legends = overlay?.differences ?? null;
+    if (overlay && this.mode === "difference") {
+      const address = `/difference/${state.layers.revision}-${overlay.revision}/${this.kind}.png?${look}`;
+      this.heat.show(address, overlay.revision, overlay, false);
+    } else {
+      this.heat.clear();
+    }
+    this.handle.hidden = !overlay || this.mode !== "wipe";
+    this.placeHandle();
+    const view = state.pending?.view_index;
+    const told = { shape: "A: the shape alone", proposal: `B: view ${view} alone` }[this.mode];
+    this.chip.hidden = !overlay || !told;
+    setText(this.chip, told ?? "");
+    this.canvas.redraw();
+  }
+
+  hovered(answer) {
+    showBoth(answer);
+  }
+
+  /** Which difference is on the canvas. */
+  get shownKind() {
+    return this.heat.shown && this.heat.shown.address.includes(`/${this.kind}.png`) ? this.kind : null;
+  }
+
+  /** The name under which its difference is looked at. */
+  get looked() {
+    return `difference-${this.kind}`;
+  }
+
+  /** The legend of what is looked at, if it is a difference. */
+  get legend() {
+    return this.mode === "difference" ? (this.legends?.[this.kind] ?? null) : null;
+  }
+
+  // --- painting --------------------------------------------------------------------------------
+
+  paint(canvas) {
+    if (!this.proposal) return canvas.drawShape();
+    const at = this.share * canvas.width;
+    switch (this.mode) {
+      case "shape":
+        return canvas.drawShape();
+      case "proposal":
+        return canvas.drawProposal();
+      case "wipe":
+        this.within(0, at, () => canvas.drawShape());
+        return this.within(at, canvas.width - at, () => canvas.drawProposal());
+      case "difference":
+        return this.paintDifference(canvas);
+      default:
+        canvas.drawShape();
+        if (this.showsProposal) canvas.drawProposal(this.mode === "blink" ? 1 : this.opacity, true);
+    }
+  }
+
+  paintDifference(canvas) {
+    const context = canvas.context;
+    if (canvas.isMoved || !this.heat.shown) {
+      // While it is being moved: what the colors on the screen differ by.
+      canvas.drawShape();
+      context.globalCompositeOperation = "difference";
+      canvas.drawProposal();
+      context.globalCompositeOperation = "source-over";
+      return;
+    }
+    context.globalAlpha = PALE;
+    canvas.drawShape();
+    context.globalAlpha = 1;
+    canvas.drawPicture(this.heat.shown, this.heat.shown.image);
+    if (this.proposal.outline) canvas.drawPicture(this.proposal, this.proposal.outline);
+  }
+
+  within(left, width, paint) {
+    const { context, height } = this.canvas;
+    context.save();
+    context.beginPath();
+    context.rect(left, 0, width, height);
+    context.clip();
+    paint();
+    context.restore();
+  }
+
+  /** Whether the proposal is seen, and so can be taken hold of, at a place of the pane. */
+  holds(x) {
+    if (this.mode === "shape") return false;
+    return this.mode !== "wipe" || x > this.share * this.canvas.width;
+  }
+
+  // --- the wipe --------------------------------------------------------------------------------
+
+  placeHandle() {
+    this.handle.style.left = `${100 * this.share}%`;
+    this.handle.setAttribute("aria-valuenow", String(Math.round(100 * this.share)));
+  }
+
+  setShare(share) {
+    this.share = Math.min(1, Math.max(0, share));
+    this.placeHandle();
+    this.canvas.redraw();
+  }
+
+  grab(event) {
+    this.handle.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    this.handle.focus();
+  }
+
+  drag(event) {
+    if (!this.handle.hasPointerCapture(event.pointerId)) return;
+    const stage = byId("stage").getBoundingClientRect();
+    this.setShare((event.clientX - stage.left) / stage.width);
+  }
+
+  key(event) {
+    const step = { ArrowLeft: -WIPE_STEP, ArrowRight: WIPE_STEP }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation(); // here the arrows move the wipe, not the proposal
+    this.setShare(this.share + step * (event.shiftKey ? 5 : 1));
+  }
+
+  // --- buttons ---------------------------------------------------------------------------------
+
+  /** The buttons of all modes; `button(name, title)` makes one of an action. */
+  buttons(button) {
+    return make(
+      "div",
+      { class: "modes segmented-grid" },
+      ...Object.keys(MODES).map((name) => button(name, LABELS[name])),
+    );
+  }
+
+  /** The choice of the difference, where it is looked at. */
+  showKinds(container) {
+    container.hidden = this.mode !== "difference";
+    rebuild(container, [this.kind], () =>
+      Object.entries(KINDS).map(([kind, title]) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button",
+            "aria-pressed": String(kind === this.kind),
+            data: { id: `difference-${kind}` },
+            on: { click: () => this.setKind(kind) },
+          },
+          title,
+        ),
+      ),
+    );
+  }
+}
+
+const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
+
+// --- both values under the pointer ---------------------------------------------------------------
+
+const COLUMNS = [
+  ["Color", "Red, green, blue; their mean absolute difference"],
+  ["Height z", "mm along the axis"],
+  ["Z-angle", "At the present rotation, so that both can be compared"],
+  ["x y z", "mm, held frame; the distance between both"],
+];
+
+/** Show the values of both under the pointer; `answer` without both hides them. */
+function showBoth(answer) {
+  const { shape: a, proposal: b } = answer ?? {};
+  const box = byId("readout-both");
+  const both = Boolean(a && b);
+  box.classList.toggle("away", !both);
+  byId("readout").classList.toggle("away", both);
+  if (!both) return;
+  const change = (of) => (a[of] === null || b[of] === null ? null : b[of] - a[of]);
+  const turn = change("z_angle_now_deg");
+  const rows = [
+    ["A", swatch(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
+    ["B", swatch(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
+    [
+      "B − A",
+      number(colorApart(a, b)),
+      number(change("height_mm")),
+      degrees(turn === null ? null : ((turn + 540) % 360) - 180),
+      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`,
+    ],
+  ];
+  rebuild(box, rows.map((r) => r.map(String)).concat([[a.rgb, b.rgb]]), () => [
+    make(
+      "thead",
+      {},
+      make(
+        "tr",
+        {},
+        make("td"),
+        ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", data: { tip } }, title)),
+      ),
+    ),
+    make(
+      "tbody",
+      {},
+      ...rows.map(([name, ...cells]) =>
+        make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((c) => make("td", {}, c))),
+      ),
+    ),
+  ]);
+}
+
+/** Mean absolute difference of red, green and blue. */
+const colorApart = (a, b) => a.rgb.reduce((sum, x, i) => sum + Math.abs(b.rgb[i] - x), 0) / 3;
+
+function swatch({ rgb }) {
+  const square = make("i", { class: "swatch" });
+  square.style.background = hex(rgb);
+  return make("span", { class: "swatched" }, square, rgb.join(" "));
+}

@@ -1,0 +1,89 @@
+// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
+// and lets go.
+
+import { byId, make } from "/static/page/dom.js";
+
+const STEP_PX = 4;
+const FAST = 10;
+const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** What it does reaches the canvas as events of a pointer. It has no button: who can press one has a pointer. */
+export class KeyPointer {
+  constructor() {
+    this.on = false;
+    this.held = false;
+    this.place = null; // {x, y} in the pane
+    this.canvas = byId("canvas");
+    this.mark = make("div", { class: "key-pointer", hidden: true });
+    byId("stage").append(this.mark);
+    // Before the table of keys: while it is there, these keys are the pointer's.
+    document.addEventListener("keydown", (event) => this.key(event), { capture: true });
+    // A mouse that is used takes over.
+    this.canvas.addEventListener("pointerdown", (event) => event.isTrusted && this.on && this.toggle());
+  }
+
+  toggle() {
+    if (this.held) this.press(false);
+    this.on = !this.on;
+    if (this.on) {
+      this.place ??= { x: this.canvas.clientWidth / 2, y: this.canvas.clientHeight / 2 };
+      this.canvas.focus();
+      this.move(0, 0);
+    } else {
+      this.send("pointerleave");
+    }
+    this.show();
+  }
+
+  key(event) {
+    if (!this.on || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+    if (event.target !== this.canvas && event.target !== document.body) return;
+    const once = {
+      Enter: () => this.click(event.shiftKey),
+      " ": () => this.press(!this.held, event.shiftKey),
+      Escape: () => this.toggle(),
+    }[event.key];
+    if (event.key in WAYS) this.move(...WAYS[event.key].map((way) => way * STEP_PX * (event.shiftKey ? FAST : 1)));
+    else if (!once) return;
+    else if (!event.repeat) once();
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+
+  move(dx, dy) {
+    const within = (value, size) => Math.min(Math.max(value, 0), size - 1);
+    this.place = {
+      x: within(this.place.x + dx, this.canvas.clientWidth),
+      y: within(this.place.y + dy, this.canvas.clientHeight),
+    };
+    this.send("pointermove");
+    this.show();
+  }
+
+  click(shift) {
+    if (this.held) return this.press(false, shift);
+    this.send("pointerdown", shift);
+    this.send("pointerup", shift);
+  }
+
+  press(down, shift = false) {
+    this.held = down;
+    this.send(down ? "pointerdown" : "pointerup", shift);
+    this.show();
+  }
+
+  send(type, shiftKey = false) {
+    const at = this.canvas.getBoundingClientRect();
+    const [clientX, clientY] = [at.left + this.place.x, at.top + this.place.y];
+    const buttons = type === "pointerdown" || this.held ? 1 : 0;
+    this.canvas.dispatchEvent(
+      new PointerEvent(type, { bubbles: true, button: 0, buttons, clientX, clientY, shiftKey }),
+    );
+  }
+
+  show() {
+    this.mark.hidden = !this.on;
+    this.mark.classList.toggle("held", this.held);
+    if (this.on) this.mark.style.translate = `${this.place.x}px ${this.place.y}px`;
+  }
+}

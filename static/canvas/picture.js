@@ -1,0 +1,78 @@
+// The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
+
+import { boxOf } from "/static/canvas/geometry.js";
+import { Pyramid } from "/static/canvas/pyramid.js";
+
+const OUTLINE = [230, 126, 0];
+
+/** One picture with its place on the plane; `onReady(anew)` when it is shown, anew if its revision is. */
+export class Picture {
+  constructor(onReady) {
+    this.onReady = onReady;
+    this.wanted = null;
+    this.shown = null; // {address, revision, grid, box, image, alpha, outline}
+  }
+
+  clear() {
+    this.wanted = null;
+    if (this.shown === null) return;
+    this.shown = null;
+    this.onReady(true);
+  }
+
+  /** Ask for a picture; nothing happens if it is the one that is shown or on its way. */
+  async show(address, revision, grid, withOutline) {
+    if (this.wanted === address) return;
+    this.wanted = address;
+    let image;
+    try {
+      const response = await fetch(address);
+      if (!response.ok) throw new Error(String(response.status));
+      image = await createImageBitmap(await response.blob());
+    } catch {
+      if (this.wanted === address) this.wanted = null; // the next state asks again
+      return;
+    }
+    if (this.wanted !== address) return;
+    const anew = this.shown?.revision !== revision;
+    const shape = !withOutline
+      ? {}
+      : anew
+        ? outlineOf(image)
+        : { alpha: this.shown.alpha, outline: this.shown.outline };
+    this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
+    this.onReady(anew);
+  }
+
+  /** Whether the picture is opaque at a place of the plane. */
+  covers(u, v) {
+    if (!this.shown?.alpha) return false;
+    const { grid, alpha } = this.shown;
+    const col = Math.round((u - grid.origin_uv_m[0]) / grid.pixel_size_m);
+    const row = Math.round((v - grid.origin_uv_m[1]) / grid.pixel_size_m);
+    return col >= 0 && row >= 0 && col < grid.cols && row < grid.rows && alpha[row * grid.cols + col] > 0;
+  }
+}
+
+function outlineOf(image) {
+  const { width, height } = image;
+  const canvas = new OffscreenCanvas(width, height);
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(image, 0, 0);
+  const data = context.getImageData(0, 0, width, height);
+  const alpha = new Uint8Array(width * height);
+  for (let i = 0; i < alpha.length; i++) alpha[i] = data.data[4 * i + 3];
+  const pixels = new Uint32Array(data.data.buffer);
+  pixels.fill(0);
+  const [red, green, blue] = OUTLINE;
+  const edge = new Uint32Array(new Uint8ClampedArray([red, green, blue, 255]).buffer)[0];
+  for (let row = 0, i = 0; row < height; row++) {
+    for (let col = 0; col < width; col++, i++) {
+      if (!alpha[i]) continue;
+      const rim = row === 0 || col === 0 || row === height - 1 || col === width - 1;
+      if (rim || !alpha[i - 1] || !alpha[i + 1] || !alpha[i - width] || !alpha[i + width]) pixels[i] = edge;
+    }
+  }
+  context.putImageData(data, 0, 0);
+  return { alpha, outline: new Pyramid(canvas) };
+}

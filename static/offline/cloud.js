@@ -1,0 +1,411 @@
+// A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; what is marked is drawn over it in 2D.
+
+const CLICK_PX = 4;
+const TURN_MS = 450;
+const REACH_PX = 9; // a click further from every point than this hits none
+const LAYER_M = 0.01;
+
+const POINTS = {
+  vertex: `#version 300 es
+    in vec3 place; in vec3 color; in float first;
+    uniform mat4 clip_from_held; uniform float size, step, tint, lift;
+    out vec3 shade;
+    void main() {
+      gl_Position = first > step + 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : clip_from_held * vec4(place, 1.0);
+      gl_Position.z += lift * gl_Position.w;
+      gl_PointSize = max(size / gl_Position.w, 1.5);
+      shade = mix(color, vec3(1.0, 0.55, 0.0), abs(first - step) < 0.5 ? tint : 0.0);
+    }`,
+  fragment: `#version 300 es
+    precision mediump float;
+    in vec3 shade; uniform vec4 wash; out vec4 paint;
+    void main() {
+      if (length(gl_PointCoord - 0.5) > 0.5) discard;
+      paint = vec4(mix(shade, wash.rgb, wash.a), 1.0);
+    }`,
+};
+
+export class CloudView {
+  /**
+   * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was
+   * clicked.
+   */
+  constructor(canvas, marks, scene, pick) {
+    this.canvas = canvas;
+    this.marksCanvas = marks;
+    this.pen = marks.getContext("2d");
+    this.scene = scene;
+    this.pick = pick;
+    this.step = 0;
+    this.tint = 0.5;
+    this.showAround = true;
+    this.mark = null; // {point, gripper}
+    this.aimAt(this.lookFrom(scene.start));
+    this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    if (this.gl) this.build();
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.build();
+      this.redraw();
+    });
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.listen();
+  }
+
+  get works() {
+    return this.gl !== null;
+  }
+
+  // --- what is shown -------------------------------------------------------------------------
+
+  setStep(step, follow) {
+    this.step = step;
+    if (follow) this.turnTo(this.lookFrom(step));
+    this.redraw();
+  }
+
+  /** Color the cloth, three bytes a pixel. */
+  setColors(rgb) {
+    this.colors = rgb;
+    if (!this.gl) return;
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.cloth.color);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, rgb, this.gl.DYNAMIC_DRAW);
+    this.redraw();
+  }
+
+  setMark(mark) {
+    this.mark = mark;
+    this.redraw();
+  }
+
+  setAround(on) {
+    this.showAround = on;
+    this.redraw();
+  }
+
+  // --- the eye -------------------------------------------------------------------------------
+
+  /** Where the real camera stood at a step, as an eye that turns about the middle of the cloth. */
+  lookFrom(step) {
+    const { center } = this.scene;
+    const camera = this.scene.cameras[step];
+    const away = camera.map((x, i) => x - center[i]);
+    const distance = Math.hypot(...away);
+    const { up, east, south } = this.basis();
+    return {
+      target: [...center],
+      yaw: Math.atan2(dot(away, east), dot(away, south)),
+      pitch: Math.asin(dot(away, up) / distance),
+      distance,
+      zoom: 1,
+    };
+  }
+
+  /** Half of what is seen along the shorter side of the view, in metres at the middle of the cloth. */
+  get extent() {
+    const aspect = this.width / this.height;
+    const [across, upright] = this.scene.halfExtents;
+    return (1.2 * Math.max(across / Math.max(1, aspect), upright / Math.max(1, 1 / aspect))) / this.eye.zoom;
+  }
+
+  /** Directions that do not turn with the eye: up along the axis, and two across it. */
+  basis() {
+    const up = this.scene.axis.direction;
+    const out = Math.abs(up[2]) < 0.9 ? [0, 0, -1] : [1, 0, 0];
+    const south = unit(out.map((x, i) => x - dot(out, up) * up[i]));
+    return { up, south, east: cross(up, south) };
+  }
+
+  aimAt(eye) {
+    this.eye = eye;
+  }
+
+  turnTo(goal) {
+    cancelAnimationFrame(this.turning);
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return this.aimAt(goal);
+    const from = this.eye;
+    const turn = Math.atan2(Math.sin(goal.yaw - from.yaw), Math.cos(goal.yaw - from.yaw));
+    const began = performance.now();
+    const move = (now) => {
+      const s = Math.min(1, Math.max(0, (now - began) / TURN_MS));
+      const share = s * s * (3 - 2 * s);
+      const between = (a, b) => a + share * (b - a);
+      this.aimAt({
+        target: from.target.map((x, i) => between(x, goal.target[i])),
+        yaw: from.yaw + share * turn,
+        pitch: between(from.pitch, goal.pitch),
+        distance: between(from.distance, goal.distance),
+        zoom: between(from.zoom, goal.zoom),
+      });
+      this.redraw();
+      if (s < 1) this.turning = requestAnimationFrame(move);
+    };
+    this.turning = requestAnimationFrame(move);
+  }
+
+  turn(dx, dy) {
+    cancelAnimationFrame(this.turning);
+    this.eye.yaw -= dx;
+    this.eye.pitch = Math.min(1.5, Math.max(-1.5, this.eye.pitch + dy));
+    this.redraw();
+  }
+
+  zoom(factor) {
+    cancelAnimationFrame(this.turning);
+    this.eye.zoom = Math.min(40, Math.max(0.2, this.eye.zoom * factor));
+    this.redraw();
+  }
+
+  pan(dx, dy) {
+    cancelAnimationFrame(this.turning);
+    const { right, down } = this.axes();
+    const scale = (2 * this.extent) / Math.min(this.width, this.height);
+    for (let i = 0; i < 3; i++) this.eye.target[i] -= scale * (dx * right[i] + dy * down[i]);
+    this.redraw();
+  }
+
+  axes() {
+    const { up, east, south } = this.basis();
+    const { yaw, pitch } = this.eye;
+    const back = up.map(
+      (_, i) => Math.cos(pitch) * (Math.sin(yaw) * east[i] + Math.cos(yaw) * south[i]) + Math.sin(pitch) * up[i],
+    );
+    const right = unit(cross(up, back));
+    return { back, right, down: cross(right, back) };
+  }
+
+  /** Column-major: rows x right, y up, z by depth, w the depth over the distance. */
+  matrix() {
+    const { back, right, down } = this.axes();
+    const { target, distance } = this.eye;
+    const { extent } = this;
+    const aspect = this.width / this.height;
+    const wide = Math.max(1, aspect);
+    const high = Math.max(1, 1 / aspect);
+    const rows = [
+      [right, 1 / (extent * wide), 0],
+      [down, -1 / (extent * high), 0],
+      [back, -1 / (3 * extent + 1), 0],
+      [back, -1 / distance, 1],
+    ];
+    const m = new Float32Array(16);
+    rows.forEach(([axis, scale, more], r) => {
+      for (let c = 0; c < 3; c++) m[4 * c + r] = scale * axis[c];
+      m[12 + r] = more - scale * dot(axis, target);
+    });
+    return m;
+  }
+
+  /** Where a point appears, CSS pixels, and how far it is. */
+  toScreen(point, m = this.matrix()) {
+    const [x, y, , w] = [0, 1, 2, 3].map(
+      (r) => m[r] * point[0] + m[4 + r] * point[1] + m[8 + r] * point[2] + m[12 + r],
+    );
+    return { x: ((x / w + 1) / 2) * this.width, y: ((1 - y / w) / 2) * this.height, depth: w * this.eye.distance };
+  }
+
+  /** The pixel of cloth that is seen at a place, or -1. */
+  pixelAt(x, y) {
+    const m = this.matrix();
+    const { cloth } = this.scene;
+    const near = [];
+    for (let n = 0; n < cloth.count; n++) {
+      if (cloth.first[n] > this.step) continue;
+      const at = this.toScreen(cloth.xyz.subarray(3 * n, 3 * n + 3), m);
+      const away = Math.hypot(at.x - x, at.y - y);
+      if (away <= REACH_PX && at.depth > 0) near.push({ n, away, depth: at.depth });
+    }
+    const front = Math.min(...near.map((p) => p.depth));
+    const seen = near.filter((p) => p.depth <= front + LAYER_M);
+    return seen.reduce((best, p) => (p.away < best.away ? p : best), { n: -1, away: Infinity }).n;
+  }
+
+  // --- drawing -------------------------------------------------------------------------------
+
+  build() {
+    const gl = this.gl;
+    const program = gl.createProgram();
+    for (const [kind, text] of [
+      [gl.VERTEX_SHADER, POINTS.vertex],
+      [gl.FRAGMENT_SHADER, POINTS.fragment],
+    ]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    this.program = program;
+    this.at = Object.fromEntries(
+      ["clip_from_held", "size", "step", "tint", "lift", "wash"].map((name) => [
+        name,
+        gl.getUniformLocation(program, name),
+      ]),
+    );
+    const { cloth, around } = this.scene;
+    this.cloth = this.cloud(cloth.xyz, this.colors ?? new Uint8Array(3 * cloth.count), cloth.first);
+    this.around = around.map(({ xyz, rgb }) => this.cloud(xyz, rgb, null));
+    gl.enable(gl.DEPTH_TEST);
+  }
+
+  cloud(xyz, rgb, first) {
+    const gl = this.gl;
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    const attribute = (name, data, size, type, normalized) => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+      const place = gl.getAttribLocation(this.program, name);
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, type, normalized, 0, 0);
+      return buffer;
+    };
+    attribute("place", xyz, 3, gl.FLOAT, false);
+    const color = attribute("color", rgb, 3, gl.UNSIGNED_BYTE, true);
+    if (first) attribute("first", first, 1, gl.FLOAT, false);
+    else gl.vertexAttrib1f(gl.getAttribLocation(this.program, "first"), -1);
+    gl.bindVertexArray(null);
+    return { array, color, count: xyz.length / 3 };
+  }
+
+  resize() {
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    for (const canvas of [this.canvas, this.marksCanvas]) {
+      canvas.width = Math.max(1, Math.round(this.width * devicePixelRatio));
+      canvas.height = Math.max(1, Math.round(this.height * devicePixelRatio));
+    }
+    this.draw();
+  }
+
+  redraw() {
+    if (this.dirty) return;
+    this.dirty = true;
+    requestAnimationFrame(() => this.draw());
+  }
+
+  draw() {
+    this.dirty = false;
+    if (!this.width || !this.height) return;
+    const style = getComputedStyle(this.canvas);
+    if (this.gl) this.drawPoints(rgbOf(style.getPropertyValue("--ground")));
+    this.drawMarks(style);
+  }
+
+  drawPoints(ground) {
+    const gl = this.gl;
+    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    gl.clearColor(...ground, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.useProgram(this.program);
+    gl.uniformMatrix4fv(this.at.clip_from_held, false, this.matrix());
+    const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.extent);
+    gl.uniform1f(this.at.step, this.step);
+    const paint = (cloud, size, tint, lift, wash) => {
+      gl.uniform1f(this.at.size, size * pixelsPerMetre);
+      gl.uniform1f(this.at.tint, tint);
+      gl.uniform1f(this.at.lift, lift);
+      gl.uniform4f(this.at.wash, ...wash);
+      gl.bindVertexArray(cloud.array);
+      gl.drawArrays(gl.POINTS, 0, cloud.count);
+    };
+    paint(this.cloth, this.scene.cloth.grid.pixel_size_m * 1.5, this.tint, 0, [0, 0, 0, 0]);
+    // What else was seen lies a little behind, so that it does not show through the cloth.
+    if (this.showAround) paint(this.around[this.step], 1.6 * this.scene.spacing, 0, 0.007, [0.62, 0.64, 0.67, 0.7]);
+    gl.bindVertexArray(null);
+  }
+
+  drawMarks(style) {
+    const pen = this.pen;
+    const m = this.matrix();
+    pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    pen.clearRect(0, 0, this.width, this.height);
+    const line = (segments, color, width) => {
+      pen.strokeStyle = color;
+      pen.lineWidth = width;
+      pen.lineCap = "round";
+      pen.beginPath();
+      for (const [a, b] of segments) {
+        const [from, to] = [this.toScreen(a, m), this.toScreen(b, m)];
+        if (from.depth < 0.02 || to.depth < 0.02) continue;
+        pen.moveTo(from.x, from.y);
+        pen.lineTo(to.x, to.y);
+      }
+      pen.stroke();
+    };
+    pen.globalAlpha = 0.45;
+    line(this.scene.axisLine, style.getPropertyValue("--soft"), 1);
+    pen.globalAlpha = 1;
+    if (!this.mark) return;
+    const pick = style.getPropertyValue("--pick");
+    if (this.mark.gripper)
+      for (const [color, width] of [
+        ["#fff", 5],
+        [pick, 2.5],
+      ])
+        line(this.mark.gripper, color, width);
+    const { x, y } = this.toScreen(this.mark.point, m);
+    for (const [color, radius] of [
+      ["#fff", 6.5],
+      [pick, 5],
+    ]) {
+      pen.fillStyle = color;
+      pen.beginPath();
+      pen.arc(x, y, radius, 0, 2 * Math.PI);
+      pen.fill();
+    }
+  }
+
+  // --- pointer and keys ----------------------------------------------------------------------
+
+  listen() {
+    const canvas = this.canvas;
+    let gesture = null;
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      gesture = { x: event.offsetX, y: event.offsetY, moved: false, pan: event.button !== 0 || event.shiftKey };
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!gesture) return;
+      const [dx, dy] = [event.offsetX - gesture.x, event.offsetY - gesture.y];
+      gesture.moved ||= Math.hypot(dx, dy) > CLICK_PX;
+      if (!gesture.moved) return;
+      if (gesture.pan) this.pan(dx, dy);
+      else this.turn(dx * 0.008, dy * 0.008);
+      Object.assign(gesture, { x: event.offsetX, y: event.offsetY });
+    });
+    canvas.addEventListener("pointerup", (event) => {
+      if (gesture && !gesture.moved && !gesture.pan) this.pick(this.pixelAt(event.offsetX, event.offsetY));
+      gesture = null;
+    });
+    canvas.addEventListener("pointercancel", () => (gesture = null));
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(Math.exp(-event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1) * 0.0016));
+      },
+      { passive: false },
+    );
+    canvas.addEventListener("keydown", (event) => {
+      const turns = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12] };
+      if (event.key in turns) this.turn(...turns[event.key]);
+      else if (event.key === "+" || event.key === "=") this.zoom(1.25);
+      else if (event.key === "-") this.zoom(1 / 1.25);
+      else return;
+      event.preventDefault();
+      event.stopPropagation();
+    });
+  }
+}
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const unit = (v) => v.map((x) => x / (Math.hypot(...v) || 1));
+
+function rgbOf(hex) {
+  const value = parseInt(hex.trim().slice(1), 16);
+  return [(value >> 16) / 255, ((value >> 8) & 255) / 255, (value & 255) / 255];
+}

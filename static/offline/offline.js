@@ -1,0 +1,358 @@
+// The exported page: steps through the growth of a shape, in 3D and flattened, with its picks. It has no server.
+
+import { FlatCanvas } from "/static/canvas/canvas.js";
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { count, keyName, number } from "/static/page/format.js";
+import { startTips } from "/static/page/notices.js";
+import { actionTable, showHelp } from "/static/offline/actions.js";
+import { CloudView } from "/static/offline/cloud.js";
+import { copyPick, showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
+import { unpack } from "/static/offline/data.js";
+
+const PLAY_MS = 1300;
+const NEW = [255, 140, 0];
+
+class Page {
+  constructor({ history, layers, cloth, around }) {
+    this.history = history;
+    this.layers = layers;
+    this.cloth = cloth;
+    this.last = history.steps.length - 1;
+    this.step = this.last;
+    this.layer = history.layers[0].name;
+    this.tint = false; // whether the pixels that a step added are marked
+    this.follow = true;
+    this.current = null;
+    this.flat = new FlatCanvas({
+      pick: (u, v) => this.pickAt(u, v),
+      hover: (u, v) => this.hover(u, v),
+      nudge: () => {},
+      mayDrag: () => false,
+    });
+    const { low, high } = history.extent;
+    const scene = {
+      cloth,
+      around,
+      axis: history.axis,
+      axisLine: [history.axis.line],
+      cameras: history.steps.map((s) => s.camera_m),
+      center: low.map((x, i) => (x + high[i]) / 2),
+      halfExtents: history.half_extents_m,
+      spacing: history.around_spacing_m,
+      start: this.step,
+    };
+    this.cloud = new CloudView(byId("cloud"), byId("cloud-marks"), scene, (n) => n >= 0 && this.pick(n, 0));
+    byId("cloud-empty").hidden = this.cloud.works;
+    this.cloud.setStep(this.step, false);
+    setText(
+      byId("cloud-empty"),
+      "This browser shows no 3D here (WebGL 2 is off). The flattened view works without it.",
+    );
+    this.actions = actionTable(this);
+    this.fixed();
+    this.show();
+  }
+
+  action = (name) => this.actions.find((a) => a.name === name);
+
+  button(name) {
+    const a = this.action(name);
+    return make(
+      "button",
+      {
+        type: "button",
+        class: "button",
+        "aria-label": a.label ?? null,
+        data: { action: name, id: name, tip: `${a.about}\nKey: ${a.keys.map(keyName).join(" or ")}` },
+        on: { click: () => a.run() },
+      },
+      a.title,
+      make("kbd", {}, keyName(a.keys[0])),
+    );
+  }
+
+  /** What does not change. */
+  fixed() {
+    const { recording, method } = this.history;
+    byId("recording").textContent = `${recording.name} · ${count(recording.n_views, "view")} · method ${method}`;
+    if (recording.description) byId("recording").dataset.tip = recording.description;
+    byId("page-actions").append(...["tint", "theme", "help"].map((n) => this.button(n)));
+    byId("layers").append(...this.history.layers.map((l) => this.button(`layer_${l.name}`)));
+    byId("zoom-tools").append(...["zoom_out", "zoom_in", "fit"].map((n) => this.button(n)));
+    byId("cloud-tools").append(...["reset", "follow", "around"].map((n) => this.button(n)));
+    byId("play-tools").append(...["back", "play", "forward"].map((n) => this.button(n)));
+    document.querySelector('[data-action="play"]').classList.add("play");
+    byId("timeline").append(
+      ...this.history.steps.map((s) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "view",
+            "aria-label":
+              `Step ${s.order + 1}: view ${s.view_index}, ${number(s.angle_deg, 0)}°,` +
+              ` adds ${number(s.added_cm2, 0)} cm²`,
+            data: { step: s.order, tip: `View ${s.view_index} at ${number(s.angle_deg, 0)}°\n${s.told}` },
+            on: {
+              click: () => {
+                this.pause();
+                this.goTo(s.order, true);
+              },
+            },
+          },
+          make("span", { class: "sign", "aria-hidden": "true" }, String(s.view_index)),
+          make("span", { class: "angle" }, `${number(s.angle_deg, 0)}°`),
+        ),
+      ),
+    );
+  }
+
+  // --- what is shown -------------------------------------------------------------------------
+
+  show() {
+    const step = this.history.steps[this.step];
+    this.paint();
+    for (const button of byId("timeline").children) {
+      const order = Number(button.dataset.step);
+      button.classList.toggle("done", order <= this.step);
+      if (order === this.step) button.setAttribute("aria-current", "true");
+      else button.removeAttribute("aria-current");
+    }
+    const pressed = {
+      play: Boolean(this.timer),
+      tint: this.tint,
+      follow: this.follow,
+      around: this.cloud.showAround,
+    };
+    for (const { name } of this.history.layers) pressed[`layer_${name}`] = name === this.layer;
+    for (const [name, on] of Object.entries(pressed))
+      document.querySelector(`[data-action="${name}"]`)?.setAttribute("aria-pressed", String(on));
+    document.querySelector('[data-action="play"]').firstChild.textContent = this.timer ? "Pause" : "Play";
+    setText(
+      byId("hint"),
+      `Step ${this.step + 1} of ${this.last + 1}: view ${step.view_index} at ${number(step.angle_deg, 0)}°,` +
+        ` ${step.told}. It adds ${number(step.added_cm2, 0)} cm²; the shape has ${number(step.area_cm2, 0)} cm².` +
+        (this.step === this.last && this.history.finished ? ` ${this.history.finished}` : ""),
+    );
+    this.showLegend();
+    this.showPicks();
+    showDecisions(this);
+    this.showPick();
+  }
+
+  /** Paint the flattened shape after the step, and color the cloth in 3D alike. */
+  paint() {
+    const { grid, at, first, count: n } = this.cloth;
+    const layer = this.layers[this.layer];
+    const image = new ImageData(grid.cols, grid.rows);
+    const colors = new Uint8Array(3 * n);
+    for (let k = 0; k < n; k++) {
+      const from = 4 * at[k];
+      for (let c = 0; c < 3; c++) colors[3 * k + c] = layer.pixels[from + c];
+      if (first[k] > this.step) continue;
+      const mark = this.tint && first[k] === this.step ? 0.5 : 0;
+      for (let c = 0; c < 3; c++) image.data[from + c] = (1 - mark) * layer.pixels[from + c] + mark * NEW[c];
+      image.data[from + 3] = 255;
+    }
+    const canvas = new OffscreenCanvas(grid.cols, grid.rows);
+    canvas.getContext("2d").putImageData(image, 0, 0);
+    this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0, null);
+    this.cloud.tint = this.tint ? 0.5 : 0;
+    this.cloud.setColors(colors);
+    this.marks();
+  }
+
+  marks() {
+    this.flat.pick = this.current && this.isShown(this.current) ? this.current : null;
+    this.flat.showMarks(this.history.picks.filter((p) => this.isShown(p)));
+    this.cloud.setMark(
+      this.current ? { point: this.current.position_held_m, gripper: this.current.gripper_m } : null,
+    );
+  }
+
+  isShown = (pick) => pick.uv_m !== null && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
+
+  showLegend() {
+    const { legend } = this.layers[this.layer];
+    const box = byId("legend");
+    box.hidden = legend.kind === "none";
+    if (box.hidden) return;
+    rebuild(box, legend, () => {
+      const heading = make("h3", {}, legend.title);
+      if (legend.kind === "classes") {
+        return [
+          heading,
+          ...legend.classes.map((c) => {
+            const swatch = make("i", { class: "swatch" });
+            swatch.style.background = c.color;
+            return make("p", {}, swatch, c.label);
+          }),
+        ];
+      }
+      const ramp = make("i", { class: "ramp" });
+      ramp.style.background = `linear-gradient(to top, ${legend.colors.join(", ")})`;
+      const ticks = [legend.high, (legend.low + legend.high) / 2, legend.low];
+      return [
+        heading,
+        make("div", { class: "scale" }, ramp, make("div", {}, ...ticks.map((x) => make("span", {}, number(x, 0))))),
+      ];
+    });
+  }
+
+  // --- steps ---------------------------------------------------------------------------------
+
+  goTo(step, tint) {
+    const moved = step !== this.step;
+    this.step = step;
+    this.tint = tint && step >= 0;
+    this.cloud.setStep(step, this.follow && moved);
+    this.show();
+  }
+
+  stepBy(by) {
+    this.pause();
+    const step = Math.min(this.last, Math.max(0, this.step + by));
+    if (step !== this.step) this.goTo(step, true);
+  }
+
+  togglePlay() {
+    if (this.timer) {
+      this.pause();
+      return this.show();
+    }
+    this.timer = setInterval(() => {
+      if (this.step < this.last) return this.goTo(this.step + 1, true);
+      this.pause();
+      this.goTo(this.last, false);
+    }, PLAY_MS);
+    this.goTo(this.step === this.last ? 0 : this.step, true);
+  }
+
+  pause() {
+    clearInterval(this.timer);
+    this.timer = null;
+  }
+
+  setLayer(name) {
+    this.layer = name;
+    this.show();
+  }
+
+  setTint(on) {
+    this.tint = on;
+    this.show();
+  }
+
+  setFollow(on) {
+    this.follow = on;
+    if (on) this.cloud.setStep(this.step, true);
+    this.show();
+  }
+
+  setAround(on) {
+    this.cloud.setAround(on);
+    this.show();
+  }
+
+  // --- picks ---------------------------------------------------------------------------------
+
+  pickAt(u, v) {
+    const { n, miss } = this.cloth.nearest(u, v, this.step);
+    if (n >= 0) this.pick(n, miss);
+  }
+
+  /** Look at a pixel of the cloth: shown on both sides, but kept nowhere. */
+  pick(n, miss) {
+    const { rc, uv } = this.cloth.place(n);
+    this.setCurrent({
+      id: null,
+      name: "Here",
+      rc,
+      uv_m: uv,
+      miss_m: miss,
+      position_held_m: this.cloth.point(n),
+      normal_held: this.cloth.normal(n),
+      z_angle_deg: this.cloth.zAngles[n] / 10,
+      view_index: this.cloth.views[this.cloth.source[n]],
+      source_rc: [this.cloth.sourceRc[2 * n] / 10, this.cloth.sourceRc[2 * n + 1] / 10],
+      grip: null,
+      gripper_m: null,
+    });
+  }
+
+  setCurrent(pick) {
+    this.current = pick;
+    this.marks();
+    this.showPick();
+    this.showPicks();
+  }
+
+  showPick() {
+    showPick(this);
+  }
+
+  showPicks() {
+    showPicks(this);
+  }
+
+  hover(u, v) {
+    showValues(this, u, v);
+  }
+
+  toggleTheme() {
+    toggleTheme();
+  }
+
+  copy() {
+    return copyPick(this);
+  }
+
+  help() {
+    showHelp(this);
+  }
+
+  key(event) {
+    if (event.altKey || event.metaKey || event.ctrlKey || document.querySelector("dialog[open]")) return;
+    const key = event.key === " " ? "Space" : event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const action = this.actions.find((a) => a.keys.includes(key));
+    // Space presses the button that has the focus.
+    if (!action || (key === "Space" && event.target.closest?.("button"))) return;
+    event.preventDefault();
+    action.run();
+  }
+}
+
+// --- theme ------------------------------------------------------------------------------
+
+const system = matchMedia("(prefers-color-scheme: dark)");
+let chosen = null;
+let page = null;
+
+function applyTheme() {
+  document.documentElement.dataset.theme = chosen ?? (system.matches ? "dark" : "light");
+  page?.flat.redraw();
+  page?.cloud.redraw();
+}
+
+function toggleTheme() {
+  chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+  applyTheme();
+}
+
+system.addEventListener("change", applyTheme);
+applyTheme();
+startTips();
+try {
+  page = new Page(await unpack(byId("history").textContent, byId("arrays").textContent));
+  document.addEventListener("keydown", (event) => page.key(event));
+  applyTheme();
+  page.hover(null);
+  Object.assign(window, { flatcloth: page });
+} catch (error) {
+  byId("broken").hidden = false;
+  setText(
+    byId("broken"),
+    `This page cannot be shown here: ${error.message}. Open it with a browser of 2023 or newer.`,
+  );
+  throw error;
+}

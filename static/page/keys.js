@@ -1,0 +1,54 @@
+// What a key means: looked up in the table of actions, in the mode that is open.
+
+import { isMove } from "/static/canvas/nudges.js";
+
+const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
+
+/**
+ * `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that
+ * want it as well.
+ */
+export function startKeys(page) {
+  let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
+
+  function onKeyDown(event) {
+    if (event.key === "Tab") tabbed = true;
+    const state = page.state();
+    if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+    // The browser lets a dialog that was just closed keep the focus until it draws again.
+    const target = event.target.closest?.("dialog") ? document.body : event.target;
+    if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
+    if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
+    const key = keyOf(event);
+    const modes = page.modes();
+    const action = (event.shiftKey && actionOf(state, modes, `Shift+${key}`)) || actionOf(state, modes, key);
+    if (!action) return;
+    // Space presses the button that was tabbed to.
+    if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
+    // Without a proposal the arrow keys keep their own meaning, such as scrolling.
+    const moves = isMove(action.name);
+    if (moves && !state.pending) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (event.repeat && !moves && !REPEATED.includes(action.name)) return;
+    page.run(action.name, event.shiftKey);
+  }
+
+  document.addEventListener("keydown", onKeyDown);
+  document.addEventListener("pointerdown", () => (tabbed = false));
+  window.addEventListener("blur", () => (tabbed = false));
+  return onKeyDown;
+}
+
+/** The modes that are open come first; of the others, live mode and capture leave their keys to the browser. */
+function actionOf(state, modes, key) {
+  const having = state.actions.filter((a) => a.keys.includes(key));
+  const inOrder = [...modes, "", "session", "teaching"].map((mode) => having.find((a) => a.mode === mode));
+  return inOrder.find(Boolean);
+}
+
+function keyOf(event) {
+  if (event.key === " ") return "Space";
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  return event.ctrlKey ? `Ctrl+${key}` : key;
+}

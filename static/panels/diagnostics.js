@@ -1,0 +1,345 @@
+// What placed a proposal: the paper's curves, linked to the canvas; corresponding lines; strained edges.
+
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { degrees, number } from "/static/page/format.js";
+import { columns, rows, Sheet } from "/static/teaching/draw.js";
+import { Plot } from "/static/teaching/plot.js";
+
+const PLOTS = ["current", "new"];
+const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
+const FAR_M = 4;
+
+export class Diagnostics {
+  name = "diagnostics";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = { diagnostics: () => this.toggle() };
+    this.open = false;
+    this.showsLines = true;
+    this.showsEdges = false;
+    this.known = null; // what the server told
+    this.asked = null;
+    this.marked = {}; // column (mm) of each plot
+    this.panel = byId("diagnostics");
+    this.build();
+    this.canvas.drawers.push((_, context) => this.paint(context));
+  }
+
+  build() {
+    this.plotCanvas = make("canvas", {
+      tabindex: 0,
+      role: "img",
+      "aria-label": "Curves over the columns. The arrow keys move the marked column.",
+      on: { pointermove: (e) => this.point(e), pointerleave: () => this.mark({}), keydown: (e) => this.key(e) },
+    });
+    this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
+    this.title = make("h2", {});
+    this.facts = make("p", { class: "diagnostics-facts" });
+    this.trouble = make("p", { class: "diagnostics-trouble", role: "status" });
+    this.column = make("output", { class: "diagnostics-column" });
+    this.choices = make("div", { class: "diagnostics-choices" });
+    this.panel.append(
+      make(
+        "div",
+        { class: "heading" },
+        this.title,
+        this.choices,
+        make(
+          "button",
+          { type: "button", class: "close", "aria-label": "Close", on: { click: () => this.toggle() } },
+          "×",
+        ),
+      ),
+      make("div", { class: "diagnostics-plots" }, this.plotCanvas, this.trouble),
+      make("div", { class: "diagnostics-foot" }, this.facts, this.column),
+    );
+    new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
+  }
+
+  toggle() {
+    this.open = !this.open;
+    if (!this.open && this.showsEdges) this.setEdges(false);
+    this.page.changed();
+  }
+
+  get pressed() {
+    return { diagnostics: this.open };
+  }
+
+  setEdges(on) {
+    this.showsEdges = on;
+    this.page.send({ type: "edges", show: on });
+    this.canvas.redraw();
+  }
+
+  /** Take a state; what it is about is fetched while the panel is open. */
+  update(state) {
+    const overlay = state.pending ? state.layers?.overlay : null;
+    const shown = this.open && Boolean(overlay);
+    if (this.panel.hidden === shown) this.canvas.redraw();
+    this.panel.hidden = !shown;
+    if (!shown) return;
+    this.showChoices();
+    const key = `${state.layers.revision}-${overlay.revision}`;
+    if (key !== this.asked) this.ask(key, state);
+  }
+
+  async ask(key, state) {
+    this.asked = key;
+    setText(this.title, `What placed view ${state.pending.view_index}`);
+    const answer = await fetch(`/diagnostics/${key}.json`).catch(() => null);
+    if (this.asked !== key) return;
+    if (!answer?.ok) {
+      this.known = null;
+      setText(this.trouble, (await answer?.text()) ?? "There is no connection.");
+      if (answer?.status === 404) this.asked = null; // the next state asks again
+    } else {
+      this.known = await answer.json();
+      this.known.angles_deg = state.views.map((v) => v.angle_deg);
+      setText(this.trouble, this.known.trouble);
+      this.showFacts();
+    }
+    this.showChoices();
+    this.draw();
+    this.canvas.redraw();
+  }
+
+  /** What is on the panel, for tests. */
+  get status() {
+    return { open: this.open, known: this.known, marked: this.marked, asked: this.asked };
+  }
+
+  showChoices() {
+    const { shape, new: own } = this.known?.edges ?? {};
+    const edges = shape ? ` (${shape.strain.length + own.strain.length} of ${shape.total + own.total})` : "";
+    const box = (label, tip, checked, change) =>
+      make(
+        "label",
+        { data: { tip } },
+        make("input", {
+          type: "checkbox",
+          checked,
+          data: { id: label },
+          on: { change: (e) => change(e.target.checked) },
+        }),
+        label,
+      );
+    rebuild(this.choices, [edges, this.showsLines, this.showsEdges], () => [
+      box("Lines", "The corresponding lines and points of equal Z-angle, on the canvas", this.showsLines, (on) => {
+        this.showsLines = on;
+        this.canvas.redraw();
+      }),
+      box(
+        `Strained edges${edges}`,
+        "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
+          "canvas and in 3D",
+        this.showsEdges,
+        (on) => this.setEdges(on),
+      ),
+    ]);
+  }
+
+  showFacts() {
+    const k = this.known;
+    const name = (view) => `view ${view} (${number(k.angles_deg[view], 0)}°)`;
+    const facts = [
+      `Continues ${name(k.front_view)} on the ${k.side}, turned by A = ${degrees(k.turn_deg, 0)}`,
+      `S_0 ${number(k.overlap_cm2, 0)} cm² at u_b = ${number(k.u_b_mm, 0)} mm`,
+      `A_0 = ${degrees(k.a_0_deg)}, so the paper would turn by ${degrees(k.rotation_deg, 0)}`,
+      k.lines ? `A_m = ${degrees(k.lines.a_m_deg)}, points at height ${number(k.lines.height_mm, 0)} mm` : null,
+    ];
+    this.facts.replaceChildren(...withSubscripts(facts.filter(Boolean).join(" · ")));
+  }
+
+  // --- the curves ------------------------------------------------------------------------------
+
+  draw() {
+    if (!this.open) return;
+    const rect = this.sheet.begin();
+    this.plots = {};
+    if (!this.known) return;
+    const { limit_deg: limit, turn_deg: turn } = this.known;
+    const all = [
+      -limit,
+      limit,
+      -limit - turn,
+      limit - turn,
+      ...this.known.current.a_z_deg,
+      ...this.known.new.a_z_deg,
+    ].filter((x) => x !== null);
+    this.angles = [30 * Math.floor((Math.min(...all) - 4) / 30), 30 * Math.ceil((Math.max(...all) + 4) / 30)];
+    const split = rect.w > 1.3 * rect.h ? columns : rows;
+    split(rect, [1, 1], 6).forEach((place, i) => this.drawPlot(PLOTS[i], place));
+  }
+
+  drawPlot(of, place) {
+    const { sheet, known: k } = this;
+    const { color } = sheet;
+    const { u_mm: u, h, a_z_deg: a } = k[of];
+    const turn = of === "new" ? k.turn_deg : 0;
+    const inner = sheet.titled(place, of === "new" ? `New: view ${k.view_index}` : `Shape, at view ${k.front_view}`);
+    const most = Math.max(1, ...h);
+    const ends = u.length ? [u[0], u.at(-1)] : [0, 1];
+    const plot = new Plot(sheet, inner, {
+      x: ends,
+      y: this.angles,
+      y2: [0, 1.08 * most],
+      xLabel: "u (mm)",
+      yLabel: turn ? "A_z − A (°)" : "A_z (°)",
+      y2Label: "h (px)",
+      yColor: color.mean,
+      y2Color: color.count,
+    });
+    this.plots[of] = plot;
+    plot.area(u, h, color.count, 0, u.length - 1, plot.y2, 0.14);
+    plot.curve(u, h, color.count, { scale: plot.y2, width: 1.5 });
+    if (k.lines) plot.band(...k.lines.common_range_deg, color.soft, 0.18);
+    for (const limit of [-k.limit_deg, k.limit_deg])
+      plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
+    if (turn) plot.curve(u, a, color.before, { width: 1.2, dash: [4, 3] });
+    plot.curve(
+      u,
+      a.map((x) => (x === null ? NaN : x - turn)),
+      color.mean,
+      { width: 2 },
+    );
+    if (k.lines) plot.horizontal(k.lines.a_m_deg, color.band, "A_m", [2, 3]);
+    if (of === "current" && k.u_b_mm !== null) {
+      const b = nearest(u, k.u_b_mm);
+      plot.area(u, h, color.accent, ...(k.side === "left" ? [0, b] : [b, u.length - 1]), plot.y2, 0.2);
+      plot.vertical(k.u_b_mm, color.accent, "u_b", 1.5, [], true);
+      sheet.ring(plot.at(k.u_b_mm, k.a_0_deg), 4, color.accent, 2);
+      sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, {
+        color: color.accent,
+        weight: 600,
+        plate: true,
+      });
+    }
+    if (this.marked[of] >= ends[0] && this.marked[of] <= ends[1]) plot.vertical(this.marked[of], color.mark, "", 1.5);
+  }
+
+  /** Mark columns, {current, new} in mm, in the plots and on the canvas. */
+  mark(marked) {
+    this.marked = marked;
+    if (!this.known) return;
+    const told = PLOTS.filter((of) => Number.isFinite(marked[of])).map((of) => {
+      const { u_mm: u, h, a_z_deg: a } = this.known[of];
+      const at = nearest(u, marked[of]);
+      const off = at < 0 || Math.abs(u[at] - marked[of]) > this.known[of].pixel_size_mm;
+      const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
+      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${values}`;
+    });
+    this.column.replaceChildren(...withSubscripts(told.join("  ·  ")));
+    this.draw();
+    this.canvas.redraw();
+  }
+
+  point(event) {
+    const [x, y] = [event.offsetX, event.offsetY];
+    const of = PLOTS.find((name) => {
+      const inner = this.plots?.[name]?.inner;
+      return inner && x >= inner.x && x <= inner.x + inner.w && y >= inner.y && y <= inner.y + inner.h;
+    });
+    if (!of) return this.mark({});
+    const {
+      inner,
+      x: [low, high],
+    } = this.plots[of];
+    this.mark({ [of]: low + ((x - inner.x) / inner.w) * (high - low) });
+  }
+
+  key(event) {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!step || !this.known) return;
+    event.preventDefault();
+    event.stopPropagation(); // here the arrows move the column, not the proposal
+    const of = PLOTS.find((name) => Number.isFinite(this.marked[name])) ?? "current";
+    const { u_mm: u } = this.known[of];
+    const at = Number.isFinite(this.marked[of]) ? nearest(u, this.marked[of]) + step * (event.shiftKey ? 10 : 1) : 0;
+    this.mark({ [of]: u[Math.min(u.length - 1, Math.max(0, at))] });
+  }
+
+  /** The pointer is at a place of the plane: its column is marked in both plots. */
+  hover(at) {
+    if (!this.open || !this.known) return;
+    if (!at) return this.mark({});
+    const front = applied(this.known.front_from_current, at.u_m, at.v_m);
+    const own = unapplied(this.known.current_from_new, at.u_m, at.v_m);
+    this.mark({ current: 1000 * front[0], new: 1000 * own[0] });
+  }
+
+  // --- on the canvas ---------------------------------------------------------------------------
+
+  paint(context) {
+    if (!this.open || this.panel.hidden || !this.known) return;
+    const k = this.known;
+    const toPlane = {
+      current: (u, v) => unapplied(k.front_from_current, u, v),
+      new: (u, v) => applied(k.current_from_new, u, v),
+    };
+    if (this.showsEdges) this.paintEdges(context, k.edges);
+    if (this.showsLines && k.lines) {
+      this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
+      this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);
+    }
+    for (const of of PLOTS) {
+      const u = this.marked[of] / 1000;
+      if (!Number.isFinite(u)) continue;
+      const ends = [-FAR_M, FAR_M].map((v) => this.at(toPlane[of](u, v)));
+      strokeLine(context, ends, this.sheet.color.mark, 1.5, of === "new" ? [6, 4] : []);
+    }
+  }
+
+  at([u, v]) {
+    return this.canvas.transform.toPane(u, v);
+  }
+
+  paintLine(context, line, place, color) {
+    context.fillStyle = color;
+    context.globalAlpha = 0.55;
+    for (const uv of line.pixels_uv_m) {
+      const { x, y } = this.at(place(...uv));
+      context.fillRect(x - 1, y - 1, 2, 2);
+    }
+    context.globalAlpha = 1;
+    const [cu, cv] = line.center_uv_m;
+    const [du, dv] = line.direction;
+    const along = line.pixels_uv_m.map(([u, v]) => (u - cu) * du + (v - cv) * dv);
+    const ends = [Math.min(...along), Math.max(...along)].map((t) => this.at(place(cu + t * du, cv + t * dv)));
+    strokeLine(context, ends, color, 2.5);
+    drawDot(context, this.at(place(...line.point_uv_m)), color, 6);
+  }
+
+  paintEdges(context, edges) {
+    for (const { uv_m: ends, strain } of [edges.shape, edges.new]) {
+      ends.forEach((pair, i) => {
+        const [a, b] = pair.map((uv) => this.at(uv));
+        strokeLine(context, [a, b], EDGE_COLORS[strain[i] > 0 ? 0 : 1], 2);
+      });
+    }
+  }
+}
+
+/** A text in which A_z is set as A with a small z. */
+const withSubscripts = (text) =>
+  text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", {}, part) : part));
+
+/** The index of the value nearest to x in an even sequence, -1 if it is empty. */
+function nearest(values, x) {
+  if (!values.length) return -1;
+  const step = values.length > 1 ? values[1] - values[0] : 1;
+  return Math.min(values.length - 1, Math.max(0, Math.round((x - values[0]) / step)));
+}
+
+function applied([theta, du, dv], u, v) {
+  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  return [cos * u - sin * v + du, sin * u + cos * v + dv];
+}
+
+function unapplied([theta, du, dv], u, v) {
+  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  return [cos * (u - du) + sin * (v - dv), -sin * (u - du) + cos * (v - dv)];
+}

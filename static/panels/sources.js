@@ -1,0 +1,302 @@
+// The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
+
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { count, number } from "/static/page/format.js";
+
+const FOLDED = "flatcloth-source-folded";
+const MASKED = "flatcloth-source-mask";
+const LEAST_PX = 200; // of the image's longer side; it grows with the scene
+const MOST_SHARE = 0.42; // of the scene's width and height
+const MARGIN = 0.12; // around the item, as a share of its size
+const IMAGES_KEPT = 8;
+const HIDDEN = {
+  "faces away": "face away",
+  "covered by nearer cloth": "covered",
+  "outside the image": "outside",
+  "nothing measured there": "not measured",
+};
+
+export class SourcePanel {
+  name = "sources";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { source_image: () => this.fold(), source_mask: () => this.toggleMask() };
+    this.panel = byId("sources");
+    this.folded = localStorage.getItem(FOLDED) === "yes";
+    this.masked = localStorage.getItem(MASKED) !== "no";
+    this.present = null; // the view that the page is at
+    this.pinned = null; // another view that the operator looks at
+    this.pick = null;
+    this.seen = null; // what the server says of the pick: {id, seen, n_views, hidden}
+    this.at = null; // what is under the pointer on the flattened view
+    this.images = new Map(); // by address
+    this.canvas = make("canvas", { id: "source-canvas", role: "img" });
+    new ResizeObserver(() => this.draw()).observe(this.panel.parentElement);
+  }
+
+  get view() {
+    return this.pinned ?? this.present;
+  }
+
+  /** What a hover read-out is asked for besides. */
+  asksHover() {
+    return this.panel.hidden || this.folded || this.view === null ? {} : { view: this.view };
+  }
+
+  update(state) {
+    this.panel.hidden = Boolean(state.capture) || state.present_view === null || Boolean(state.live?.playing);
+    if (this.panel.hidden) return;
+    if (state.present_view !== this.present) this.pinned = null;
+    this.present = state.present_view;
+    this.angles = state.views.map((v) => v.angle_deg);
+    this.takePick(state.pick);
+    this.show();
+  }
+
+  /** Mark the pixel that shows what is under the pointer on the flattened view. */
+  hovered(answer) {
+    this.at = answer?.source ?? null;
+    this.draw();
+  }
+
+  fold() {
+    this.folded = !this.folded;
+    localStorage.setItem(FOLDED, this.folded ? "yes" : "no");
+    this.show();
+  }
+
+  toggleMask() {
+    this.masked = !this.masked;
+    localStorage.setItem(MASKED, this.masked ? "yes" : "no");
+    this.show();
+  }
+
+  pin(view) {
+    this.pinned = view === this.present ? null : view;
+    this.show();
+  }
+
+  // --- the pick --------------------------------------------------------------------------------
+
+  async takePick(pick) {
+    const key = pick && JSON.stringify([pick.id, pick.position_held_m]);
+    const known = this.pick && JSON.stringify([this.pick.id, this.pick.position_held_m]);
+    this.pick = pick;
+    if (key === known) return;
+    this.seen = null;
+    if (!pick) return;
+    const answer = await fetch(`/source/seen/${pick.id}.json`).catch(() => null);
+    if (!answer?.ok || this.pick?.id !== pick.id) return;
+    this.seen = { id: pick.id, ...(await answer.json()) };
+    this.show();
+  }
+
+  // --- what is shown ---------------------------------------------------------------------------
+
+  show() {
+    this.panel.classList.toggle("folded", this.folded);
+    const button = (name, title) => this.page.button(name, title);
+    rebuild(this.panel, ["frame", this.folded], () => {
+      if (this.folded) return [this.tipped(button("source_image"), "source_image")];
+      const back = make("button", {
+        type: "button",
+        class: "button small",
+        id: "source-back",
+        data: { id: "source-back", tip: "Show the view that the page is at" },
+        on: { click: () => this.pin(this.present) },
+      });
+      return [
+        make(
+          "div",
+          { class: "heading" },
+          make("h2", { id: "source-title" }),
+          back,
+          this.tipped(button("source_mask"), "source_mask"),
+          this.tipped(button("source_image", "Fold"), "source_image"),
+        ),
+        make("div", { class: "source-body" }, this.canvas, make("div", { id: "source-seen", class: "source-seen" })),
+      ];
+    });
+    if (this.folded || this.view === null) return;
+    setText(byId("source-title"), `View ${this.view} · ${number(this.angles[this.view], 0)}°`);
+    const back = byId("source-back");
+    back.hidden = this.pinned === null;
+    setText(back, `Back to view ${this.present}`);
+    this.panel.querySelector('[data-action="source_mask"]').setAttribute("aria-pressed", String(this.masked));
+    this.showSeen();
+    this.draw();
+  }
+
+  tipped(element, action) {
+    element.classList.add("small");
+    element.dataset.tip = this.page.tip(action);
+    return element;
+  }
+
+  showSeen() {
+    const { pick, seen } = this;
+    byId("source-seen").hidden = !pick;
+    if (!pick) return;
+    rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
+      if (!seen) return [make("p", { class: "nothing" }, `Looking for ${pick.name} in every view.`)];
+      const others = Object.entries(seen.hidden)
+        .filter(([, n]) => n)
+        .map(([why, n]) => `${n} ${HIDDEN[why]}`)
+        .join(", ");
+      const title = `${pick.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
+      return [
+        make("p", { data: { tip: others ? `The others: ${others}.` : "" } }, title),
+        make(
+          "div",
+          { class: "thumbs", role: "group", "aria-label": title },
+          ...seen.seen.map((one) => this.thumb(one)),
+        ),
+      ];
+    });
+  }
+
+  thumb(one) {
+    const name = `View ${one.view_index}, ${number(one.angle_deg, 0)}°`;
+    return make(
+      "button",
+      {
+        type: "button",
+        class: "thumb",
+        "aria-label": `${name}: show its image`,
+        "aria-pressed": String(one.view_index === this.view),
+        data: {
+          id: `thumb-${one.view_index}`,
+          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image`,
+        },
+        on: { click: () => this.pin(one.view_index) },
+      },
+      make("img", { src: one.thumb, alt: "", width: 44, height: 44 }),
+      make("span", {}, `${number(one.angle_deg, 0)}°`),
+    );
+  }
+
+  /** Return a picture, or null while it is fetched: it is drawn when it is there. */
+  image(address) {
+    const kept = this.images.get(address);
+    if (kept !== undefined) return kept;
+    this.images.set(address, null);
+    while (this.images.size > IMAGES_KEPT) this.images.delete(this.images.keys().next().value);
+    const fetched = async () => {
+      const answer = await fetch(address);
+      if (!answer.ok) throw new Error(await answer.text());
+      /** @type {any} */
+      const image = await createImageBitmap(await answer.blob());
+      if (address.endsWith(".png")) image.box = boxOfItem(image);
+      this.images.set(address, image);
+      this.draw();
+    };
+    fetched().catch(() => {}); // what cannot be read is not asked for again and again
+    return null;
+  }
+
+  draw() {
+    if (this.panel.hidden || this.folded || this.view === null) return;
+    const color = this.image(`/source/${this.view}/color.jpg`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `Source image of view ${this.view}${this.masked ? ", what is not the item shaded" : ""}`,
+    );
+    const mask = this.image(`/source/${this.view}/mask.png`);
+    if (!color || !mask) return;
+    const box = mask.box;
+    const scene = this.panel.parentElement;
+    const [mostWide, mostHigh] = [scene.clientWidth, scene.clientHeight].map((px) =>
+      Math.max(LEAST_PX, MOST_SHARE * px),
+    );
+    const scale = Math.min(mostWide / box.width, mostHigh / box.height);
+    const [width, height] = [Math.round(box.width * scale), Math.round(box.height * scale)];
+    const ratio = devicePixelRatio;
+    this.canvas.width = width * ratio;
+    this.canvas.height = height * ratio;
+    this.canvas.style.width = `${width}px`;
+    this.canvas.style.height = `${height}px`;
+    byId("source-seen").style.maxHeight = `${height}px`;
+    const context = this.canvas.getContext("2d");
+    context.scale(ratio, ratio);
+    context.imageSmoothingQuality = "high";
+    for (const image of this.masked ? [color, mask] : [color]) {
+      context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
+    }
+    const style = getComputedStyle(this.canvas);
+    const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === this.view ? this.at.rc : null];
+    for (const [rc, name] of [
+      [pick, "--pick"],
+      [pointer, "--accent"],
+    ]) {
+      if (rc)
+        cross(
+          context,
+          (rc[1] + 0.5 - box.left) * scale,
+          (rc[0] + 0.5 - box.top) * scale,
+          style.getPropertyValue(name),
+        );
+    }
+    this.drawn = { view: this.view, masked: this.masked, box, scale, pick, pointer };
+  }
+
+  /** Where the current pick lies in the image shown; null if that view did not see it. */
+  pickedPixel() {
+    if (!this.pick) return null;
+    if (this.pick.view_index === this.view) return this.pick.source_rc;
+    return this.seen?.seen.find((one) => one.view_index === this.view)?.rc ?? null;
+  }
+
+  /** For tests: what is drawn. */
+  get status() {
+    return {
+      view: this.view,
+      folded: this.folded,
+      drawn: this.drawn ?? null,
+      seen: this.seen?.seen.map((one) => one.view_index) ?? null,
+    };
+  }
+}
+
+/** The part of an image that shows the item, where its cover lets it through; all of it if that is nothing. */
+function boxOfItem(image) {
+  const { width, height } = image;
+  const context = new OffscreenCanvas(width, height).getContext("2d");
+  context.drawImage(image, 0, 0);
+  const { data } = context.getImageData(0, 0, width, height);
+  let [left, top, right, bottom] = [width, height, -1, -1];
+  for (let i = 0; i < width * height; i++) {
+    if (data[4 * i + 3] !== 0) continue;
+    const x = i % width;
+    const y = (i - x) / width;
+    left = Math.min(left, x);
+    right = Math.max(right, x);
+    top = Math.min(top, y);
+    bottom = y;
+  }
+  if (right < 0) return { left: 0, top: 0, width, height };
+  const by = Math.round(MARGIN * Math.max(right - left, bottom - top, 20));
+  [left, top] = [Math.max(0, left - by), Math.max(0, top - by)];
+  return { left, top, width: Math.min(width, right + by) - left, height: Math.min(height, bottom + by) - top };
+}
+
+function cross(context, x, y, color) {
+  for (const [stroke, width] of [
+    ["#fff", 3.5],
+    [color, 1.75],
+  ]) {
+    context.strokeStyle = stroke;
+    context.lineWidth = width;
+    context.beginPath();
+    for (const [dx, dy] of [
+      [1, 0],
+      [-1, 0],
+      [0, 1],
+      [0, -1],
+    ]) {
+      context.moveTo(x + 3 * dx, y + 3 * dy);
+      context.lineTo(x + 10 * dx, y + 10 * dy);
+    }
+    context.stroke();
+  }
+}

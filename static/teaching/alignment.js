@@ -1,0 +1,304 @@
+// What stages 11 to 15 draw: the new view, the lines, the overlay, the search, the renewed view.
+
+import { degrees, number } from "/static/page/format.js";
+import { boxOf, union } from "/static/canvas/geometry.js";
+import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
+import { imageBox } from "/static/teaching/detail.js";
+import { cm2 } from "/static/teaching/fig2.js";
+import { mm } from "/static/teaching/states.js";
+import { Plot, ticks } from "/static/teaching/plot.js";
+import { viewName } from "/static/teaching/rotation.js";
+
+const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/teaching.py numbers them
+
+// --- the new view ----------------------------------------------------------------------------------
+
+export function drawNewView(sheet, rect, { flattening, alignment: lesson }) {
+  const before = flattening?.picture.image;
+  const boxes = [before && imageBox(before), imageBox(lesson.picture.image), boxOf(lesson.new)].filter(Boolean);
+  const shares = boxes.map((b) => Math.min(0.6, Math.max(0.2, (b.right - b.left) / (b.bottom - b.top))));
+  const panes = columns(rect, shares);
+  const draw = (key, title, detail, image, box, pane, bar) => {
+    const map = sheet.pane(key, box, sheet.titled(pane, title, detail));
+    sheet.within(map.rect, () => {
+      sheet.picture(map, image, box);
+      if (bar) sheet.scaleBar(map);
+    });
+    sheet.frame(map.rect);
+  };
+  if (before) draw("before", `View ${lesson.start_view}`, "before the turn", before, boxes[0], panes[0], false);
+  draw(
+    "after",
+    `View ${lesson.view_index}`,
+    "after the turn",
+    lesson.picture.image,
+    boxes.at(-2),
+    panes.at(-2),
+    false,
+  );
+  draw("newflat", "Its flattened view", "", lesson.picture.new_color, boxes.at(-1), panes.at(-1), true);
+}
+
+// --- lines -----------------------------------------------------------------------------------------
+
+export function drawLines(sheet, rect, { alignment: lesson }) {
+  const lines = lesson.lines;
+  columns(rect, [1, 1], 20).forEach((half, n) => {
+    const name = n === 0 ? "current" : "new";
+    const [top, bottom] = rows(half, [1, 1.8], 10);
+    const u = lesson.array[`${name}_u_mm`];
+    const a = lesson.array[`${name}_a_z_deg`];
+    const grid = lesson[name];
+    const box = boxOf(grid);
+    const view = n === 0 ? lesson.start_view : lesson.view_index;
+    const inner = sheet.titled(top, n === 0 ? "Current view" : "New view", viewName(lesson, view));
+    const plot = new Plot(sheet, inner, {
+      x: [1000 * box.left, 1000 * box.right],
+      y: [-120, 120],
+      yTicks: [-90, -45, 0, 45, 90],
+      xLabel: "u (mm)",
+      yLabel: n === 0 ? "A_z (°)" : "A_z, A_z − A (°)",
+    });
+    plot.band(...lines.common_range_deg, sheet.color.soft, 0.24);
+    if (n === 1) {
+      plot.curve(u, a, sheet.color.before, { width: 1.8, dash: [5, 4] });
+      plot.curve(
+        u,
+        a.map((x) => x - lines.rotation_deg),
+        sheet.color.mean,
+        { width: 2.5 },
+      );
+    } else {
+      plot.curve(u, a, sheet.color.mean, { width: 2.5 });
+    }
+    plot.horizontal(lines.a_m_deg, sheet.color.band, "A_m");
+    const map = sheet.pane(name, box, bottom, { margin: 8 });
+    sheet.within(bottom, () => {
+      sheet.picture(map, lesson.picture[`${name}_color`], box, 0.55);
+      drawLine(sheet, map, lines[name], lesson.array[`${name}_pixels_uv`]);
+      sheet.scaleBar(map);
+    });
+    sheet.frame(bottom);
+  });
+}
+
+function drawLine(sheet, map, line, pixels, moved = null) {
+  const place = moved ?? ((p) => p);
+  if (pixels) {
+    const dots = Float32Array.from(pixels);
+    for (let i = 0; i < dots.length; i += 2) [dots[i], dots[i + 1]] = place([dots[i], dots[i + 1]]);
+    sheet.dots(map, dots, Math.max(1.2, 0.001 * map.scaleX), sheet.color.band);
+  }
+  const { center_uv_m: center, direction } = line;
+  let [from, to] = [-0.05, 0.05];
+  for (let i = 0; i < (pixels?.length ?? 0); i += 2) {
+    const along = (pixels[i] - center[0]) * direction[0] + (pixels[i + 1] - center[1]) * direction[1];
+    [from, to] = [Math.min(from, along), Math.max(to, along)];
+  }
+  const ends = [from, to].map((t) => map.at(...place([center[0] + t * direction[0], center[1] + t * direction[1]])));
+  sheet.line(...ends, sheet.color.panel, 5);
+  sheet.line(...ends, sheet.color.text, 2.5);
+  sheet.ring(map.at(...place(line.point_uv_m)), 7, sheet.color.mark, 3);
+}
+
+const mover =
+  ([theta, u, v]) =>
+  ([x, y]) => [Math.cos(theta) * x - Math.sin(theta) * y + u, Math.sin(theta) * x + Math.cos(theta) * y + v];
+
+/** The outline of a picture's opaque part, one pixel wide. */
+function outline(image, color) {
+  const canvas = new OffscreenCanvas(image.width + 2, image.height + 2);
+  const context = canvas.getContext("2d");
+  for (const [x, y] of [
+    [0, 1],
+    [2, 1],
+    [1, 0],
+    [1, 2],
+  ])
+    context.drawImage(image, x, y);
+  context.globalCompositeOperation = "source-in";
+  context.fillStyle = color;
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.globalCompositeOperation = "destination-out";
+  context.drawImage(image, 1, 1);
+  return canvas;
+}
+
+// --- overlay and search ----------------------------------------------------------------------------
+
+function movedBox(box, motion) {
+  const move = mover(motion);
+  const corners = [
+    [box.left, box.top],
+    [box.right, box.top],
+    [box.left, box.bottom],
+    [box.right, box.bottom],
+  ].map(move);
+  return {
+    left: Math.min(...corners.map((c) => c[0])),
+    right: Math.max(...corners.map((c) => c[0])),
+    top: Math.min(...corners.map((c) => c[1])),
+    bottom: Math.max(...corners.map((c) => c[1])),
+  };
+}
+
+const grownByPixel = (box, grid) => ({
+  left: box.left - grid.pixel_size_m,
+  top: box.top - grid.pixel_size_m,
+  right: box.right + grid.pixel_size_m,
+  bottom: box.bottom + grid.pixel_size_m,
+});
+
+export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
+  const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
+  const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
+  const map = sheet.pane(key, ends.reduce(union, currentBox), rect, { margin: 10 });
+  sheet.within(rect, () => {
+    sheet.picture(map, lesson.picture.current_color, currentBox, 0.75);
+    sheet.movedPicture(map, lesson.picture.new_color, newBox, motion, 0.6);
+    sheet.picture(
+      map,
+      outline(lesson.picture.current_color, sheet.color.kept),
+      grownByPixel(currentBox, lesson.current),
+    );
+    sheet.movedPicture(
+      map,
+      outline(lesson.picture.new_color, sheet.color.new),
+      grownByPixel(newBox, lesson.new),
+      motion,
+    );
+    if (withLines && lesson.lines) {
+      drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
+      drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, mover(motion));
+    }
+    sheet.scaleBar(map);
+  });
+  sheet.frame(rect);
+}
+
+function motionAt(motions, time) {
+  const from = Math.min(motions.length - 1, Math.floor(time));
+  const to = motions[Math.min(motions.length - 1, from + 1)];
+  return motions[from].map((x, i) => x + (time - from) * (to[i] - x));
+}
+
+function costPicture(lesson, slice, sheet) {
+  const side = lesson.search.shifts_mm.length;
+  const cost = lesson.array.cost;
+  let [low, high] = [Infinity, -Infinity];
+  for (const c of cost) [low, high] = [Math.min(low, c), Math.max(high, c)];
+  const [good, bad] = [rgbOf(sheet.color.accent), rgbOf(sheet.color.raised)];
+  return painted(side, side, (i) => {
+    const [v, u] = [Math.floor(i / side), i % side];
+    const share = (cost[(slice * side + u) * side + v] - low) / (high - low || 1);
+    return [...good.map((g, k) => Math.round(g + share * (bad[k] - g))), 255];
+  });
+}
+
+export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
+  const [left, right] = columns(rect, [0.52, 0.48]);
+  const { turns_deg: turns, shifts_mm: shifts, motions } = lesson.search;
+  const motion = motionAt(motions, ui.time);
+  drawOverlay(sheet, sheet.titled(left, "The plane", stepName(lesson, ui)), lesson, motion, "overlay", false);
+  const path = lesson.array.path;
+  const last = path.slice(-3);
+  const slice = turns.reduce((best, t, i) => (Math.abs(t - last[0]) < Math.abs(turns[best] - last[0]) ? i : best), 0);
+  const [top, bottom] = rows(right, [1.75, 1], 10);
+  const inner = sheet.titled(top, "Cost of a shift", `turned by ${degrees(turns[slice], 1)}`);
+  const size = Math.min(inner.w, inner.h);
+  const plot = new Plot(
+    sheet,
+    { ...inner, x: inner.x + (inner.w - size) / 2, w: size, h: size },
+    {
+      x: [shifts[0], shifts.at(-1)],
+      y: [shifts[0], shifts.at(-1)].reverse(),
+      xLabel: "u (mm)",
+      yLabel: "v (mm), strong color: low cost",
+      yTicks: ticks(shifts[0], shifts.at(-1), 4),
+    },
+  );
+  const step = (shifts[1] - shifts[0]) / 2;
+  const map = { at: (u, v) => plot.at(u, v) };
+  sheet.within(plot.inner, () => {
+    sheet.picture(map, costPicture(lesson, slice, sheet), {
+      left: shifts[0] - step,
+      right: shifts.at(-1) + step,
+      top: shifts[0] - step,
+      bottom: shifts.at(-1) + step,
+    });
+    for (let i = 0; i < lesson.array.starts.length; i += 3)
+      sheet.ring(plot.at(lesson.array.starts[i + 1], lesson.array.starts[i + 2]), 3, sheet.color.text, 1.5);
+    for (let i = 3; i < path.length; i += 3)
+      sheet.line(plot.at(path[i - 2], path[i - 1]), plot.at(path[i + 1], path[i + 2]), sheet.color.mark, 2);
+    const now = motionAt(
+      Array.from({ length: path.length / 3 }, (_, i) => [...path.slice(3 * i, 3 * i + 3)]),
+      ui.time,
+    );
+    sheet.ring(plot.at(now[1], now[2]), 6, sheet.color.mark, 3);
+  });
+  sheet.frame(plot.inner);
+  const side = shifts.length ** 2;
+  const least = turns.map((_, t) =>
+    lesson.array.cost.subarray(t * side, (t + 1) * side).reduce((m, c) => Math.min(m, c), Infinity),
+  );
+  const span = [Math.min(...least), Math.max(...least)];
+  const pad = 0.1 * (span[1] - span[0] || 1);
+  const turnPlot = new Plot(sheet, bottom, {
+    x: [turns[0], turns.at(-1)],
+    y: [span[0] - pad, span[1] + pad],
+    xLabel: "turn (°)",
+    yLabel: "lowest cost of each turn",
+  });
+  turnPlot.curve(turns, least, sheet.color.accent);
+  turnPlot.vertical(last[0], sheet.color.mark, "found", 2, [], true);
+}
+
+function stepName(lesson, ui) {
+  const n = Math.round(ui.time);
+  const last = lesson.search.motions.length - 1;
+  if (n === 0) return "initial estimate";
+  if (n === 1 && last > 1) return "best of the coarse search";
+  return n === last ? "found" : `finer, step ${n - 1}`;
+}
+
+export function searchFacts({ alignment: lesson }) {
+  const [turn, u, v] = lesson.array.path.slice(-3);
+  return [
+    ["Places tried", number(lesson.search.tried, 0)],
+    ["Shifted by", mm(Math.hypot(u, v))],
+    ["Turned by", degrees(turn)],
+    ["Score", `${number(lesson.initial_score, 2)} → ${number(lesson.score, 2)}`],
+    ["Height differs (rms)", mm(lesson.score_parts.height_rms_mm)],
+    ["Overlap", cm2(lesson.score_parts.overlap_cm2)],
+  ];
+}
+
+// --- renewal ---------------------------------------------------------------------------------------
+
+function originPicture(lesson, sheet) {
+  const { rows: down, cols } = lesson.renewed;
+  const [kept, fresh] = [rgbOf(sheet.color.kept), rgbOf(sheet.color.new)];
+  const colors = {
+    [KEPT]: [...kept, 255],
+    [OLD_OF_BOTH]: [...kept, 140],
+    [NEW]: [...fresh, 255],
+    [NEW_OF_BOTH]: [...fresh, 140],
+  };
+  return painted(down, cols, (i) => colors[lesson.array.origin[i]] ?? null);
+}
+
+export function drawRenewal(sheet, rect, { alignment: lesson }) {
+  const box = boxOf(lesson.renewed);
+  const [left, right] = columns(rect, [1, 1]);
+  for (const [key, title, pane, image] of [
+    ["origin", "Who shows each pixel", left, originPicture(lesson, sheet)],
+    ["renewed", "Renewed flattened view", right, lesson.picture.renewed_color],
+  ]) {
+    const map = sheet.pane(key, box, sheet.titled(pane, title), { margin: 10 });
+    sheet.within(map.rect, () => {
+      sheet.picture(map, image, box);
+      sheet.scaleBar(map);
+    });
+    sheet.frame(map.rect);
+  }
+}

@@ -1,0 +1,435 @@
+// The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
+
+import { strokeScale } from "/static/canvas/marks.js";
+import { length, niceLength } from "/static/page/format.js";
+
+const COLORS = [
+  "panel",
+  "raised",
+  "line",
+  "text",
+  "soft",
+  "accent",
+  "sample",
+  "pair",
+  "unused",
+  "point",
+  "short",
+  "even",
+  "long",
+  "count",
+  "mean",
+  "before",
+  "limit",
+  "mark",
+  "band",
+  "kept",
+  "new",
+];
+
+/** Rectangles of CSS pixels: `{x, y, w, h}`. */
+export function columns(rect, shares, gap = 16) {
+  const total = shares.reduce((a, b) => a + b, 0);
+  const room = rect.w - gap * (shares.length - 1);
+  let x = rect.x;
+  return shares.map((share) => {
+    const w = (room * share) / total;
+    const made = { x, y: rect.y, w, h: rect.h };
+    x += w + gap;
+    return made;
+  });
+}
+
+export function rows(rect, shares, gap = 16) {
+  const turned = columns({ x: rect.y, y: rect.x, w: rect.h, h: rect.w }, shares, gap);
+  return turned.map((r) => ({ x: r.y, y: r.x, w: r.h, h: r.w }));
+}
+
+export const inset = (rect, left, top = left, right = left, bottom = top) => ({
+  x: rect.x + left,
+  y: rect.y + top,
+  w: Math.max(1, rect.w - left - right),
+  h: Math.max(1, rect.h - top - bottom),
+});
+
+const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
+
+export const rgbOf = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+
+/** A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing. */
+export function painted(rowsCount, cols, colorAt) {
+  const canvas = new OffscreenCanvas(cols, rowsCount);
+  const context = canvas.getContext("2d");
+  const data = context.createImageData(cols, rowsCount);
+  for (let i = 0; i < rowsCount * cols; i++) {
+    const color = colorAt(i);
+    if (color) data.data.set(color, 4 * i);
+  }
+  context.putImageData(data, 0, 0);
+  return canvas;
+}
+
+/** The box of points [x0, y0, x1, y1, ...]. */
+export function boxOfPoints(points) {
+  const box = { left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity };
+  for (let i = 0; i < points.length; i += 2) {
+    box.left = Math.min(box.left, points[i]);
+    box.right = Math.max(box.right, points[i]);
+    box.top = Math.min(box.top, points[i + 1]);
+    box.bottom = Math.max(box.bottom, points[i + 1]);
+  }
+  return box;
+}
+
+/** From a pane's own units to CSS pixels; both directions may have scales of their own. */
+class PaneMap {
+  constructor(key, rect, scaleX, scaleY, x, y) {
+    this.key = key;
+    this.rect = rect;
+    this.scaleX = scaleX;
+    this.scaleY = scaleY;
+    this.x = x;
+    this.y = y;
+  }
+
+  at(u, v) {
+    return [this.x + this.scaleX * u, this.y + this.scaleY * v];
+  }
+
+  from(x, y) {
+    return [(x - this.x) / this.scaleX, (y - this.y) / this.scaleY];
+  }
+}
+
+export class Sheet {
+  /** `handlers`: redraw(), probe(pane key, place in its units). */
+  constructor(canvas, handlers) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.handlers = handlers;
+    this.zooms = new Map();
+    this.panes = [];
+    this.listen();
+  }
+
+  begin() {
+    const ratio = devicePixelRatio;
+    const { clientWidth: w, clientHeight: h } = this.canvas;
+    const [width, height] = [Math.max(1, Math.round(w * ratio)), Math.max(1, Math.round(h * ratio))];
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.context.clearRect(0, 0, w, h);
+    const style = getComputedStyle(this.canvas);
+    this.color = Object.fromEntries(COLORS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    this.em = parseFloat(style.fontSize);
+    this.weight = Math.max(1, Math.min(2, h / 620)); // strokes and dots grow with the sheet
+    this.family = style.fontFamily;
+    this.panes = [];
+    return { x: 0, y: 0, w, h };
+  }
+
+  font(size = 1, weight = 400) {
+    this.context.font = `${weight} ${(size * this.em).toFixed(1)}px ${this.family}`;
+  }
+
+  /** Write a text; A_w in it is set as A with a small w. */
+  text(
+    text,
+    x,
+    y,
+    {
+      color = this.color.text,
+      size = 0.92,
+      weight = 400,
+      align = "left",
+      baseline = "alphabetic",
+      plate = false,
+    } = {},
+  ) {
+    const context = this.context;
+    const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((run, i) => ({ run, small: i % 2 === 1 }));
+    context.textAlign = "left";
+    context.textBaseline = baseline;
+    for (const part of runs) {
+      this.font(part.small ? 0.76 * size : size, weight);
+      part.width = context.measureText(part.run).width;
+    }
+    const width = runs.reduce((sum, part) => sum + part.width, 0);
+    let left = x - width * { left: 0, center: 0.5, right: 1 }[align];
+    if (plate) {
+      this.font(size, weight);
+      const { fontBoundingBoxAscent: a, fontBoundingBoxDescent: d } = context.measureText(text);
+      context.save();
+      context.globalAlpha = 0.82;
+      context.fillStyle = this.color.panel;
+      context.fillRect(left - 3, y - a - 1, width + 6, a + d + 2);
+      context.restore();
+    }
+    context.fillStyle = color;
+    for (const { run, small, width: wide } of runs) {
+      this.font(small ? 0.76 * size : size, weight);
+      context.fillText(run, left, y + (small ? 0.28 * size * this.em : 0));
+      left += wide;
+    }
+  }
+
+  /** A title above a pane; returns what is left of it. */
+  titled(rect, title, detail = "") {
+    const high = 1.7 * this.em;
+    this.text(title, rect.x, rect.y + 1.05 * this.em, { weight: 600 });
+    if (detail) {
+      this.font(0.92, 600);
+      const width = this.context.measureText(title).width;
+      this.text(detail, rect.x + width + 0.6 * this.em, rect.y + 1.05 * this.em, { color: this.color.soft });
+    }
+    return inset(rect, 0, high, 0, 0);
+  }
+
+  /** A pane that shows a box of its own units, y down; the learner may zoom it. */
+  pane(key, box, rect, { margin = 6, stretch = false, zoom = true, aligned = 0.5 } = {}) {
+    const across = Math.max(1e-9, box.right - box.left);
+    const down = Math.max(1e-9, box.bottom - box.top);
+    let scaleX = (rect.w - 2 * margin) / across;
+    let scaleY = (rect.h - 2 * margin) / down;
+    if (!stretch) scaleX = scaleY = Math.max(1e-6, Math.min(scaleX, scaleY));
+    const spare = rect.w - 2 * margin - scaleX * across;
+    const map = new PaneMap(
+      key,
+      rect,
+      scaleX,
+      scaleY,
+      rect.x + margin + aligned * spare - scaleX * box.left,
+      rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2,
+    );
+    const zoomed = zoom ? this.zooms.get(key) : null;
+    if (zoomed) {
+      map.scaleX *= zoomed.factor;
+      map.scaleY *= zoomed.factor;
+      map.x = rect.x + rect.w / 2 - map.scaleX * zoomed.x;
+      map.y = rect.y + rect.h / 2 - map.scaleY * zoomed.y;
+    }
+    this.panes.push({ map, zoom });
+    return map;
+  }
+
+  within(rect, draw) {
+    const context = this.context;
+    context.save();
+    context.beginPath();
+    context.rect(rect.x, rect.y, rect.w, rect.h);
+    context.clip();
+    draw();
+    context.restore();
+  }
+
+  frame(rect, color = this.color.line) {
+    this.context.strokeStyle = color;
+    this.context.lineWidth = 1;
+    this.context.strokeRect(
+      Math.round(rect.x) + 0.5,
+      Math.round(rect.y) + 0.5,
+      Math.round(rect.w) - 1,
+      Math.round(rect.h) - 1,
+    );
+  }
+
+  picture(map, image, box, alpha = 1) {
+    const [x0, y0] = map.at(box.left, box.top);
+    const [x1, y1] = map.at(box.right, box.bottom);
+    const context = this.context;
+    context.save();
+    context.globalAlpha = alpha;
+    context.imageSmoothingEnabled = (devicePixelRatio * (x1 - x0)) / image.width < 2.5;
+    context.imageSmoothingQuality = "high";
+    context.drawImage(image, x0, y0, x1 - x0, y1 - y0);
+    context.restore();
+  }
+
+  /** A picture of another plane, moved here by (theta, u, v). */
+  movedPicture(map, image, box, [theta, u, v], alpha = 1) {
+    const context = this.context;
+    context.save();
+    context.translate(...map.at(u, v));
+    context.rotate(theta);
+    this.picture({ at: (a, b) => [map.scaleX * a, map.scaleY * b] }, image, box, alpha);
+    context.restore();
+  }
+
+  dots(map, points, radius, color) {
+    const context = this.context;
+    context.beginPath();
+    const r = radius * this.weight;
+    for (let i = 0; i < points.length; i += 2) {
+      const [x, y] = map.at(points[i], points[i + 1]);
+      context.moveTo(x + r, y);
+      context.arc(x, y, r, 0, 2 * Math.PI);
+    }
+    context.fillStyle = color;
+    context.fill();
+  }
+
+  /** Lines between points by pairs of indices; `pick(pair)` says which are drawn. */
+  segments(map, points, pairs, color, width, pick = null) {
+    const context = this.context;
+    context.beginPath();
+    for (let e = 0; e < pairs.length; e += 2) {
+      if (pick && !pick(e / 2)) continue;
+      const a = 2 * pairs[e];
+      const b = 2 * pairs[e + 1];
+      context.moveTo(...map.at(points[a], points[a + 1]));
+      context.lineTo(...map.at(points[b], points[b + 1]));
+    }
+    context.strokeStyle = color;
+    context.lineWidth = width * this.weight;
+    context.stroke();
+  }
+
+  line(from, to, color, width = 1.5, dash = []) {
+    const context = this.context;
+    context.save();
+    context.setLineDash(dash);
+    context.strokeStyle = color;
+    context.lineWidth = width > 1 ? width * this.weight : width;
+    context.beginPath();
+    context.moveTo(...from);
+    context.lineTo(...to);
+    context.stroke();
+    context.restore();
+  }
+
+  arrow(from, to, color, width = 2) {
+    const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+    const head = (4 + 2 * width) * this.weight;
+    this.line(from, [to[0] - 0.7 * head * Math.cos(angle), to[1] - 0.7 * head * Math.sin(angle)], color, width);
+    const context = this.context;
+    context.beginPath();
+    context.moveTo(...to);
+    for (const side of [-0.45, 0.45])
+      context.lineTo(to[0] - head * Math.cos(angle + side), to[1] - head * Math.sin(angle + side));
+    context.fillStyle = color;
+    context.fill();
+  }
+
+  ring(place, radius, color, width = 2.5) {
+    const context = this.context;
+    for (const [stroke, w] of [
+      [this.color.panel, width + 3],
+      [color, width],
+    ]) {
+      context.strokeStyle = stroke;
+      context.lineWidth = w * this.weight;
+      context.beginPath();
+      context.arc(...place, radius * this.weight, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+
+  cross([x, y], color) {
+    for (const [stroke, width] of [
+      [this.color.panel, 4.5],
+      [color, 2],
+    ]) {
+      const [from, to] = [4 * this.weight, 13 * this.weight];
+      for (const [dx, dy] of [
+        [1, 0],
+        [-1, 0],
+        [0, 1],
+        [0, -1],
+      ])
+        this.line([x + from * dx, y + from * dy], [x + to * dx, y + to * dy], stroke, width);
+    }
+    this.ring([x, y], 8, color, 2);
+  }
+
+  /** A scale bar in the corner of a pane of the plane, whose unit is the metre. */
+  scaleBar(map) {
+    const { rect } = map;
+    const mm = niceLength((1000 * Math.min(120, 0.4 * rect.w)) / map.scaleX);
+    const width = (mm / 1000) * map.scaleX;
+    const [x, y] = [rect.x + 8, rect.y + rect.h - 7];
+    const context = this.context;
+    this.font(0.85);
+    context.save();
+    context.globalAlpha = 0.82;
+    context.fillStyle = this.color.panel;
+    context.fillRect(
+      x - 5,
+      y - 1.7 * this.em,
+      Math.max(width, context.measureText(length(mm)).width) + 12,
+      1.7 * this.em + 5,
+    );
+    context.restore();
+    strokeScale(context, x, y, width, this.color.text);
+    this.text(length(mm), x + 4, y - 5, { size: 0.85 });
+  }
+
+  // --- the pointer ---------------------------------------------------------------------------
+
+  paneAt(event) {
+    const at = this.canvas.getBoundingClientRect();
+    const [x, y] = [event.clientX - at.left, event.clientY - at.top];
+    const pane = this.panes.findLast(({ map }) => inside(map.rect, x, y));
+    return pane ? { ...pane, x, y } : null;
+  }
+
+  zoomBy(pane, factor, x, y) {
+    const { map } = pane;
+    const [u, v] = map.from(x, y);
+    const before = this.zooms.get(map.key)?.factor ?? 1;
+    const now = Math.min(30, Math.max(1, before * factor));
+    if (now === 1) {
+      this.zooms.delete(map.key);
+    } else {
+      const grow = now / before;
+      const { rect } = map;
+      // What is under the pointer stays under it.
+      const [cx, cy] = map.from(rect.x + rect.w / 2, rect.y + rect.h / 2);
+      this.zooms.set(map.key, { factor: now, x: u + (cx - u) / grow, y: v + (cy - v) / grow });
+    }
+    this.handlers.redraw();
+  }
+
+  /** Zoom all panes about their middles, or show them whole again. */
+  zoomAll(factor) {
+    if (factor === null) this.zooms.clear();
+    else
+      for (const pane of this.panes.filter((p) => p.zoom))
+        this.zoomBy(pane, factor, pane.map.rect.x + pane.map.rect.w / 2, pane.map.rect.y + pane.map.rect.h / 2);
+    this.handlers.redraw();
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    let drag = null;
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        const pane = this.paneAt(event);
+        if (!pane?.zoom) return;
+        event.preventDefault();
+        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
+        this.zoomBy(pane, Math.exp(-event.deltaY * lines * 0.0016), pane.x, pane.y);
+      },
+      { passive: false },
+    );
+    canvas.addEventListener("pointerdown", (event) => {
+      const pane = this.paneAt(event);
+      if (!pane) return;
+      canvas.setPointerCapture(event.pointerId);
+      drag = { pane, x: event.clientX, y: event.clientY };
+      if (!this.zooms.has(pane.map.key)) this.handlers.probe(pane.map.key, pane.map.from(pane.x, pane.y));
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (drag && this.zooms.has(drag.pane.map.key)) {
+        const zoomed = this.zooms.get(drag.pane.map.key);
+        zoomed.x -= (event.clientX - drag.x) / drag.pane.map.scaleX;
+        zoomed.y -= (event.clientY - drag.y) / drag.pane.map.scaleY;
+        [drag.x, drag.y] = [event.clientX, event.clientY];
+        return this.handlers.redraw();
+      }
+      const pane = this.paneAt(event);
+      if (pane) this.handlers.probe(pane.map.key, pane.map.from(pane.x, pane.y));
+    });
+    for (const type of ["pointerup", "pointercancel"]) canvas.addEventListener(type, () => (drag = null));
+  }
+}

@@ -1,0 +1,412 @@
+// The stages of Fig. 2: one view, from samples to the flattened view.
+
+import { number } from "/static/page/format.js";
+import { boxOf } from "/static/canvas/geometry.js";
+import { imageBox, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
+import { boxOfPoints, columns, rows } from "/static/teaching/draw.js";
+import { strains } from "/static/teaching/lesson.js";
+import { equation, root, row, sub, sum, sup, words } from "/static/teaching/math.js";
+import {
+  drawForeshortening,
+  drawMinimisation,
+  histogram,
+  minimisationFacts,
+  mm,
+  partsNote,
+  planeShare,
+  rms,
+  statePane,
+  threeDigits,
+} from "/static/teaching/states.js";
+import { fillTriangles, trianglePairs } from "/static/teaching/triangles.js";
+
+export const cm2 = (value) => `${number(value, 0)} cm²`;
+
+// --- samples and pairs on the image ----------------------------------------------------------------
+
+const dotSize = (size) => (size === 1 ? 1.7 : 4);
+
+/** Where the detail is first: in the middle of the unused pairs, so that a reason to look is seen. */
+function detailStart({ flattening }) {
+  const level = flattening.levels[0];
+  const { xy, unusedPairs } = level;
+  const middles = [];
+  for (let e = 0; e < unusedPairs.length; e += 2) {
+    const [a, b] = [2 * unusedPairs[e], 2 * unusedPairs[e + 1]];
+    middles.push([(xy[a] + xy[b]) / 2, (xy[a + 1] + xy[b + 1]) / 2]);
+  }
+  if (!middles.length) for (let i = 0; i < xy.length; i += 2) middles.push([xy[i], xy[i + 1]]);
+  middles.sort((p, q) => p[1] - q[1]);
+  return middles[Math.floor(middles.length / 2)] ?? [0, 0];
+}
+
+// --- the flattened view ----------------------------------------------------------------------------
+
+/** The pixel of the flattened view under the probe: its index, or -1. */
+function probed(lesson, ui) {
+  const { origin_uv_m: origin, pixel_size_m: size, rows: down, cols } = lesson.flat;
+  const col = Math.round((ui.at[0] - origin[0]) / size);
+  const line = Math.round((ui.at[1] - origin[1]) / size);
+  if (col < 0 || line < 0 || col >= cols || line >= down) return -1;
+  const at = line * cols + col;
+  return lesson.array.source_rc[2 * at] < 0 ? -1 : at;
+}
+
+/** The pixel of cloth nearest to the middle: where the probe begins. */
+function flatStart({ flattening }) {
+  const { origin_uv_m: origin, pixel_size_m: size, rows: down, cols } = flattening.flat;
+  const source = flattening.array.source_rc;
+  let best = [Infinity, 0, 0];
+  for (let r = 0; r < down; r++) {
+    for (let c = 0; c < cols; c++) {
+      if (source[2 * (r * cols + c)] < 0) continue;
+      const far = Math.hypot(r - down / 2, c - cols / 2);
+      if (far < best[0]) best = [far, r, c];
+    }
+  }
+  return [origin[0] + size * best[2], origin[1] + size * best[1]];
+}
+
+const FLAT_LAYERS = { color: "Color", height: "Height z", normal: "Normal" };
+
+function drawFlattened(sheet, rect, { flattening: lesson }, ui) {
+  const image = lesson.picture.image;
+  const share = shareOf(imageBox(image), rect, 0.25, 0.45);
+  const [left, right] = columns(rect, [share, 1 - share]);
+  const from = sheet.pane("image", imageBox(image), sheet.titled(left, `Image of view ${lesson.view_index}`));
+  const onto = sheet.pane("flat", boxOf(lesson.flat), sheet.titled(right, "Flattened view F(u, v)"));
+  sheet.within(from.rect, () => sheet.picture(from, image, imageBox(image)));
+  sheet.within(onto.rect, () => {
+    sheet.picture(onto, lesson.picture[ui.layer ?? "color"], boxOf(lesson.flat));
+    sheet.scaleBar(onto);
+  });
+  for (const map of [from, onto]) sheet.frame(map.rect);
+  const at = probed(lesson, ui);
+  if (at < 0) return;
+  const [line, col] = lesson.array.source_rc.subarray(2 * at, 2 * at + 2);
+  const [a, b] = [from.at(col, line), onto.at(...ui.at)];
+  sheet.line(a, b, sheet.color.mark, 1, [4, 4]);
+  sheet.within(from.rect, () => sheet.cross(a, sheet.color.mark));
+  sheet.within(onto.rect, () => sheet.cross(b, sheet.color.mark));
+}
+
+function flattenedFacts({ flattening: lesson }, ui) {
+  const at = probed(lesson, ui);
+  const three = (array, scale, decimals) =>
+    at < 0 ? "–" : [0, 1, 2].map((i) => number(array[3 * at + i] * scale, decimals)).join(" ");
+  const others = lesson.parts_cm2.slice(1);
+  return [
+    ["r, g, b", three(lesson.array.rgb, 1, 0)],
+    ["x, y, z", at < 0 ? "–" : `${three(lesson.array.xyz_mm, 1, 0)} mm`],
+    ["normal", three(lesson.array.normal_percent, 0.01, 2)],
+    ["Area", cm2(lesson.area_cm2)],
+    ["Pixel of F", mm(1000 * lesson.flat.pixel_size_m)],
+    others.length ? ["Other parts", others.map((x) => number(x, 0)).join(", ") + " cm²"] : null,
+    lesson.folded_share > 0.03
+      ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`]
+      : null,
+  ].filter(Boolean);
+}
+
+// --- the stages ------------------------------------------------------------------------------------
+
+const P = (below) => sub("P", below);
+const pair = () => row(sub("n", "1"), sub("n", "2"));
+const D = ["sampling_interval_px"];
+
+function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
+  const level = lesson.levels.at(-1);
+  const points = level.states.at(-1);
+  const sides = trianglePairs(lesson, level);
+  withDetail(sheet, rect, "mesh", "The plane", boxOfPoints(points), ui, (map, size) => {
+    fillTriangles(sheet, map, points, lesson, level);
+    sheet.segments(map, points, sides, sheet.color.accent, size === 1 ? 0.6 : 1.4);
+    if (size > 1) sheet.dots(map, points, 2.6, sheet.color.text);
+    sheet.scaleBar(map);
+  });
+}
+
+export const FLATTENING_STAGES = [
+  {
+    name: "Sampling",
+    figure: "Fig. 2b · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "image",
+    start: detailStart,
+    text: [
+      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the " +
+        "cloth, along rows and columns, becomes a sample.",
+      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of " +
+        "cloth lose their samples first.",
+    ],
+    math: () => [
+      equation(P("n"), "=", "D", "(", sub("i", "n"), ",", sub("j", "n"), ")"),
+      equation(sub("i", "n"), ",", sub("j", "n"), "∈", "{", "½", "d", ",", "1½", "d", ",", "2½", "d", ",", "…", "}"),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Samples", String(f.levels[0].points)],
+      [
+        "d on the cloth",
+        `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`,
+      ],
+      ["Cloth in the image", `${number(f.surface_px, 0)} px`],
+      ["Distance", mm(f.depth_mm, 0)],
+    ],
+    legend: [["sample", "sample"]],
+    draw(sheet, rect, { flattening: lesson }, ui) {
+      onImage(sheet, rect, lesson, ui, (map, size) =>
+        sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
+      );
+    },
+  },
+  {
+    name: "Pairs",
+    figure: "Fig. 2c · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "image",
+    start: detailStart,
+    text: [
+      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible " +
+        "cloth (B = 1).",
+      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about " +
+        "the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, " +
+        "would be wrong: it is not used (B = 0).",
+    ],
+    math: () => [
+      equation(
+        sub("E", pair()),
+        "=",
+        "|",
+        P(sub("n", "1")),
+        "−",
+        P(sub("n", "2")),
+        "|",
+        words(" where "),
+        sub("B", pair()),
+        "=",
+        "1",
+      ),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Pairs used", String(f.levels[0].pairs)],
+      ["Not used", String(f.levels[0].unused)],
+      ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
+      ["Connected", partsNote(f.levels[0])],
+    ],
+    legend: [
+      ["pair", "pair used"],
+      ["unused", "pair not used"],
+      ["point", "sample"],
+    ],
+    draw(sheet, rect, { flattening: lesson }, ui) {
+      const level = lesson.levels[0];
+      onImage(sheet, rect, lesson, ui, (map, size) => {
+        sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
+        sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
+        sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
+      });
+    },
+  },
+  {
+    name: "Initial state",
+    figure: "Fig. 2c · section 3",
+    part: "flattening",
+    parameters: D,
+    text: [
+      "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
+      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be " +
+        "pushed apart.",
+    ],
+    math: () => [
+      equation("(", sub("u", "n"), ",", sub("v", "n"), ")", "=", "s", "(", sub("j", "n"), ",", sub("i", "n"), ")"),
+      equation("s", "=", words("metres per pixel")),
+    ],
+    facts: ({ flattening: f }) => {
+      const level = f.levels[0];
+      const strain = strains(level, level.states[0]);
+      const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
+      return [
+        ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
+        ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
+        ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
+        ["Connected", partsNote(level)],
+      ];
+    },
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["text", "sample"],
+    ],
+    draw(sheet, rect, { flattening: lesson }) {
+      const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
+      const [top, bottom] = rows(right, [1.1, 1]);
+      const { strain } = statePane(
+        sheet,
+        sheet.titled(left, "The plane", "every sample at its pixel"),
+        lesson.levels[0],
+        0,
+        "coarse",
+      );
+      histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
+      drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
+    },
+  },
+  {
+    name: "Minimisation",
+    figure: "Fig. 2d · Eq. (2)",
+    part: "flattening",
+    parameters: D,
+    plays: ({ flattening: f }) => f.levels[0].states.length - 1,
+    text: [
+      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares " +
+        "of all errors of length; every iteration lowers it.",
+      "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
+    ],
+    math: () => [
+      equation(
+        "H",
+        "=",
+        sum(row(sub("n", "1"), "<", sub("n", "2"))),
+        sub("B", pair()),
+        sup(row("(", sub("ℓ", pair()), "−", sub("E", pair()), ")"), "2"),
+      ),
+      equation(
+        sub("ℓ", pair()),
+        "=",
+        root(
+          sup(row("(", sub("u", sub("n", "1")), "−", sub("u", sub("n", "2")), ")"), "2"),
+          "+",
+          sup(row("(", sub("v", sub("n", "1")), "−", sub("v", sub("n", "2")), ")"), "2"),
+        ),
+      ),
+    ],
+    facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["mark", "now"],
+    ],
+    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
+  },
+  {
+    name: "Finer level",
+    figure: "Fig. 2e · section 3",
+    part: "flattening",
+    parameters: D,
+    plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
+    text: [
+      "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
+        "same minimisation goes on from there.",
+      "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
+    ],
+    math: () => [
+      equation(sup("d", "′"), "=", "d", "/", "2"),
+      equation(sub(row("(", "u", ",", "v", ")"), "n"), "=", words("as the result for d carries it")),
+    ],
+    facts: ({ flattening: f }, ui) => [
+      ["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`],
+      ...minimisationFacts(f.levels.at(-1), ui),
+    ],
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["mark", "now"],
+    ],
+    draw: (sheet, rect, { flattening: lesson }, ui) =>
+      drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
+  },
+  {
+    name: "Triangulation",
+    figure: "Fig. 2f · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "mesh",
+    start: ({ flattening: f }) => {
+      const box = boxOfPoints(f.levels.at(-1).states.at(-1));
+      return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
+    },
+    text: [
+      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
+        "there is no triangle.",
+      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells " +
+        "where to look in the image.",
+    ],
+    math: () => [
+      equation(
+        "p",
+        "=",
+        sub("λ", "1"),
+        sub("p", "1"),
+        "+",
+        sub("λ", "2"),
+        sub("p", "2"),
+        "+",
+        sub("λ", "3"),
+        sub("p", "3"),
+      ),
+      equation(sub("λ", "1"), "+", sub("λ", "2"), "+", sub("λ", "3"), "=", "1"),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Triangles", String(f.triangles)],
+      ["Samples", String(f.levels.at(-1).main_points)],
+      ["Area", cm2(f.area_cm2)],
+    ],
+    legend: [
+      ["accent", "triangle"],
+      ["text", "sample"],
+    ],
+    draw: drawTriangles,
+  },
+  {
+    name: "Flattened view",
+    figure: "Fig. 2g · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "flat",
+    start: flatStart,
+    layers: FLAT_LAYERS,
+    text: [
+      "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
+      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same " +
+        "cloth in the image: this is how a click on the flat shape becomes a grasp point.",
+    ],
+    math: () => [
+      equation(
+        "F",
+        "(",
+        "u",
+        ",",
+        "v",
+        ")",
+        "=",
+        "(",
+        "r",
+        ",",
+        "g",
+        ",",
+        "b",
+        ",",
+        "x",
+        ",",
+        "y",
+        ",",
+        "z",
+        ",",
+        sub("n", "x"),
+        ",",
+        sub("n", "y"),
+        ",",
+        sub("n", "z"),
+        ")",
+      ),
+    ],
+    facts: flattenedFacts,
+    legend: [["mark", "the same cloth"]],
+    draw: drawFlattened,
+  },
+];

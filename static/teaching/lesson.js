@@ -1,0 +1,146 @@
+// The lessons: asked for, taken as they arrive, and prepared for drawing.
+
+const ARRAYS = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, int32: Int32Array, float32: Float32Array };
+
+/** What keeps a lesson from being made; its message is for the learner. */
+export class LessonError extends Error {}
+
+/**
+ * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` is told
+ * how far it is; aborting `signal` gives the computation up.
+ */
+export async function fetchLesson(part, query, signal, progress) {
+  let response;
+  try {
+    response = await fetch(`/teaching/${part}?${new URLSearchParams(query)}`, { signal });
+  } catch (error) {
+    if (signal.aborted) throw error;
+    throw new LessonError("There is no connection to flatcloth; start it again and try once more.");
+  }
+  if (!response.ok) throw new LessonError(await response.text());
+  for await (const [values, body] of records(response.body, signal)) {
+    if (values.kind === "progress") progress(values.share, values.text);
+    else if (values.kind === "error") throw new LessonError(values.text);
+    else return unpack(values, body);
+  }
+  throw new LessonError("The answer of flatcloth ended too early; try once more.");
+}
+
+async function* records(stream, signal) {
+  const reader = stream.getReader();
+  let waiting = new Uint8Array(0);
+  const more = async (length) => {
+    const chunks = [waiting];
+    let size = waiting.length;
+    while (size < length) {
+      const { done, value } = await reader.read().catch((error) => {
+        if (signal.aborted) throw error;
+        return { done: true };
+      });
+      if (done) return null;
+      chunks.push(value);
+      size += value.length;
+    }
+    const joined = new Uint8Array(size);
+    let at = 0;
+    for (const chunk of chunks) {
+      joined.set(chunk, at);
+      at += chunk.length;
+    }
+    waiting = joined.slice(length);
+    return joined.slice(0, length);
+  };
+  for (let head = await more(8); head; head = await more(8)) {
+    const lengths = new DataView(head.buffer);
+    const text = await more(lengths.getUint32(0, true));
+    const body = text && (await more(lengths.getUint32(4, true)));
+    if (!body) return;
+    yield [JSON.parse(new TextDecoder().decode(text)), body];
+  }
+}
+
+async function unpack(values, body) {
+  const lesson = { ...values, array: {}, picture: {} };
+  await Promise.all(
+    Object.entries(values.parts).map(async ([name, { kind, at, bytes }]) => {
+      const data = body.buffer.slice(at, at + bytes);
+      if (kind === "png") lesson.picture[name] = await createImageBitmap(new Blob([data], { type: "image/png" }));
+      else lesson.array[name] = new ARRAYS[kind](data);
+    }),
+  );
+  for (const level of lesson.levels ?? []) Object.assign(level, prepared(lesson.array, level.name));
+  return lesson;
+}
+
+/** One level's samples as drawn: places in the image, and the largest part's own numbering. */
+function prepared(array, name) {
+  const rc = array[`${name}_points_rc`];
+  const xy = new Float32Array(rc.length);
+  for (let i = 0; i < rc.length; i += 2) [xy[i], xy[i + 1]] = [rc[i + 1], rc[i]];
+  const members = array[`${name}_members`];
+  const local = new Int32Array(rc.length / 2).fill(-1);
+  members.forEach((point, i) => (local[point] = i));
+  const edges = array[`${name}_edges`];
+  const main = [];
+  const lengths = [];
+  const length = array[`${name}_length_mm`];
+  for (let e = 0; e < length.length; e++) {
+    const a = local[edges[2 * e]];
+    const b = local[edges[2 * e + 1]];
+    if (a < 0 || b < 0) continue;
+    main.push(a, b);
+    lengths.push(length[e] / 1000);
+  }
+  return {
+    xy,
+    edges,
+    unusedPairs: array[`${name}_unused`],
+    members,
+    mainEdges: Int32Array.from(main),
+    mainLength: Float32Array.from(lengths),
+    states: statesOf(array[`${name}_states`], members.length),
+    local,
+  };
+}
+
+function statesOf(flat, count) {
+  const size = 2 * count;
+  return Array.from({ length: size ? flat.length / size : 0 }, (_, i) => flat.subarray(i * size, (i + 1) * size));
+}
+
+/** The points of a level at a time between its recorded states (0 to their number less one). */
+export function stateAt(level, time) {
+  const last = level.states.length - 1;
+  const from = Math.min(last, Math.floor(time));
+  const a = level.states[from];
+  const b = level.states[Math.min(last, from + 1)];
+  const share = time - from;
+  if (share <= 0 || a === b) return a;
+  const points = new Float32Array(a.length);
+  for (let i = 0; i < a.length; i++) points[i] = a[i] + share * (b[i] - a[i]);
+  return points;
+}
+
+/** The iteration at a time; states are thinned, iterations are not. */
+export function iterationAt(level, time) {
+  const at = level.state_iterations;
+  const from = Math.min(at.length - 1, Math.floor(time));
+  return at[from] + (time - from) * ((at[from + 1] ?? at[from]) - at[from]);
+}
+
+/** Relative error of length of every pair of the largest part: below 0 too short, above too long. */
+export function strains(level, points) {
+  const { mainEdges: edges, mainLength: length } = level;
+  const strain = new Float32Array(length.length);
+  for (let e = 0; e < length.length; e++) {
+    const a = 2 * edges[2 * e];
+    const b = 2 * edges[2 * e + 1];
+    strain[e] = Math.hypot(points[a] - points[b], points[a + 1] - points[b + 1]) / length[e] - 1;
+  }
+  return strain;
+}
+
+/** H of Eq. (2), mm². */
+export function energy(level, strain) {
+  return strain.reduce((total, s, e) => total + (1000 * s * level.mainLength[e]) ** 2, 0);
+}

@@ -1,0 +1,376 @@
+// What stages 8 to 10 draw: Z-angles, the curves over the columns, and the rotation.
+
+import { degrees, number } from "/static/page/format.js";
+import { boxOf } from "/static/canvas/geometry.js";
+import { columns, inset, painted, rgbOf, rows } from "/static/teaching/draw.js";
+import { shareOf } from "/static/teaching/detail.js";
+import { cm2 } from "/static/teaching/fig2.js";
+import { mm } from "/static/teaching/states.js";
+import { Plot, ticks } from "/static/teaching/plot.js";
+
+const UNKNOWN_ANGLE = -128;
+
+const radians = (deg) => (deg * Math.PI) / 180;
+
+/** A view as it is named everywhere: its number, and its angle. */
+export const viewName = (lesson, view) => `view ${view} (${degrees(lesson.angles_deg[view], 0)})`;
+
+/** The Z-angles in color; beyond the limit grey. */
+function zAnglePicture(lesson, limit, sheet) {
+  const { rows: down, cols } = lesson.flat;
+  const [angle, colors, span] = [lesson.array.z_angle_deg, lesson.z_angle_colors, lesson.z_angle_span_deg];
+  const grey = rgbOf(sheet.color.soft);
+  return painted(down, cols, (i) => {
+    if (angle[i] === UNKNOWN_ANGLE) return null;
+    if (Math.abs(angle[i]) >= limit) return [...grey, 110];
+    const at = Math.round(((angle[i] / span + 1) / 2) * (colors.length - 1));
+    return [...colors[Math.max(0, Math.min(colors.length - 1, at))], 255];
+  });
+}
+
+function zRamp(sheet, rect, lesson, limit) {
+  const { z_angle_colors: colors, z_angle_span_deg: span } = lesson;
+  const high = 0.9 * sheet.em;
+  const inner = inset(rect, 4, 1.9 * sheet.em, 4, 0);
+  sheet.text("Z-angle (°)", rect.x, rect.y + 1.1 * sheet.em, { color: sheet.color.soft, size: 0.85 });
+  const context = sheet.context;
+  const px = (deg) => inner.x + (inner.w * (deg / span + 1)) / 2;
+  colors.forEach((color, i) => {
+    const deg = span * ((2 * (i + 0.5)) / colors.length - 1);
+    context.fillStyle = Math.abs(deg) < limit ? `rgb(${color.join(" ")})` : sheet.color.line;
+    context.fillRect(inner.x + (inner.w * i) / colors.length, inner.y, inner.w / colors.length + 0.6, high);
+  });
+  for (const t of ticks(-span, span, 4))
+    sheet.text(number(t, 0), px(t), inner.y + high + 4, {
+      align: "center",
+      baseline: "top",
+      color: sheet.color.soft,
+      size: 0.85,
+    });
+  for (const t of [-limit, limit])
+    sheet.line([px(t), inner.y - 4], [px(t), inner.y + high + 3], sheet.color.limit, 2);
+}
+
+// --- seen from above -------------------------------------------------------------------------------
+
+/** The item from above: the camera below, the directions that count shaded, arrows at Z-angles. */
+function fromAbove(sheet, rect, limit, arrows, turn = null) {
+  const context = sheet.context;
+  const radius = Math.min(rect.w / 2 - 1.4 * sheet.em, (rect.h - 3.4 * sheet.em) / 1.4);
+  const [x, y] = [rect.x + rect.w / 2, rect.y + rect.h / 2 - 0.3 * radius];
+  const at = (deg, r) => [x + r * Math.sin(radians(deg)), y + r * Math.cos(radians(deg))];
+  context.beginPath();
+  context.moveTo(x, y);
+  context.arc(x, y, radius, Math.PI / 2 - radians(limit), Math.PI / 2 + radians(limit));
+  context.closePath();
+  context.save();
+  context.globalAlpha = 0.16;
+  context.fillStyle = sheet.color.limit;
+  context.fill();
+  context.restore();
+  for (const deg of [-limit, limit]) {
+    sheet.line([x, y], at(deg, radius), sheet.color.limit, 1.5, [5, 4]);
+    const [tx, ty] = at(deg, radius + 0.8 * sheet.em);
+    sheet.text(degrees(deg, 0), tx, ty, {
+      color: sheet.color.limit,
+      align: "center",
+      baseline: "middle",
+      size: 0.85,
+      weight: 600,
+    });
+  }
+  context.beginPath();
+  context.ellipse(x, y, 0.3 * radius, 0.2 * radius, 0.2, 0, 2 * Math.PI);
+  context.fillStyle = sheet.color.raised;
+  context.strokeStyle = sheet.color.text;
+  context.lineWidth = 2;
+  context.fill();
+  context.stroke();
+  sheet.text("item", x, y, { align: "center", baseline: "middle", color: sheet.color.soft, size: 0.85 });
+  const cy = y + radius + 1.1 * sheet.em;
+  context.beginPath();
+  context.moveTo(x, cy - 6);
+  context.lineTo(x - 8, cy + 8);
+  context.lineTo(x + 8, cy + 8);
+  context.closePath();
+  context.fillStyle = sheet.color.text;
+  context.fill();
+  sheet.text("camera", x + 14, cy + 5, { color: sheet.color.soft, size: 0.85 });
+  if (turn) {
+    context.beginPath();
+    const [from, to] = turn;
+    context.arc(x, y, 0.66 * radius, Math.PI / 2 - radians(from), Math.PI / 2 - radians(to), to > from);
+    context.strokeStyle = sheet.color.accent;
+    context.lineWidth = 2;
+    context.stroke();
+    const back = at(to - 8 * Math.sign(to - from), 0.66 * radius);
+    sheet.arrow(back, at(to, 0.66 * radius), sheet.color.accent, 2);
+    const [lx, ly] = at((from + to) / 2, 0.66 * radius + 0.9 * sheet.em);
+    sheet.text("A", lx, ly, {
+      color: sheet.color.accent,
+      weight: 700,
+      align: "center",
+      baseline: "middle",
+      plate: true,
+    });
+  }
+  for (const { deg, label, color, dash } of arrows) {
+    const tip = at(deg, 0.94 * radius);
+    if (dash) sheet.line(at(deg, 0.24 * radius), tip, color, 2, dash);
+    else sheet.arrow(at(deg, 0.24 * radius), tip, color, 2.5);
+    if (label) {
+      const [lx, ly] = at(deg, 0.5 * radius);
+      sheet.text(label, lx, ly, { color, weight: 700, align: "center", baseline: "middle", plate: true });
+    }
+  }
+}
+
+// --- Z-angle and curves ----------------------------------------------------------------------------
+
+function pixelAt(grid, place) {
+  const col = Math.round((place[0] - grid.origin_uv_m[0]) / grid.pixel_size_m);
+  const line = Math.round((place[1] - grid.origin_uv_m[1]) / grid.pixel_size_m);
+  return col < 0 || line < 0 || col >= grid.cols || line >= grid.rows ? -1 : line * grid.cols + col;
+}
+
+function probedAngle({ planning: lesson }, ui) {
+  const at = pixelAt(lesson.flat, ui.at);
+  const angle = at < 0 ? UNKNOWN_ANGLE : lesson.array.z_angle_deg[at];
+  return angle === UNKNOWN_ANGLE ? null : angle;
+}
+
+function middle(grid, known) {
+  const { rows: down, cols, origin_uv_m: origin, pixel_size_m: size } = grid;
+  let best = [Infinity, 0, 0];
+  for (let i = 0; i < down * cols; i++) {
+    if (!known(i)) continue;
+    const [r, c] = [Math.floor(i / cols), i % cols];
+    const far = Math.hypot(r - down / 2, c - cols / 2);
+    if (far < best[0]) best = [far, r, c];
+  }
+  return [origin[0] + size * best[2], origin[1] + size * best[1]];
+}
+
+export const angleStart = ({ planning: p }) => middle(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
+
+export function drawZAngle(sheet, rect, lessons, ui) {
+  const lesson = lessons.planning;
+  const limit = ui.parameters.z_angle_limit_deg;
+  const box = boxOf(lesson.flat);
+  const share = shareOf(box, rect, 0.35, 0.62);
+  const [left, right] = columns(rect, [1 - share, share]);
+  const angle = probedAngle(lessons, ui);
+  const [dial, ramp] = rows(left, [1, 0.17]);
+  const arrows = angle === null ? [] : [{ deg: angle, label: degrees(angle, 0), color: sheet.color.mark }];
+  fromAbove(sheet, sheet.titled(dial, "Seen from above"), limit, arrows);
+  zRamp(sheet, ramp, lesson, limit);
+  const map = sheet.pane("z", box, sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index)));
+  sheet.within(map.rect, () => {
+    sheet.picture(map, zAnglePicture(lesson, limit, sheet), box);
+    sheet.scaleBar(map);
+    if (angle !== null) sheet.cross(map.at(...ui.at), sheet.color.mark);
+  });
+  sheet.frame(map.rect);
+}
+
+export function zAngleFacts(lessons, ui) {
+  const values = lessons.planning.array.z_angle_deg;
+  const limit = ui.parameters.z_angle_limit_deg;
+  let [low, high, known, within] = [Infinity, -Infinity, 0, 0];
+  for (const a of values) {
+    if (a === UNKNOWN_ANGLE) continue;
+    [low, high] = [Math.min(low, a), Math.max(high, a)];
+    known += 1;
+    if (Math.abs(a) < limit) within += 1;
+  }
+  return [
+    ["Z-angles", `${degrees(low, 0)} to ${degrees(high, 0)}`],
+    ["Within the limit", `${number((100 * within) / Math.max(1, known), 0)} % of the cloth`],
+    ["At the pointer", degrees(probedAngle(lessons, ui), 0)],
+  ];
+}
+
+/** The curves over the columns, and the flattened view drawn as wide below them. Returns the plot. */
+function drawCurves(sheet, rect, { planning: lesson }, ui) {
+  const box = boxOf(lesson.flat);
+  const [top, bottom] = rows(rect, [1.25, 1], 6);
+  const { current_u_mm: u, current_h: h, current_a_z_deg: a } = lesson.array;
+  const most = h.reduce((m, x) => Math.max(m, x), 1);
+  const plot = new Plot(sheet, top, {
+    x: [1000 * box.left, 1000 * box.right],
+    y: [0, 1.08 * most],
+    y2: [-90, 90],
+    xLabel: "",
+    yLabel: "h(u), pixels of the column",
+    y2Label: "A_z(u) (°)",
+    yColor: sheet.color.count,
+    y2Color: sheet.color.mean,
+    xAxis: false,
+  });
+  plot.area(u, h, sheet.color.count, 0, u.length - 1, plot.y, 0.18);
+  plot.curve(u, h, sheet.color.count);
+  plot.curve(u, a, sheet.color.mean, { scale: plot.y2, width: 2.5 });
+  const strip = { x: plot.inner.x, w: plot.inner.w, y: bottom.y, h: bottom.h - 3 * sheet.em };
+  const map = sheet.pane("columns", box, strip, { margin: 0, stretch: true, zoom: false });
+  sheet.within(strip, () => sheet.picture(map, zAnglePicture(lesson, ui.parameters.z_angle_limit_deg, sheet), box));
+  sheet.frame(strip);
+  const low = { color: sheet.color.soft, size: 0.85, align: "center", baseline: "top" };
+  for (const t of ticks(...plot.x, Math.max(2, Math.round(strip.w / (7 * sheet.em)))))
+    sheet.text(number(t, 0), plot.px(t), strip.y + strip.h + 0.3 * sheet.em, low);
+  sheet.text(
+    "u (mm); the flattened view is drawn wide",
+    strip.x + strip.w / 2,
+    strip.y + strip.h + 1.6 * sheet.em,
+    low,
+  );
+  return { plot, strip, map };
+}
+
+function columnAt(lesson, ui) {
+  const u = lesson.array.current_u_mm;
+  if (!u.length) return -1;
+  const at = Math.round((1000 * ui.at[0] - u[0]) / (1000 * lesson.flat.pixel_size_m));
+  return at >= 0 && at < u.length ? at : -1;
+}
+
+export function drawCurvesStage(sheet, rect, lessons, ui) {
+  const { plot, strip } = drawCurves(sheet, rect, lessons, ui);
+  const lesson = lessons.planning;
+  const at = columnAt(lesson, ui);
+  if (at < 0) return;
+  const u = lesson.array.current_u_mm[at];
+  plot.vertical(u, sheet.color.mark, "", 1.5);
+  sheet.line([plot.px(u), strip.y], [plot.px(u), strip.y + strip.h], sheet.color.mark, 1.5);
+  sheet.ring(plot.at(u, lesson.array.current_h[at]), 4, sheet.color.count, 2);
+  if (Number.isFinite(lesson.array.current_a_z_deg[at]))
+    sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
+}
+
+export function curvesFacts({ planning: lesson }, ui) {
+  const at = columnAt(lesson, ui);
+  const total = lesson.array.current_h.reduce((a, b) => a + b, 0);
+  const finite = lesson.array.current_a_z_deg.filter(Number.isFinite);
+  return [
+    ["Columns", String(lesson.array.current_h.filter((n) => n > 0).length)],
+    ["Area that counts", cm2(1e4 * total * lesson.flat.pixel_size_m ** 2)],
+    ["A_z", finite.length ? `${degrees(Math.min(...finite), 0)} to ${degrees(Math.max(...finite), 0)}` : "–"],
+    ["u at the pointer", at < 0 ? "–" : mm(lesson.array.current_u_mm[at], 0)],
+    ["h, A_z there", at < 0 ? "–" : `${lesson.array.current_h[at]}, ${degrees(lesson.array.current_a_z_deg[at])}`],
+  ];
+}
+
+// --- the rotation ----------------------------------------------------------------------------------
+
+const chosenSide = (lesson) => lesson.sides.find((s) => s.side === lesson.side) ?? lesson.sides[0];
+
+export function drawRotation(sheet, rect, lessons, ui) {
+  const lesson = lessons.planning;
+  const side = chosenSide(lesson);
+  const [left, right] = columns(rect, [0.38, 0.62]);
+  const [dial, below] = rows(left, [1, 0.42]);
+  const sign = side.side === "left" ? 1 : -1;
+  const known = side.a_0_deg !== null && side.rotation_deg !== null;
+  const after = known ? side.a_0_deg + sign * side.rotation_deg : 0;
+  const arrows = known
+    ? [
+        { deg: side.a_0_deg, label: "A_0", color: sheet.color.mark },
+        { deg: after, label: "", color: sheet.color.mark, dash: [4, 4] },
+      ]
+    : [];
+  fromAbove(
+    sheet,
+    sheet.titled(dial, "Seen from above"),
+    ui.parameters.z_angle_limit_deg,
+    arrows,
+    known ? [side.a_0_deg, after] : null,
+  );
+  drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
+  const { plot, strip } = drawCurves(sheet, right, lessons, ui);
+  if (side.u_b_mm === null) return;
+  const { current_u_mm: u, current_h: h } = lesson.array;
+  const b = Math.round((side.u_b_mm - u[0]) / (1000 * lesson.flat.pixel_size_m));
+  plot.area(u, h, sheet.color.accent, sign > 0 ? 0 : b, sign > 0 ? b : u.length - 1, plot.y, 0.35);
+  const x = plot.px(side.u_b_mm);
+  plot.vertical(side.u_b_mm, sheet.color.accent, "u_b", 2);
+  sheet.line([x, strip.y], [x, strip.y + strip.h], sheet.color.accent, 2);
+  const middleOf = (plot.px(u[sign > 0 ? 0 : u.length - 1]) + x) / 2;
+  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, {
+    color: sheet.color.accent,
+    weight: 700,
+    align: "center",
+    plate: true,
+  });
+  sheet.ring([x, plot.py(side.a_0_deg, plot.y2)], 7, sheet.color.mark, 3);
+  sheet.text("A_0", x + sign * 14, plot.py(side.a_0_deg, plot.y2) - 8, {
+    color: sheet.color.mark,
+    weight: 700,
+    align: sign > 0 ? "left" : "right",
+    plate: true,
+  });
+}
+
+/** The turns to the views on the chosen side, with A and the one that is taken. */
+function drawViews(sheet, rect, lesson, side, sign) {
+  const here = lesson.angles_deg[lesson.view_index];
+  const turns = lesson.angles_deg
+    .map((angle, view) => ({ view, turn: (((sign * (angle - here)) % 360) + 360) % 360 }))
+    .filter((v) => v.turn > 0 && v.turn <= 60)
+    .sort((a, b) => a.turn - b.turn);
+  const y = rect.y + Math.min(rect.h * 0.4, 3 * sheet.em);
+  const px = (turn) => rect.x + 12 + ((rect.w - 24) * turn) / 60;
+  sheet.line([px(0), y], [px(60), y], sheet.color.soft, 1);
+  for (const t of [0, 10, 20, 30, 40, 50, 60])
+    sheet.text(number(t, 0), px(t), y + 0.9 * sheet.em, {
+      align: "center",
+      baseline: "top",
+      size: 0.85,
+      color: sheet.color.soft,
+    });
+  sheet.text("turn (°)", rect.x + rect.w / 2, y + 2.3 * sheet.em, {
+    align: "center",
+    baseline: "top",
+    size: 0.85,
+    color: sheet.color.soft,
+  });
+  for (const { view, turn } of turns) {
+    const taken = view === side.view_index;
+    sheet.ring([px(turn), y], taken ? 6 : 3.5, taken ? sheet.color.mark : sheet.color.soft, taken ? 3 : 1.5);
+    if (taken)
+      sheet.text(`view ${view}`, px(turn), y - 1.1 * sheet.em, {
+        align: turn > 45 ? "right" : "center",
+        color: sheet.color.mark,
+        weight: 600,
+      });
+  }
+  if (side.rotation_deg !== null) {
+    sheet.line([px(side.rotation_deg), y - 10], [px(side.rotation_deg), y + 10], sheet.color.accent, 3);
+    sheet.text("A", px(side.rotation_deg), y + 10, {
+      align: "center",
+      baseline: "top",
+      weight: 700,
+      color: sheet.color.accent,
+      plate: true,
+    });
+  }
+}
+
+export function rotationFacts({ planning: lesson }, ui) {
+  const side = chosenSide(lesson);
+  const edge = (name) => number(lesson.sides.find((s) => s.side === name).occluding_edge_mm, 0);
+  return [
+    ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
+    ["Side taken", lesson.side ?? "none left"],
+    ["u_b, A_0", side.u_b_mm === null ? "–" : `${mm(side.u_b_mm, 0)}, ${degrees(side.a_0_deg)}`],
+    [
+      `A_w ${side.side === "right" ? "+" : "−"} A_0`,
+      degrees(
+        side.a_0_deg === null
+          ? null
+          : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg,
+        0,
+      ),
+    ],
+    ["A, held to 10–50°", degrees(side.rotation_deg, 0)],
+    ["Next view", lesson.next_view === null ? lesson.reason : viewName(lesson, lesson.next_view)],
+  ];
+}

@@ -1,0 +1,153 @@
+// States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
+
+import { count, hex, number } from "/static/page/format.js";
+import { boxOfPoints, columns, rgbOf, rows } from "/static/teaching/draw.js";
+import { energy, iterationAt, stateAt, strains } from "/static/teaching/lesson.js";
+import { Plot } from "/static/teaching/plot.js";
+
+const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
+const CLASSES = 9;
+const BARS = 24;
+
+export const mm = (value, decimals = 1) => `${number(value, decimals)} mm`;
+export const threeDigits = (value) => number(value, value >= 100 ? 0 : value >= 10 ? 1 : 2);
+
+function strainColor(sheet, strain) {
+  const share = Math.max(-1, Math.min(1, strain / STRAIN_SPAN));
+  const even = rgbOf(sheet.color.even);
+  const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
+  return hex(even.map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
+}
+
+function drawPairsByStrain(sheet, map, level, points, strain) {
+  const width = Math.min(2.4, Math.max(1, (0.12 * level.interval_px * map.scaleX) / 1000));
+  for (let c = 0; c < CLASSES; c++) {
+    const low = c === 0 ? -Infinity : STRAIN_SPAN * ((2 * c) / CLASSES - 1);
+    const high = c === CLASSES - 1 ? Infinity : STRAIN_SPAN * ((2 * (c + 1)) / CLASSES - 1);
+    const color = strainColor(sheet, STRAIN_SPAN * ((2 * c + 1) / CLASSES - 1));
+    sheet.segments(map, points, level.mainEdges, color, width, (e) => strain[e] >= low && strain[e] < high);
+  }
+}
+
+export function histogram(sheet, rect, strain, most = 60) {
+  const span = 1.25 * STRAIN_SPAN;
+  const edges = Array.from({ length: BARS + 1 }, (_, i) => 100 * span * ((2 * i) / BARS - 1));
+  const counts = new Array(BARS).fill(0);
+  for (const s of strain) counts[Math.max(0, Math.min(BARS - 1, Math.floor(((s / span + 1) / 2) * BARS)))] += 1;
+  const shares = counts.map((n) => (100 * n) / Math.max(1, strain.length));
+  const plot = new Plot(sheet, rect, {
+    x: [-100 * span, 100 * span],
+    y: [0, most],
+    xLabel: "error of length (%)",
+    yLabel: "share of the pairs (%)",
+  });
+  plot.bars(edges, shares, (percent) => strainColor(sheet, percent / 100));
+  plot.vertical(0, sheet.color.soft, "", 1, [3, 3]);
+}
+
+function energyPlot(sheet, rect, level, time, now) {
+  const all = level.energy_mm2;
+  const low = 10 ** Math.floor(Math.log10(Math.max(1e-3, Math.min(...all)) * 0.8));
+  const high = 10 ** Math.ceil(Math.log10(Math.max(...all, 10 * low) * 1.2));
+  const iterations = all.length - 1;
+  const plot = new Plot(sheet, rect, {
+    x: [0, Math.max(1, iterations)],
+    y: [low, high],
+    log: true,
+    xLabel: "iteration",
+    yLabel: "H (mm²)",
+  });
+  const xs = all.map((_, i) => i);
+  plot.curve(xs, all, sheet.color.accent);
+  for (const x of xs) sheet.ring(plot.at(x, all[x]), 2, sheet.color.accent, 2);
+  sheet.ring(plot.at(iterationAt(level, time), now), 6, sheet.color.mark, 3);
+}
+
+export function statePane(sheet, rect, level, time, key) {
+  // All states in one frame, so that nothing jumps while they are played.
+  const boxes = [level.states[0], level.states.at(-1)].map(boxOfPoints);
+  const box = {
+    left: Math.min(...boxes.map((b) => b.left)),
+    right: Math.max(...boxes.map((b) => b.right)),
+    top: Math.min(...boxes.map((b) => b.top)),
+    bottom: Math.max(...boxes.map((b) => b.bottom)),
+  };
+  const points = stateAt(level, time);
+  const strain = strains(level, points);
+  const map = sheet.pane(key, box, rect, { margin: 10 });
+  sheet.within(rect, () => {
+    drawPairsByStrain(sheet, map, level, points, strain);
+    const radius = Math.min(2.6, Math.max(0.6, (0.14 * level.interval_px * map.scaleX) / 1000));
+    sheet.dots(map, points, radius, sheet.color.text);
+    sheet.scaleBar(map);
+  });
+  sheet.frame(rect);
+  return { strain, now: energy(level, strain) };
+}
+
+/** A bent cloth seen from above: equal steps along it make unequal steps in the image. */
+export function drawForeshortening(sheet, rect) {
+  const { context, em } = sheet;
+  const steps = 9;
+  const r = Math.min((rect.w - 2 * em) / 2, rect.h - 6.6 * em);
+  const [x, y] = [rect.x + rect.w / 2, rect.y + 2 * em];
+  const ground = y + r + 2.2 * em;
+  const angle = (t) => Math.PI * (0.04 + 0.92 * t);
+  const place = (t) => [x - r * Math.cos(angle(t)), y + r * Math.sin(angle(t))];
+  context.beginPath();
+  for (let i = 0; i <= 60; i++) context[i ? "lineTo" : "moveTo"](...place(i / 60));
+  context.strokeStyle = sheet.color.text;
+  context.lineWidth = 2;
+  context.stroke();
+  const samples = Array.from({ length: steps + 1 }, (_, i) => place(i / steps));
+  const along = (r * Math.PI * 0.92) / steps;
+  samples.forEach((p, i) => {
+    sheet.line([p[0], p[1] + 6], [p[0], ground], sheet.color.line, 1, [3, 3]);
+    if (i)
+      sheet.line(
+        [samples[i - 1][0], ground],
+        [p[0], ground],
+        strainColor(sheet, (p[0] - samples[i - 1][0]) / along - 1),
+        6,
+      );
+  });
+  for (const [px, py] of samples) {
+    sheet.ring([px, py], 3, sheet.color.text, 2);
+    sheet.ring([px, ground], 2, sheet.color.text, 2);
+  }
+  const small = { align: "center", size: 0.85, color: sheet.color.soft };
+  sheet.text("cloth: equal steps along it", x, y + 0.5 * em, small);
+  sheet.text("image: the steps at the sides are too short", x, ground + 1.8 * em, small);
+}
+
+export const rms = (level, h) => Math.sqrt(h / Math.max(1, level.mainLength.length));
+export const planeShare = 0.46;
+
+export function drawMinimisation(sheet, rect, level, ui, key) {
+  const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
+  const iteration = iterationAt(level, ui.time);
+  const { strain, now } = statePane(
+    sheet,
+    sheet.titled(left, "The plane", `iteration ${number(iteration, 0)}`),
+    level,
+    ui.time,
+    key,
+  );
+  const [top, bottom] = rows(right, [1.1, 1]);
+  energyPlot(sheet, sheet.titled(top, "Energy"), level, ui.time, now);
+  histogram(sheet, sheet.titled(bottom, "Lengths"), strain);
+}
+
+export function minimisationFacts(level, ui) {
+  const now = energy(level, strains(level, stateAt(level, ui.time)));
+  const [first, last] = [level.energy_mm2[0], level.energy_mm2.at(-1)];
+  return [
+    ["Iteration", `${number(iterationAt(level, ui.time), 0)} of ${level.energy_mm2.length - 1}`],
+    ["H now", `${threeDigits(now)} mm²`],
+    ["H, first to last", `${threeDigits(first)} → ${threeDigits(last)} mm²`],
+    ["Error of a pair (rms)", mm(rms(level, now), 2)],
+  ];
+}
+
+export const partsNote = (level) =>
+  level.parts > 1 ? `${count(level.parts, "part")}; the largest is shown` : "1 part";

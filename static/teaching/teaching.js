@@ -1,0 +1,431 @@
+// The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
+
+import { byId, make, setAllowed, setText } from "/static/page/dom.js";
+import { keyName } from "/static/page/format.js";
+import { Sheet, inset } from "/static/teaching/draw.js";
+import { action, makeFrame, showLayers, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { onKey } from "/static/teaching/keys.js";
+import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
+import { onTheme } from "/static/page/theme.js";
+
+const PARTS = ["flattening", "planning", "alignment"];
+const STATE_MS = 650; // how long the way from one recorded state to the next takes
+const QUIET_MS = 120; // progress is shown only for what takes longer
+const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
+const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
+
+export class Teaching {
+  /** `session`: actions(), tip(action), startView(), notify(level, text). */
+  constructor(session) {
+    this.session = session;
+    this.at = 0;
+    this.time = 0;
+    this.changed = {}; // the learner's parameters
+    this.lessons = {}; // by part: {key, lesson, error, abort}
+    this.ui = { at: null, layer: "color", time: 0, parameters: {} };
+    this.probe = null; // where the learner points: {at, moved, lesson}
+    this.drawn = 0;
+    this.root = null;
+    /** @type {any[]} what lies behind it */
+    this.behind = [];
+    /** @type {any} what had the focus */
+    this.opener = null;
+  }
+
+  get open() {
+    return this.root !== null && !this.root.hidden;
+  }
+
+  /** What tests want to know. */
+  get status() {
+    return {
+      open: this.open,
+      stage: this.at + 1,
+      name: STAGES[this.at].name,
+      drawn: this.drawn,
+      time: this.ui.time,
+      playing: Boolean(this.playing),
+      busy: PARTS.some((p) => this.lessons[p]?.abort),
+      parameters: this.parameters(),
+      shown: this.shown ?? null,
+      error: this.lessons[STAGES[this.at].part]?.error ?? null,
+    };
+  }
+
+  /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
+  takes(name) {
+    if (!this.open) {
+      if (name === "teach" && action(this, name).why_not !== null) return false; // the page says why
+      if (name === "teach") return (this.enter(), true);
+      if (!name.startsWith("teach_")) return false;
+      this.session.notify("info", `Open the teaching mode first (${keyName(action(this, "teach").keys[0])}).`);
+      return true;
+    }
+    if (PASSED_ON.includes(name)) return false;
+    if (!OURS.includes(name)) return true; // nothing is decided from in here
+    if (name === "teach") this.leave();
+    else if (name === "teach_next") this.go(this.at + 1);
+    else if (name === "teach_back") this.go(this.at - 1);
+    else if (name === "teach_play") this.play(!this.playing);
+    else if (name === "cancel") this.cancelOrLeave();
+    else this.sheet.zoomAll({ fit: null, zoom_in: 1.4, zoom_out: 1 / 1.4 }[name]);
+    return true;
+  }
+
+  // --- in and out ------------------------------------------------------------------------------
+
+  enter() {
+    if (!this.root) this.build();
+    this.opener = document.activeElement;
+    this.behind = [...document.body.children].filter(
+      (/** @type {any} */ e) =>
+        e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+    );
+    for (const element of this.behind) element.inert = true;
+    this.root.hidden = false;
+    setText(byId("teaching-recording"), this.session.name());
+    this.go(this.at);
+    byId("teaching-next").focus();
+  }
+
+  leave() {
+    this.play(false);
+    for (const part of PARTS) this.abort(part);
+    this.root.hidden = true;
+    for (const element of this.behind) element.inert = false;
+    this.opener?.focus?.();
+  }
+
+  cancelOrLeave() {
+    if (!PARTS.some((p) => this.lessons[p]?.abort && p === STAGES[this.at].part)) return this.leave();
+    this.giveUp();
+  }
+
+  /** Stop computing, and go back to the values of what is shown. */
+  giveUp() {
+    for (const part of PARTS) this.abort(part);
+    this.round += 1;
+    const part = STAGES[this.at].part;
+    const shown = this.lessons[part]?.lesson;
+    if (shown) {
+      this.changed = Object.fromEntries(
+        Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]),
+      );
+      this.lessons[part].key = JSON.stringify(this.query(part));
+    } else {
+      this.lessons[part] = { key: null, lesson: null, error: "Cancelled: this stage has not been computed." };
+    }
+    this.update();
+  }
+
+  // --- the stages ------------------------------------------------------------------------------
+
+  go(index) {
+    if (index < 0 || index >= STAGES.length) return;
+    const stage = STAGES[index];
+    const moved = index !== this.at;
+    if (moved || !this.shown) {
+      this.play(false);
+      this.at = index;
+      this.ui = { ...this.ui, time: 0, layer: "color" };
+      this.probe = null;
+      this.sheet.zooms.clear();
+      this.autoplay = Boolean(stage.plays) && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    }
+    this.showTexts();
+    this.load();
+    this.update();
+  }
+
+  parameters() {
+    const known = PARTS.map((p) => this.lessons[p]?.lesson?.defaults).find(Boolean) ?? {};
+    return { ...known, ...this.changed };
+  }
+
+  query(part) {
+    const start = this.session.startView();
+    const query = start === null ? {} : { start_view: start };
+    for (const [name, value] of Object.entries(this.changed))
+      if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
+    return query;
+  }
+
+  /** Ask for what this stage needs, then for the rest, so that the next stages are there at once. */
+  async load() {
+    const first = STAGES[this.at].part;
+    const round = (this.round = (this.round ?? 0) + 1);
+    for (const part of [first, ...PARTS.filter((p) => p !== first)]) {
+      if (round !== this.round || !this.open) return;
+      await this.fetch(part, part === first);
+    }
+  }
+
+  async fetch(part, wanted) {
+    const query = this.query(part);
+    const key = JSON.stringify(query);
+    const before = this.lessons[part];
+    if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
+    this.abort(part);
+    const abort = new AbortController();
+    /** @type {any} */
+    const entry = (this.lessons[part] = { key, lesson: before?.lesson ?? null, error: null, abort, progress: null });
+    entry.promise = (async () => {
+      try {
+        const lesson = await fetchLesson(part, query, abort.signal, (share, text) => {
+          entry.progress = { share, text };
+          this.showProgress();
+        });
+        Object.assign(entry, { lesson, stale: false });
+      } catch (error) {
+        if (abort.signal.aborted) return;
+        const told = error instanceof LessonError;
+        Object.assign(entry, { lesson: null, error: told ? error.message : `Unexpected error: ${error}` });
+        if (!told) console.error(error);
+      }
+      entry.abort = null;
+      if (this.lessons[part] === entry) this.update();
+    })();
+    setTimeout(() => this.showProgress(), QUIET_MS);
+    entry.since = performance.now();
+    return entry.promise;
+  }
+
+  abort(part) {
+    const entry = this.lessons[part];
+    if (!entry?.abort) return;
+    entry.abort.abort();
+    // What was shown before stays, and is asked for anew when it is wanted.
+    this.lessons[part] = { ...entry, abort: null, key: null };
+  }
+
+  change(name, value) {
+    this.changed = { ...this.changed, [name]: value };
+    this.load();
+    this.update();
+  }
+
+  reset() {
+    this.changed = {};
+    this.load();
+    this.update();
+  }
+
+  // --- playing ---------------------------------------------------------------------------------
+
+  play(on) {
+    cancelAnimationFrame(this.playing);
+    this.playing = null;
+    const last = this.lastTime();
+    if (on && last > 0) {
+      if (this.ui.time >= last) this.ui.time = 0;
+      let before = performance.now();
+      const tick = (now) => {
+        this.ui.time = Math.min(last, this.ui.time + Math.max(0, now - before) / STATE_MS);
+        before = now;
+        this.playing = this.ui.time < last ? requestAnimationFrame(tick) : null;
+        this.update();
+      };
+      this.playing = requestAnimationFrame(tick);
+    }
+    if (this.open) this.showPlayer();
+  }
+
+  lastTime() {
+    const stage = STAGES[this.at];
+    const lesson = this.lessons[stage.part]?.lesson;
+    return stage.plays && lesson ? Math.max(0, stage.plays(this.all())) : 0;
+  }
+
+  all() {
+    return Object.fromEntries(PARTS.map((p) => [p, this.lessons[p]?.lesson ?? null]));
+  }
+
+  // --- the page --------------------------------------------------------------------------------
+
+  build() {
+    this.canvas = make("canvas", { id: "teaching-canvas", role: "img" });
+    this.sheet = new Sheet(this.canvas, {
+      redraw: () => this.redraw(),
+      probe: (key, at) => {
+        if (key !== STAGES[this.at].probe) return;
+        this.probe = { at, moved: true };
+        this.update();
+      },
+    });
+    this.root = makeFrame(this);
+    document.body.append(this.root);
+    this.root.addEventListener("keydown", (event) => onKey(this, event));
+    new ResizeObserver(() => this.open && this.draw()).observe(this.canvas.parentElement);
+    onTheme(() => this.open && this.redraw());
+  }
+
+  /** What changes only with the stage. */
+  showTexts() {
+    const stage = STAGES[this.at];
+    for (const button of this.root.querySelectorAll(".teaching-stage")) {
+      const here = Number(button.dataset.stage) === this.at;
+      button.tabIndex = here ? 0 : -1; // one stop for Tab; the arrow keys go on from there
+      if (here) button.setAttribute("aria-current", "step");
+      else button.removeAttribute("aria-current");
+      if (here) button.scrollIntoView({ block: "nearest" });
+    }
+    setText(byId("teaching-figure"), stage.figure);
+    setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);
+    setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
+    byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", {}, ...symbols(text))));
+    byId("teaching-legend").replaceChildren(
+      ...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
+        const swatch = make("i", { class: "swatch" });
+        swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
+        return make("li", {}, swatch, make("span", {}, ...symbols(label)));
+      }),
+    );
+    byId("teaching-legend").hidden = !stage.legend;
+    this.root.querySelector(".teaching-text").scrollTop = 0;
+    const ends = {
+      "teaching-back": this.at === 0 ? "This is the first stage." : null,
+      "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null,
+    };
+    for (const [id, why] of Object.entries(ends)) {
+      const name = id === "teaching-back" ? "teach_back" : "teach_next";
+      setAllowed(byId(id), why, this.session.tip(action(this, name)));
+    }
+    byId("teaching-next").classList.toggle("primary", this.at < STAGES.length - 1);
+    this.canvas.tabIndex = stage.probe ? 0 : -1;
+    showLayers(this, stage);
+  }
+
+  /** What changes with the lessons, the parameters, the time and the probe. */
+  update() {
+    if (!this.open) return;
+    const stage = STAGES[this.at];
+    const entry = this.lessons[stage.part];
+    const lessons = this.all();
+    const lesson = entry?.lesson;
+    this.showSliders(stage);
+    this.showProgress();
+    const trouble = entry?.error ?? null;
+    byId("teaching-trouble").hidden = trouble === null;
+    setText(byId("teaching-trouble-text"), trouble ?? "");
+    byId("teaching-defaults").hidden = !Object.keys(this.changed).length;
+    this.canvas.style.visibility = lesson && trouble === null ? "visible" : "hidden";
+    byId("teaching-facts").hidden = byId("teaching-math").hidden = !lesson;
+    if (lesson) {
+      this.ui.parameters = this.parameters();
+      this.ui.time = Math.min(this.ui.time, this.lastTime());
+      const key = `${this.at} ${lesson.side ?? ""}`;
+      if (this.mathKey !== key) byId("teaching-math").replaceChildren(...stage.math(lessons));
+      this.mathKey = key;
+      if (this.autoplay) {
+        this.autoplay = false;
+        return this.play(true);
+      }
+    }
+    this.showPlayer();
+    this.redraw();
+  }
+
+  redraw() {
+    if (this.waiting || !this.open) return;
+    this.waiting = requestAnimationFrame(() => {
+      this.waiting = null;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const stage = STAGES[this.at];
+    const lessons = this.all();
+    if (!this.open || !lessons[stage.part]) return;
+    const lesson = lessons[stage.part];
+    if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson)
+      this.probe = { at: stage.start(lessons), moved: false, lesson };
+    this.ui.at = this.probe?.at ?? null;
+    const rect = this.sheet.begin();
+    stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
+    this.showFacts(stage.facts(lessons, this.ui));
+    this.shown = {
+      stage: this.at + 1,
+      key: this.lessons[stage.part].key,
+      parameters: lessons[stage.part].parameters,
+    };
+    this.drawn += 1;
+  }
+
+  showFacts(facts) {
+    const list = byId("teaching-facts");
+    if (
+      list.childElementCount !== 2 * facts.length ||
+      facts.some(([name], i) => list.children[2 * i].dataset.name !== name)
+    ) {
+      list.replaceChildren(
+        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]),
+      );
+    }
+    facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
+    const { name: title, probe } = STAGES[this.at];
+    const told = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
+    this.canvas.setAttribute("aria-label", `${title}. ${told}.${probe ? " The arrow keys move the pointer." : ""}`);
+  }
+
+  showSliders(stage) {
+    const lesson = PARTS.map((p) => this.lessons[p]?.lesson).find(Boolean);
+    byId("teaching-sliders").hidden = !lesson;
+    if (!lesson) return;
+    const values = this.parameters();
+    for (const label of this.root.querySelectorAll(".teaching-slider")) {
+      const name = label.dataset.slider;
+      const { low, high, step } = lesson.sliders[name];
+      const input = label.querySelector("input");
+      label.hidden = !stage.parameters.includes(name);
+      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step)
+        Object.assign(input, { min: low, max: high, step });
+      if (Number(input.value) !== values[name]) input.value = values[name];
+      const text = SLIDERS[name][2](values[name]);
+      setText(label.querySelector("output"), text);
+      input.setAttribute("aria-valuetext", text);
+    }
+    const same = Object.entries(this.changed).every(([name, value]) => value === lesson.defaults[name]);
+    setAllowed(
+      byId("teaching-reset"),
+      same ? "These are the session's values." : null,
+      "Back to the session's values.",
+    );
+  }
+
+  showPlayer() {
+    const last = this.lastTime();
+    byId("teaching-player").hidden = last <= 0;
+    if (last <= 0) return;
+    const bar = byId("teaching-time");
+    bar.max = last;
+    bar.value = this.ui.time;
+    bar.setAttribute("aria-valuetext", `${Math.round((100 * this.ui.time) / last)} %`);
+    setText(byId("teaching-play").firstChild, this.playing ? "Pause" : "Play");
+  }
+
+  scrub(time) {
+    this.play(false);
+    this.ui.time = time;
+    this.update();
+  }
+
+  showProgress() {
+    if (!this.open) return;
+    const entry = this.lessons[STAGES[this.at].part];
+    const busy = Boolean(entry?.abort) && performance.now() - entry.since >= QUIET_MS - 5;
+    byId("teaching-progress").hidden = !busy;
+    this.root.classList.toggle("busy", busy);
+    if (!busy) return;
+    const { share, text } = entry.progress ?? { share: 0, text: "Waiting" };
+    setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);
+    byId("teaching-progress-bar").value = share;
+  }
+
+  again() {
+    const part = STAGES[this.at].part;
+    this.lessons[part] = { ...this.lessons[part], key: null, error: null };
+    this.load();
+    this.update();
+  }
+}

@@ -1,0 +1,138 @@
+"""What placed a proposal: curves linked to the canvas, lines, strained edges, hypotheses."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+DRAWN = """async ([u, v]) => {
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
+    const at = flatcloth.toScreen(u, v), place = [at.x - box.left, at.y - box.top].map(Math.round);
+    return [...c.getContext("2d").getImageData(place[0] - 1, place[1] - 1, 3, 3).data]; }"""
+
+
+def drawn(tab, uv):
+    """Return the colours (9, 4) that the canvas shows around a place of the plane."""
+    data = tab.page.evaluate(DRAWN, uv)
+    return [data[n : n + 4] for n in range(0, 36, 4)]
+
+
+def asked_why(open_tab, **size):
+    tab = open_tab(**size).ready()
+    tab.close_viser_notice()
+    tab.step()
+    tab.page.keyboard.press("i")
+    tab.until("flatcloth.diagnostics.known !== null")
+    return tab
+
+
+def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
+    tab = asked_why(open_tab)
+    plot = tab.page.locator(".diagnostics-plots canvas")
+    box = plot.bounding_box()
+    tab.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
+    tab.until("Number.isFinite(flatcloth.diagnostics.marked.current)")
+    marked = tab.page.evaluate("flatcloth.diagnostics.marked.current")
+    expect(tab.page.locator(".diagnostics-column")).to_contain_text(
+        re.compile(r"Shape u [\d.]+ mm: h \d+ px, A")
+    )
+    # The column is drawn on the canvas: above the cloth, where nothing else is.
+    theta, du, _ = tab.page.evaluate("flatcloth.diagnostics.known.front_from_current")
+    layers = tab.state()["layers"]
+    top = layers["origin_uv_m"][1] - 0.02
+    u = (marked / 1000 - du + math.sin(theta) * top) / math.cos(theta)
+    assert max(color[3] for color in drawn(tab, [u, top])) > 0
+    assert max(color[3] for color in drawn(tab, [u + 0.05, top])) == 0
+    tab.shoot("diagnostics-column")
+
+    on_canvas = [u + 0.03, layers["origin_uv_m"][1] + 0.3]
+    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", on_canvas)
+    tab.page.mouse.move(at["x"], at["y"])
+    tab.until("Number.isFinite(flatcloth.diagnostics.marked.new)")
+    there = 1000 * (math.cos(theta) * on_canvas[0] - math.sin(theta) * on_canvas[1] + du)
+    assert tab.page.evaluate("flatcloth.diagnostics.marked.current") == pytest.approx(there, abs=3.0)
+
+
+def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
+    tab = asked_why(open_tab)
+    tab.page.locator(".diagnostics-plots canvas").focus()
+    tab.page.keyboard.press("ArrowRight")
+    tab.page.keyboard.press("ArrowRight")
+    told = tab.page.evaluate(
+        "[flatcloth.diagnostics.marked.current, flatcloth.diagnostics.known.current.u_mm[1]]"
+    )
+    assert told[0] == told[1]
+    tab.page.wait_for_timeout(400)
+    assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
+
+
+def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
+    tab = asked_why(open_tab)
+    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
+    shown = drawn(tab, line["point_uv_m"])
+    tab.page.get_by_label("Lines", exact=True).uncheck()
+    assert drawn(tab, line["point_uv_m"]) != shown
+
+
+@pytest.mark.scene
+def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
+    tab = asked_why(open_tab)
+    visible = (
+        "(window.__viserMutable?.nodeRefFromName['/edges']?.visible"
+        " && window.__viserMutable.nodeRefFromName['/edges'].parent.visible) ?? false"
+    )
+    tab.page.get_by_label(re.compile("Strained edges")).check()
+    tab.until("flatcloth.state.edges")
+    edges = tab.page.evaluate("flatcloth.diagnostics.known.edges")
+    assert edges["shape"]["total"] > 1000
+    if edges["shape"]["strain"] or edges["new"]["strain"]:
+        tab.scene.wait_for_function(visible)
+    tab.shoot("diagnostics-edges")
+    tab.page.keyboard.press("i")
+    tab.until("!flatcloth.state.edges")
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
+
+
+def test_hypotheses_are_pictures_to_choose_from(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    pictures = tab.page.locator(".places img")
+    expect(pictures.first).to_be_visible()
+    tab.page.wait_for_function(
+        "[...document.querySelectorAll('.places img')].every(i => i.complete && i.naturalWidth === 216)"
+    )
+    hypotheses = tab.state()["pending"]["hypotheses"]
+    assert pictures.count() == len(hypotheses) > 1
+    score = tab.state()["pending"]["score"]
+    tab.page.get_by_role("button", name=re.compile(f"score {hypotheses[1]['score']:.2f}")).first.click()
+    tab.until(f"flatcloth.state.pending.score !== {score}")
+    assert tab.state()["pending"]["score"] == pytest.approx(hypotheses[1]["score"], abs=0.02)
+    tab.shoot("diagnostics-hypotheses")
+
+
+def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab):
+    tab = asked_why(open_tab)
+    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
+    tab.accept()
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
+    tab.step()
+    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
+    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
+
+
+@pytest.mark.parametrize("program", ["recordings/trousers-waist-d435 --method paper"], indirect=True)
+def test_the_papers_method_shows_its_own_curves(open_tab):
+    tab = asked_why(open_tab, width=2560, height=1440, scheme="dark")
+    known = tab.page.evaluate("flatcloth.diagnostics.known")
+    assert known["side"] in tab.page.evaluate("flatcloth.state.pending.reason")
+    assert known["lines"] is not None
+    expect(tab.page.locator(".diagnostics-facts")).to_contain_text("the paper would turn by")
+    tab.page.get_by_label(re.compile("Strained edges")).check()
+    tab.until("flatcloth.state.edges")
+    tab.shoot("diagnostics-paper")

@@ -1,0 +1,75 @@
+"""What others wrote is read as its type, or refused with the place, what stands there and what should."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, decoded, described, found_at, parse_json
+
+
+class Part(msgspec.Struct, frozen=True):
+    size_m: Finite
+    at: Vector3 | None = None
+    count: int = 0
+
+
+class Whole(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    parts: tuple[Part, ...]
+    name: str = ""
+
+
+def test_a_text_is_read_as_its_type() -> None:
+    text = b'{"parts": [{"size_m": 2, "at": [1, 2.5, -3]}], "name": "hem \\ud83d\\udc55"}'
+    assert decoded(text, Whole) == Whole((Part(2.0, (1.0, 2.5, -3.0)),), "hem \U0001f455")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"parts": 1}', "parts is a number; expected a list"),
+        ("[]", "it is a list of 0; expected an object"),
+        ("{}", "parts is missing"),
+        ('{"parts": [], "nom": 1}', "nom is no field that is known"),
+        ('{"parts": [{}]}', "parts[0].size_m is missing"),
+        ('{"parts": [{"size_m": null}]}', "parts[0].size_m is missing; expected a number"),
+        ('{"parts": [{"size_m": 1}, {"size_m": "2"}]}', "parts[1].size_m is text; expected a number"),
+        ('{"parts": [{"size_m": NaN}]}', "parts[0].size_m is not a finite number"),
+        ('{"parts": [{"size_m": 1e999}]}', "parts[0].size_m is not a finite number"),
+        ('{"parts": [{"size_m": 1' + "0" * 400 + "}]}", "parts[0].size_m is not a finite number"),
+        ('{"parts": [{"size_m": true}]}', "parts[0].size_m is true or false"),
+        (
+            '{"parts": [{"size_m": 1, "at": [1, 2]}]}',
+            "parts[0].at is a list of 2; expected a list of length 3",
+        ),
+        ('{"parts": [{"size_m": 1, "count": 1.5}]}', "parts[0].count is a number; expected a whole number"),
+    ],
+)
+def test_what_does_not_fit_is_named(text: str, said: str) -> None:
+    with pytest.raises(MisfitError) as caught:
+        decoded(text, Whole)
+    assert str(caught.value).startswith(said)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"a": 1' + "0" * 5000 + "}"])
+def test_what_is_no_json_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^[^\n]+$"):
+        parse_json(text)
+
+
+def test_a_place_is_found_again() -> None:
+    raw: Any = {"views": [{"angle": 1}, {"angle": 2}]}
+    assert found_at(raw, "views[1].angle") == 2
+    assert found_at(raw, "views[1].depth") is None
+    assert found_at(raw, "") is raw
+
+
+def test_values_are_described_in_words() -> None:
+    values = (None, False, 1.5, math.inf, "x", {}, [1, 2])
+    assert [described(v) for v in values] == [
+        "missing", "true or false", "a number", "not a finite number", "text", "an object", "a list of 2",
+    ]  # fmt: skip

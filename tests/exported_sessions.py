@@ -1,0 +1,111 @@
+"""Small sessions to take away: an exact cylinder, integrated by a scripted operator, with picks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scenes import AXIS, CAMERA, Cylinder
+
+from flatcloth.engine.integration import Integration
+from flatcloth.export.session import OpenedSession, open_session
+from flatcloth.grasping.grasps import Grip, grasp_at
+from flatcloth.grasping.grips import GripStore
+from flatcloth.recordings import open_recording
+from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
+from flatcloth.session.store import SessionFolder
+
+ANGLES_DEG = (0.0, 30.0, 60.0, 330.0)
+NAME = "cylinder </script><b>&"
+PICKS = ("middle", "edge <b>", "gone")
+
+
+def write_cylinder(folder: Path, name: str = NAME) -> Path:
+    """Write the cylinder as a recording folder."""
+    cylinder = Cylinder(angles_deg=ANGLES_DEG)
+    folder.mkdir(parents=True)
+    for n in range(len(ANGLES_DEG)):
+        frame = cylinder[n]
+        assert frame.mask is not None
+        for kind, pixels in (
+            ("color", frame.color[..., ::-1]),
+            ("depth", np.rint(frame.depth_m * 10_000).astype(np.uint16)),
+            ("mask", np.where(frame.mask, 255, 0).astype(np.uint8)),
+        ):
+            (folder / kind).mkdir(exist_ok=True)
+            assert cv2.imwrite(str(folder / kind / f"{n}.png"), pixels)
+    views = [
+        {"angle_deg": angle, **{kind: f"{kind}/{n}.png" for kind in ("color", "depth", "mask")}}
+        for n, angle in enumerate(ANGLES_DEG)
+    ]
+    header = {
+        "format": "flatcloth-recording/1",
+        "name": name,
+        "description": "a computed <i>cylinder</i>",
+        "intrinsics": {k: getattr(CAMERA, k) for k in ("width", "height", "fx", "fy", "cx", "cy")},
+        "depth_scale_m": 0.0001,
+        "rotation_axis": {"point_m": AXIS.point_m.tolist(), "direction": AXIS.direction.tolist()},
+        "held_point_m": [0.0, -0.1, 0.85],
+        "views": views,
+    }
+    (folder / "recording.json").write_text(json.dumps(header))
+    return folder
+
+
+@dataclass
+class Operator:
+    """Decides, and lets the work be done at once."""
+
+    integration: Integration
+    folder: SessionFolder
+
+    def do(self, command: Command | Event) -> None:
+        self.folder.record(command)
+        request = self.folder.state.request
+        if request is not None:
+            self.do(self.integration.answer(self.folder.state.document, request))
+
+    @property
+    def pending(self) -> int:
+        pending = self.folder.state.document.pending
+        assert pending is not None
+        return pending.view_index
+
+
+def write_session(folder: Path, recording: Path) -> Path:
+    """Integrate by hand: accepted, refused, taken back; with picks on the cloth, at its edge, and lost."""
+    opened = open_recording(recording)
+    integration = Integration(opened, method="paper")
+    session = SessionFolder.open(folder, opened, integration.config, "paper")
+    try:
+        operator = Operator(integration, session)
+        operator.do(Start(0))
+        operator.do(Propose(1))
+        operator.do(Reject(operator.pending, "bad depth"))
+        operator.do(Undo())
+        operator.do(Accept(operator.pending))
+        operator.do(Propose())
+        operator.do(Accept(operator.pending))
+        view = integration.canonical(session.state.document).view
+        rows, cols = np.nonzero(view.valid)
+        middle = np.array([rows.mean(), cols.mean()])
+        edge = np.array([rows.mean(), cols[np.abs(rows - rows.mean()) < 1].max()])
+        for name, rc in zip(PICKS, (middle, edge, middle), strict=True):
+            uv = view.uv_from_rc(rc)
+            grasp = grasp_at(view, (float(uv[0]), float(uv[1])), integration.axis, 0.0)
+            away = 0.05 * grasp.normal_held if name == "gone" else 0.0
+            session.add_pick(
+                name, grasp.position_held_m + away, grasp.normal_held, grasp.view_index, grasp.source_rc
+            )
+        GripStore(folder).set(1, Grip(opening_m=0.06))
+    finally:
+        session.close()
+    return folder
+
+
+def cylinder_session(folder: Path) -> OpenedSession:
+    """Write recording and session into a folder, and open the session for export."""
+    return open_session(write_session(folder / "session", write_cylinder(folder / "recording")))

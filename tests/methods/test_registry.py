@@ -1,0 +1,127 @@
+"""The recipe of CONTRIBUTING.md for a method: a toy method is registered and runs from the command line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flatcloth.cli import main
+from flatcloth.core.errors import ConfigError
+from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.export.data import read_shape
+from flatcloth.flattening.resampling import place
+from flatcloth.methods.base import (
+    Alignment,
+    AlignmentScore,
+    Canonical,
+    Method,
+    Placement,
+    Plan,
+    SurfaceEdges,
+    Views,
+)
+from flatcloth.methods.edges import edges_of_view
+from flatcloth.methods.registry import MethodEntry, method_entry, method_names, register, unregister
+from flatcloth.session.machine import Document, Later, Side
+
+MOST_VIEWS = 3
+
+
+class SideBySide(Method):
+    """Accepts the first views of a recording where the first one lies, and shows that one alone."""
+
+    name = "side-by-side"
+
+    def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
+        self._views, self.angles_deg = views, angles_deg
+
+    @property
+    def accept_score(self) -> float:
+        return 0.5
+
+    def canonical(self, document: Document) -> Canonical:
+        assert document.start_view is not None
+        used = (document.start_view, *(a.view_index for a in document.accepted))
+        view = place(self._views.part(document.start_view, 0), Rigid2())
+        return Canonical(view=view, current_from_view=dict.fromkeys(used, Rigid2()))
+
+    def plan(self, document: Document, unusable: set[int]) -> Plan:
+        rest = set(range(MOST_VIEWS)) - document.used_views - document.refused_views - unusable
+        view = min(rest, default=None)
+        reason = "Nothing more to give: enough views." if view is None else "the next one"
+        return Plan(view_index=view, side=None, rotation_deg=0.0, reason=reason, sides=())
+
+    def propose(
+        self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
+    ) -> Placement:
+        score = self.score(document, view_index, 0, Rigid2())
+        alignment = Alignment(
+            current_from_new=Rigid2(), initial=Rigid2(), score=score, initial_score=score, correspondence=None
+        )
+        return Placement(component=0, alignment=alignment)
+
+    def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
+        return AlignmentScore(0.9, {"toy": 1.0})
+
+    def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
+        return motion
+
+    def carried(self, document: Document, later: Later) -> Rigid2:
+        return later.decision.current_from_new
+
+    def surface_edges(self, document: Document) -> SurfaceEdges:
+        assert document.start_view is not None
+        return edges_of_view(self._views, 0.0, document.start_view, 0, Rigid2())
+
+
+@pytest.fixture
+def toy() -> Iterator[str]:
+    register(MethodEntry(name=SideBySide.name, summary="a toy", load=lambda: SideBySide))
+    yield SideBySide.name
+    unregister(SideBySide.name)
+
+
+def test_a_registered_method_runs_from_the_command_line(
+    toy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "shirt-sleeve-clean", "--method", toy, "--out", str(tmp_path / "s")]) == 0
+    outcome = json.loads((tmp_path / "s" / "outcome.json").read_text())
+    assert outcome["method"] == toy
+    used = {outcome["start_view"], *(a["view_index"] for a in outcome["accepted"])}
+    assert used >= set(range(MOST_VIEWS))
+    assert [a["score"] for a in outcome["accepted"]] == [0.9] * (len(used) - 1)
+    assert outcome["ended"] == "Nothing more to give: enough views."
+    shape = read_shape(tmp_path / "s" / "flattened.npz")
+    assert set(np.unique(shape.view_index[shape.valid])) == {outcome["start_view"]}
+    assert "side-by-side" not in capsys.readouterr().err
+
+
+def test_a_session_of_another_method_is_not_continued(
+    toy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "shirt-sleeve-clean", "--method", toy, "--out", str(tmp_path / "s")]) == 0
+    assert main(["run", "shirt-sleeve-clean", "--method", "paper", "--out", str(tmp_path / "s")]) == 2
+    assert f"method '{toy}', not 'paper'" in capsys.readouterr().err
+
+
+def test_the_default_is_the_method_registered_first() -> None:
+    assert method_entry().name == method_names()[0] == "robust"
+
+
+@pytest.mark.parametrize("name", method_names())
+def test_every_method_is_loaded_under_its_own_name(name: str) -> None:
+    assert method_entry(name).load().name == name
+
+
+def test_an_unknown_name_tells_which_there_are() -> None:
+    with pytest.raises(ConfigError, match="Unknown method 'best'; choose one of: robust, paper"):
+        method_entry("best")
+
+
+def test_a_name_is_given_once(toy: str) -> None:
+    with pytest.raises(ConfigError, match="a method 'side-by-side' already"):
+        register(MethodEntry(name=toy, summary="another", load=lambda: SideBySide))

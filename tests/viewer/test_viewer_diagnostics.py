@@ -1,0 +1,136 @@
+"""What the page is told of why a proposal lies where it does, and the pictures of its hypotheses."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from cylinder_views import CylinderViews, proposed
+from route_client import RouteClient
+from viewer_fakes import PIXEL_M
+
+from flatcloth.core.types import Rigid2
+from flatcloth.rendering.thumbnails import HEIGHT_PX, WIDTH_PX, thumbnail
+from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, DiagnosticsService, edge_colors
+
+
+class SceneView:
+    def __init__(self):
+        self.drawn = []
+
+    def show_edges(self, ends_m, colors):
+        self.drawn.append((ends_m, colors))
+
+
+@pytest.fixture
+def held():
+    views, stage, jobs = CylinderViews(), SceneView(), []
+    hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
+    proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
+    overlay = SimpleNamespace(revision=7, proposal=proposal)
+    document = proposed(1)
+    held = SimpleNamespace(
+        picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
+    )
+    made = DiagnosticsService(views, lambda: held.picture, stage, jobs.append)
+    return SimpleNamespace(
+        service=made, views=views, stage=stage, jobs=jobs, held=held, get=RouteClient(made.routes()).get
+    )
+
+
+def test_the_page_is_told_curves_lines_and_edges_in_its_units(held):
+    told = held.get("/diagnostics/3-7.json").json()
+    assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
+    u, a_z = np.array(told["current"]["u_mm"]), np.array(told["current"]["a_z_deg"])
+    np.testing.assert_allclose(a_z, np.degrees(u / 150.0), atol=1.2)
+    assert np.diff(u) == pytest.approx(1000 * PIXEL_M)
+    assert told["lines"]["a_m_deg"] == pytest.approx(-15.0, abs=2.5)
+    assert told["current_from_new"] == [0.0, 0.012, -0.004]
+    assert told["edges"]["new"]["strain"] == [0.2]
+    assert told["limit_deg"] == 50.0
+    assert told["trouble"] == ""
+
+
+def test_what_cannot_be_computed_is_told_in_one_line(held):
+    held.held.picture.document = proposed(4)
+    told = held.get("/diagnostics/3-7.json").json()
+    assert told["lines"] is None
+    assert "no Z-angle in common" in told["trouble"]
+    held.held.picture.overlay.revision = 8
+    held.held.picture.document = SimpleNamespace(pending=None)
+    failed = held.get("/diagnostics/3-8.json")
+    assert failed.status_code == 409
+    assert "\n" not in failed.text
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/diagnostics/2-7.json",
+        "/diagnostics/3-6.json",
+        "/hypothesis/2-1/0.png",
+        "/hypothesis/3-2/0.png",
+        "/hypothesis/3-1/2.png",
+    ],
+)
+def test_what_is_no_longer_shown_is_not_there(held, path):
+    assert held.get(f"/{path}").status_code == 404
+    held.held.picture = None
+    assert held.get(f"/{path}").status_code == 404
+
+
+def test_the_hypotheses_are_pictures_of_where_each_would_lie(held):
+    images = []
+    for index in (0, 1):
+        answer = held.get(f"/hypothesis/3-1/{index}.png")
+        assert answer.headers["content-type"] == "image/png"
+        images.append(cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED))
+    assert images[0].shape == (HEIGHT_PX, WIDTH_PX, 4)
+    # The second lies 0.15 m further to the right, in the same frame.
+    right = [np.flatnonzero(image[..., 3].any(axis=0)).max() for image in images]
+    assert right[1] > right[0] + 20
+
+
+def test_a_picture_shows_the_shape_pale_and_the_view_as_it_is():
+    views = CylinderViews()
+    shape, new = views.view(0), views.view(1)
+    image = thumbnail(shape, new, [Rigid2(0.0, -0.5, 0.0)], 0)
+    known = np.flatnonzero(image[HEIGHT_PX // 2, :, 3])
+    assert image[HEIGHT_PX // 2, known[8], 3] == 255
+    assert 0 < image[HEIGHT_PX // 2, known[-8], 3] < 128
+    assert image[0, 0, 3] == 0
+
+
+def test_edges_are_drawn_in_3d_while_they_are_wished(held):
+    held.service.picture_changed()
+    assert (held.jobs, held.stage.drawn) == ([], [])
+    held.service.show_edges(True)
+    held.jobs.pop()()
+    ends, colors = held.stage.drawn.pop()
+    assert ends.shape == (2, 2, 3)
+    assert colors.shape == (2, 2, 3)
+    assert colors[0, 0].tolist() == list(LONGER)
+    held.service.picture_changed()
+    assert len(held.jobs) == 1
+    held.held.picture.overlay = None  # accepted meanwhile
+    held.service.picture_changed()
+    assert held.stage.drawn.pop() == (None, None)
+    held.held.picture = None  # begun anew
+    held.service.picture_changed()
+    assert held.stage.drawn.pop() == (None, None)
+    held.service.show_edges(False)
+    assert held.stage.drawn.pop() == (None, None)
+
+
+def test_a_late_drawing_of_an_older_picture_is_dropped(held):
+    held.service.show_edges(True)
+    held.held.picture = SimpleNamespace(**vars(held.held.picture))
+    held.jobs.pop()()
+    assert held.stage.drawn == []
+
+
+def test_longer_and_shorter_have_colours_of_their_own():
+    edges = SimpleNamespace(strain=np.array([0.2, -0.2]))
+    assert edge_colors(edges).tolist() == [list(LONGER), list(SHORTER)]
