@@ -8,6 +8,7 @@ one that the start view shows most, as it is for an operator who has not said ot
 
 from __future__ import annotations
 
+import itertools
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.output import Options, save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.core.config import Config
 from flatcloth.core.strokes import Decision, ImageStroke
@@ -25,7 +26,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.segmentation.certainty import CALIBRATION, agreement, features
 from flatcloth.segmentation.observed import Observed, observe
-from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER, Segmentation
+from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
 STROKES = 6
@@ -38,7 +39,7 @@ BINS = (0.5, 0.7, 0.8, 0.9, 0.95, 1.01)
 
 @dataclass(frozen=True)
 class Seen:
-    """Truth of one view, cropped as the observed view: 1 of interest, -1 other, 0 not known; distance to a boundary."""
+    """Truth of one view, cropped: 1 of interest, -1 other, 0 not known; and the distance to a boundary."""
 
     side: Any
     inside_m: Float32
@@ -46,7 +47,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Score:
-    """Shares by area: of what is said to be of interest, wrong; of the side, found; of all, undecided or wrong."""
+    """Shares by area: wrong of what is said to be of interest; found of the side; undecided, wrong of all."""
 
     wrong: float
     recall: float
@@ -55,7 +56,7 @@ class Score:
 
 
 def seen_truth(observed: Observed, truth: Truth, panel: int, face: bool) -> dict[int, Seen]:
-    """Return what the views truly show of the side: the panel's outer face, or of a single layer, its inner."""
+    """Return what the views truly show of the side: the panel's outer face, or its inner one."""
     result = {}
     for n, view in observed.views.items():
         true = truth[n]
@@ -67,7 +68,9 @@ def seen_truth(observed: Observed, truth: Truth, panel: int, face: bool) -> dict
         side[known & (true.panel[crop] == panel) & (true.outer_face[crop] == face)] = 1
         edge = side == 0
         for here, there in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-            crossed = (side[here] != side[there]) | (np.abs(view.depth_m[here] - view.depth_m[there]) > STEP_M)
+            crossed = (side[here] != side[there]) | (
+                np.abs(view.depth_m[here] - view.depth_m[there]) > STEP_M
+            )
             edge[here] |= crossed
             edge[there] |= crossed
         pixels = cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 5)
@@ -138,7 +141,9 @@ def side_shown_first(observed: Observed, solver: SideSolver, truth: Truth) -> tu
     return common // 2, bool(common % 2)
 
 
-def calibration_rows(found: Segmentation, solver: SideSolver, truth: dict[int, Seen]) -> tuple[Float64, Bool, Float64]:
+def calibration_rows(
+    found: Segmentation, solver: SideSolver, truth: dict[int, Seen]
+) -> tuple[Float64, Bool, Float64]:
     """Return features, whether right, and area of each cluster of the present state."""
     observed = found.observed
     votes = np.zeros((2, observed.clusters.count))
@@ -177,7 +182,7 @@ def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> 
     right = np.concatenate([r for _, r, _ in rows])
     area = np.concatenate([a / a.sum() for _, _, a in rows])
     found = []
-    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+    for low, high in itertools.pairwise(BINS):
         at = (sure >= low) & (sure < high)
         if area[at].sum() > 0:
             found.append(
@@ -191,7 +196,9 @@ def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> 
     return found
 
 
-def measured(source: str, strokes: int = STROKES) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]]]:
+def measured(
+    source: str, strokes: int = STROKES
+) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]]]:
     """Measure one recording."""
     recording = open_recording(source)
     truth = read_truth(source)
@@ -269,6 +276,8 @@ def run(options: Options) -> None:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
     for garment, bins_ in found.get("reliability_leave_one_garment_out", {}).items():
         sure = [b for b in bins_ if b["from"] >= 0.9]
-        say(f"  without {garment}: " + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure))
+        say(
+            f"  without {garment}: " + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure)
+        )
     if not options.quick:
-        save("segmentation", found)
+        save("segmentation", found, recordings_of(table))

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.segment import add_strokes, strokes_of
+
+if TYPE_CHECKING:
+    from flatcloth.core.strokes import Decision
+    from flatcloth.engine.integration import Integration
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
@@ -23,6 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_method(parser)
     add_hand_eye(parser)
+    add_strokes(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -35,11 +42,12 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.store import SessionFolder
 
-    base_from_camera = hand_eye_of(options)
+    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
     folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
     try:
         settle_axis(folder.folder, integration)
+        integration = _with_sides(integration, decisions, str(options.strokes))
         with ProgressBar(integration.recording.name) as bar:
             unattended = Run(integration, folder)
             state = unattended.finish(bar.show)
@@ -53,3 +61,14 @@ def run(options: argparse.Namespace) -> None:
     for line in told(outcome):
         print(line)
     print(f"Written to {options.out}: {', '.join(f.name for f in files)}")
+
+
+def _with_sides(integration: Integration, decisions: tuple[Decision, ...], where: str) -> Integration:
+    """Return the integration with the side of interest found, if the recording has no masks."""
+    from flatcloth.engine.segmenting import check_against_masks, prepare, segmented
+
+    if integration.recording.has_masks:
+        check_against_masks(integration.recording, decisions, where)
+        return integration
+    with ProgressBar(integration.recording.name) as bar:
+        return segmented(integration, prepare(integration, bar.show).solve(decisions))

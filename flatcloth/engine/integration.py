@@ -404,7 +404,7 @@ def _with_refused(document: Document, refused: set[Rejected]) -> Document:
 
 def _notes(recording: Recording) -> tuple[str, ...]:
     notes = []
-    if not recording.has_masks:
+    if not recording.has_masks and not hasattr(recording, "segmentation"):
         notes.append(
             "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
         )

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
@@ -57,9 +58,8 @@ def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
     high = np.minimum(np.ceil(line.max(axis=0) + radius_px).astype(int) + 1, (rows, cols))
     if (high <= low).any():
         return np.empty(0, dtype=np.int64)
-    grid = np.stack(np.mgrid[low[0] : high[0], low[1] : high[1]], axis=-1).reshape(-1, 2)
-    from scipy.spatial import cKDTree
-
+    across = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]), indexing="ij")
+    grid = np.stack(across, axis=-1).reshape(-1, 2)
     distance, nearest = cKDTree(line).query(grid)
     grid, nearest = grid[distance <= radius_px], nearest[distance <= radius_px]
     # The brush paints the layer under its line, not what lies beside or behind it.
@@ -85,7 +85,9 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
     wall = _near_line(observed, cut.points_m, cut.normals, reach)
     begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
     if begin is None:
-        raise SegmentationError(f"{name}: no cloth of interest lies beyond it; point at the cloth to cut off.")
+        raise SegmentationError(
+            f"{name}: no cloth of interest lies beyond it; point at the cloth to cut off."
+        )
     open_ = of_interest & ~wall
     linked = (graph.weight > 0) & open_[graph.first] & open_[graph.second]
     links = coo_matrix(
@@ -96,7 +98,9 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
     # What lies on the other side of the line must not be reached round its ends.
     here = part[begin]
     side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)
-    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * reach * side / max(float(np.linalg.norm(side)), 1e-9)
+    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * reach * side / max(
+        float(np.linalg.norm(side)), 1e-9
+    )
     other = _nearest(observed, tuple(across), cut.beyond_normal, open_)
     if other is not None and part[other] == here:
         near = float(np.linalg.norm(clusters.place_m[other] - across))
@@ -129,8 +133,6 @@ def _near_line(
     """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
     line = _densified(np.asarray(points, dtype=np.float64), 0.5 * observed.config.cluster_m)
     turned = _densified(np.asarray(normals, dtype=np.float64), None, len(line), points)
-    from scipy.spatial import cKDTree
-
     reach = max(radius_m, observed.config.cluster_m)
     distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=reach)
     near = np.isfinite(distance)
@@ -140,7 +142,10 @@ def _near_line(
 
 
 def _densified(
-    values: Float64, step: float | None, count: int | None = None, points: Sequence[Sequence[float]] | None = None
+    values: Float64,
+    step: float | None,
+    count: int | None = None,
+    points: Sequence[Sequence[float]] | None = None,
 ) -> Float64:
     """Return a polyline's points at this step; or values given at its points, interpolated as many times."""
     at = values if points is None else np.asarray(points, dtype=np.float64)

@@ -57,4 +57,5 @@ def features(observed: Observed, agreed: Float64) -> Float64:
 def calibrated(observed: Observed, agreed: Float64, weights: Sequence[float] = CALIBRATION) -> Float32:
     """Return the certainty (M,), 0.5 to 1."""
     logit = features(observed, agreed) @ np.asarray(weights)
-    return np.clip(1.0 / (1.0 + np.exp(-logit)), 0.5, 1.0).astype(np.float32)
+    sure: Float32 = np.clip(1.0 / (1.0 + np.exp(-logit)), 0.5, 1.0).astype(np.float32)
+    return sure

@@ -1,4 +1,4 @@
-"""Surface pixels of all views, gathered by place and normal: each cluster is a piece of one side of the cloth.
+"""Surface pixels of all views, gathered by place and normal: each cluster is cloth of one side.
 
 Same place and same normal in two views is the same cloth on the same side (in 99.4 % or more), if
 the cameras are registered; ``python -m benchmarks segmentation`` tells the purity.
@@ -96,7 +96,7 @@ def _bucket(x: int, y: int, z: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _cell(value: float, size: float) -> int:
-    return int(math.floor(value / size))
+    return math.floor(value / size)
 
 
 @njit(cache=True, nogil=True)

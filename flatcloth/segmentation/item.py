@@ -56,7 +56,10 @@ class Item:
 
 
 def find_item(
-    frames: Sequence[RgbdFrame], axis: RotationAxis | None, held_point_m: Float64 | None, config: SurfaceConfig
+    frames: Sequence[RgbdFrame],
+    axis: RotationAxis | None,
+    held_point_m: Float64 | None,
+    config: SurfaceConfig,
 ) -> Item:
     """Find the item in all views.
 
@@ -106,7 +109,7 @@ def find_item(
 
 
 def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
-    """What is measured about as far from the axis as the large regions nearest to it, small ones too."""
+    """Return what is measured about as far from the axis as the large regions nearest to it."""
     measured: Bool = frame.depth_m > 0
     try:
         large = foreground_mask(frame, axis, config)
@@ -114,7 +117,9 @@ def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConf
         return np.zeros_like(measured)
     if not large.any():
         return large
-    away = frame.depth_m[measured].astype(np.float64) if axis is None else _about_axis(frame, measured, axis)[1]
+    away = (
+        frame.depth_m[measured].astype(np.float64) if axis is None else _about_axis(frame, measured, axis)[1]
+    )
     most = float(np.quantile(away[large[measured]], 0.995)) + _APART_M
     item = measured.copy()
     item[measured] = away <= most
@@ -159,7 +164,7 @@ def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bo
     away = cv2.distanceTransform((label != largest).astype(np.uint8), cv2.DIST_L2, 5)
     pitch_m = float(np.median(frame.depth_m[mask])) / frame.intrinsics.fx
     nearest = np.full(count, np.inf)
-    np.minimum.at(nearest, label[mask], away[mask])
+    np.minimum.at(nearest, label[mask].astype(np.intp), away[mask])
     apart = nearest * pitch_m > _APART_M
     apart[[0, largest]] = False
     doubled = bool((weight[apart] >= _SECOND_SHARE * weight[largest]).any()) if apart.any() else False

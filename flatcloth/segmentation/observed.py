@@ -126,7 +126,9 @@ def observe(
         seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config), range(len(frames)))
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
-        raise SegmentationError("No view shows cloth that could be told from its surroundings; check the depth.")
+        raise SegmentationError(
+            "No view shows cloth that could be told from its surroundings; check the depth."
+        )
     progress(0.3, "where the cameras stand")
     poses, moved = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
@@ -201,7 +203,8 @@ def _clustered(
         points.append(pose.apply(surface.xyz_m[at]).astype(np.float32))
         normals.append(pose.turn(surface.normal[at]).astype(np.float32))
         facings.append(_facing(surface)[at])
-    clusters = gather(*(np.concatenate(part) for part in (points, normals, facings)), noise_m, settings)
+    every = (np.concatenate(points), np.concatenate(normals), np.concatenate(facings))
+    clusters = gather(every[0], every[1], every[2], noise_m, settings)
     labels, begin = [], 0
     for surface, own in zip(surfaces, points, strict=True):
         label = np.full(surface.usable.shape, -1, dtype=np.int32)
@@ -232,7 +235,7 @@ def _view(
     return ObservedView(
         view_index=frame.view_index,
         offset_rc=frame.offset_rc,
-        full_shape=full.depth_m.shape,  # type: ignore[arg-type]
+        full_shape=full.depth_m.shape,
         intrinsics=k,
         object_from_camera=pose,
         item=own,

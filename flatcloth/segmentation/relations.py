@@ -101,9 +101,7 @@ def _attraction(
     a = np.concatenate([view.first for view in links]).astype(np.int64)
     b = np.concatenate([view.second for view in links]).astype(np.int64)
     facing = np.concatenate([view.facing for view in links]).astype(np.float64)
-    key, where = np.unique(
-        np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True
-    )
+    key, where = np.unique(np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True)
     # A neighbourhood seen often is not surer than one seen well once; seen steeply it tells little.
     seen = np.bincount(where, facing**4, len(key))
     first, second = key // clusters.count, key % clusters.count

@@ -141,7 +141,7 @@ class Segmentation:
         return seen.whole(chosen)
 
     def at(self, points_m: Floats, normals: Floats) -> tuple[Int8, Float32]:
-        """Return side and certainty (N,) of places (N, 3) on the cloth, object frame, by their normals (N, 3).
+        """Return side and certainty (N,) of places on the cloth (N, 3) with normals (N, 3), object frame.
 
         ``NO_ITEM`` with certainty 0 where no cloth with such a normal was seen.
         """

@@ -49,8 +49,8 @@ class SegmentationConfig:
     """... over this extent."""
     flip_exponent: float = 0.3
     """A stroke turns over the region whose border costs least, over its size to this power; ..."""
-    flip_per_cluster: float = 0.1
-    """... each cluster adds this to the cost, ..."""
+    flip_per_cluster: float = 0.06
+    """... each cluster adds this to the cost, times the number of the stroke, ..."""
     flip_potential: float = 0.6
     """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
     flip_rounds: int = 1

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from flatcloth.core.cache import Memory
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, Decision
 from flatcloth.core.types import Bool, Float64, Int64
@@ -29,16 +30,16 @@ from flatcloth.segmentation.result import (
 from flatcloth.segmentation.spreading import Spreading
 
 _WELL_SEEN = 0.6
-_TIED = 0.9
+_START_M = 0.02
 _CANDIDATES = 64
 
 
 @dataclass(frozen=True, kw_only=True)
 class _State:
-    """After some decisions: sides (M,), which clusters which decision holds (M,), -1 none, and what is cut off.
+    """After some decisions: sides (M,), which decision holds a cluster (M,), -1 none, what is cut off.
 
-    ``strokes`` are the clusters under each stroke, in order; ``parts`` (M,) True where the side is known
-    at all: in the largest part of the evidence, or in one that a stroke touched.
+    ``strokes`` are the clusters under each stroke, in order; ``known`` (M,) is True in the largest part of
+    the evidence, and in others that a stroke touched: elsewhere nothing tells the side.
     """
 
     side: Float64
@@ -61,13 +62,13 @@ class SideSolver:
     def __init__(self, observed: Observed) -> None:
         self.observed = observed
         self._spreading = Spreading(observed.graph, observed.config)
-        self._states: Memory[_State] = Memory(256, 256 << 20)
-        self._results: Memory[Segmentation] = Memory(64, 64 << 20)
+        self._states: Cache[_State] = Cache(256, 256 << 20)
+        self._results: Cache[Segmentation] = Cache(64, 64 << 20)
         self._start = self._start_sheet()
 
     @property
     def start_sheet(self) -> Int64:
-        """Clusters of the largest well-seen sheet of the start view: unless told, the side of interest."""
+        """The middle of the largest well-seen sheet of the start view: unless told, the side of interest."""
         return self._start
 
     def solve(self, decisions: Sequence[Decision]) -> Segmentation:
@@ -172,8 +173,8 @@ class SideSolver:
         wrong = touched[side[touched] != wanted]
         if not wrong.size:
             return side, known
-        if not state.strokes and self._tied(side, wrong):
-            # The first stroke contradicts the guess where it began, and both surely belong together.
+        if not state.strokes and 2 * np.intersect1d(wrong, self._start).size >= wrong.size:
+            # The guess where it began is contradicted: it was the other side.
             return np.where(state.known, -side, side), known
         kept = state.holder >= 0
         kept[touched] = False
@@ -181,14 +182,10 @@ class SideSolver:
         keep = np.concatenate([np.flatnonzero(kept), right])
         if not state.strokes:
             keep = np.union1d(np.setdiff1d(self._start, touched), keep)
-        region = self._spreading.turned_over(side, keep, wrong)
+        region = self._spreading.turned_over(side, keep, wrong, 1 + len(state.strokes))
         side[region] = -side[region]
         side[touched] = wanted
         return side, known
-
-    def _tied(self, side: Float64, touched: Int64) -> bool:
-        agreed = agreement(self.observed, side, [self._start])
-        return bool(np.median(agreed[touched]) >= _TIED)
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
         against = touched[(state.holder[touched] >= 0) & (state.side[touched] != wanted)]
@@ -213,7 +210,9 @@ class SideSolver:
         held = state.holder >= 0
         certainty[held | state.excluded] = 1.0
         side = np.where(state.side > 0, OF_INTEREST, OTHER).astype(np.int8)
-        side[certainty < observed.config.least_certainty] = UNDECIDED
+        # Who has stroked has seen the rest, and would have stroked that first if it were wrong.
+        least = observed.config.least_certainty if not state.strokes else 0.0
+        side[(certainty < least) | ~state.known] = UNDECIDED
         side[state.excluded] = OTHER
         found = Segmentation(
             observed=observed,
@@ -239,7 +238,7 @@ class SideSolver:
     # ---------------------------------------------------------------- where to begin, and to go on
 
     def _start_sheet(self) -> Int64:
-        """Return the clusters of the largest well-seen sheet of the start view."""
+        """Return the clusters in the middle of the largest well-seen sheet of the start view."""
         observed = self.observed
         view = observed.views[observed.start_view]
         side, facing = observed.partition.side, observed.clusters.facing
@@ -260,7 +259,16 @@ class SideSolver:
             (np.ones(int(joined.sum())), (g.first[joined], g.second[joined])), shape=(g.count, g.count)
         )
         _, label = connected_components(links, directed=False)
-        return np.flatnonzero(good & (label == np.bincount(label[good], shown[good]).argmax()))
+        sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
+        # Its middle only: where the sheet ends, the evidence may be wrong.
+        inside = np.zeros(view.cluster.shape, dtype=np.uint8)
+        inside[at] = sheet[view.cluster[at]]
+        depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        row, col = np.unravel_index(int(depth.argmax()), depth.shape)
+        rows, cols = np.nonzero(inside)
+        radius_px = _START_M * view.intrinsics.fx / float(view.depth_m[row, col])
+        near = np.hypot(rows - row, cols - col) <= radius_px
+        return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)
 
     def _inner(self, state: _State) -> Bool:
         """Clusters (M,) none of whose neighbours lies on the other side."""

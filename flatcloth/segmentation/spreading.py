@@ -56,10 +56,8 @@ class Spreading:
         g, n = self._graph, self._graph.count
         i, j, d = self._place[g.first], self._place[g.second], self._place
         total = diagonal + np.bincount(g.first, weight, n) + np.bincount(g.second, weight, n)
-        return coo_matrix(
-            (np.concatenate([-weight, -weight, total]), (np.concatenate([i, j, d]), np.concatenate([j, i, d]))),
-            shape=(n, n),
-        ).tocsc()
+        places = np.concatenate([i, j, d]), np.concatenate([j, i, d])
+        return coo_matrix((np.concatenate([-weight, -weight, total]), places), shape=(n, n)).tocsc()
 
     def potential(self, side: Float64, keep: Int64, turn: Int64, resistance: Float64 | None) -> Float64:
         """Return the potential (M,): 1 at ``keep``, -1 at ``turn``, and near 1 where neither reaches."""
@@ -84,7 +82,7 @@ class Spreading:
         found: Float64 = factor.solve(moved)[self._place]
         return found
 
-    def turned_over(self, side: Float64, keep: Int64, turn: Int64) -> Int64:
+    def turned_over(self, side: Float64, keep: Int64, turn: Int64, number: int = 1) -> Int64:
         """Return the clusters that a stroke turns over.
 
         Parameters
@@ -95,6 +93,8 @@ class Spreading:
             Clusters under earlier strokes, which stay.
         turn : (T,) int64
             Clusters under the stroke whose side is wrong.
+        number : int
+            Which stroke it is: operators correct the largest error first, so later ones turn less over.
 
         Notes
         -----
@@ -113,7 +113,7 @@ class Spreading:
             if len(order) > least:
                 count, cost = _sweep(
                     order, self._near.indptr, self._near.indices, self._near.data, side, locked,
-                    c.flip_exponent, c.flip_per_cluster, least,
+                    c.flip_exponent, number * c.flip_per_cluster, least,
                 )  # fmt: skip
                 if count and cost < best[0]:
                     best = cost, order[:count]
