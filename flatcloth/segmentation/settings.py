@@ -53,6 +53,8 @@ class SegmentationConfig:
     """... each cluster adds this to the cost, times the number of the stroke, ..."""
     flip_potential: float = 0.6
     """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
+    most_first_cost: float = 105.0
+    """A first stroke that contradicts the guess turns all over, if its region would cost more than this."""
     flip_rounds: int = 1
     """Reweightings of the potentials."""
     least_certainty: float = 0.7

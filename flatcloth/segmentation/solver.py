@@ -182,7 +182,9 @@ class SideSolver:
         keep = np.concatenate([np.flatnonzero(kept), right])
         if not state.strokes:
             keep = np.union1d(np.setdiff1d(self._start, touched), keep)
-        region = self._spreading.turned_over(side, keep, wrong, 1 + len(state.strokes))
+        region, cost = self._spreading.turned_over(side, keep, wrong, 1 + len(state.strokes))
+        if not state.strokes and cost > self.observed.config.most_first_cost:
+            return np.where(state.known, -side, side), known  # no border lies between it and the guess
         side[region] = -side[region]
         side[touched] = wanted
         return side, known

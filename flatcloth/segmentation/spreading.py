@@ -82,8 +82,10 @@ class Spreading:
         found: Float64 = factor.solve(moved)[self._place]
         return found
 
-    def turned_over(self, side: Float64, keep: Int64, turn: Int64, number: int = 1) -> Int64:
-        """Return the clusters that a stroke turns over.
+    def turned_over(
+        self, side: Float64, keep: Int64, turn: Int64, number: int = 1
+    ) -> tuple[Int64, float]:
+        """Return the clusters that a stroke turns over, and what that costs for their number.
 
         Parameters
         ----------
@@ -123,7 +125,7 @@ class Spreading:
         region[best[1]] = True
         region[turn] = True
         region[keep] = False
-        return np.flatnonzero(region)
+        return np.flatnonzero(region), best[0]
 
 
 @njit(cache=True, nogil=True)

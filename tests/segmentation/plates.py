@@ -50,7 +50,7 @@ def plate(
         if still_box:
             _add(depth, side, (np.abs(x + 0.14) < 0.012) & (np.abs(y) < 0.1), 0.84)
         if gripper:
-            bar = (np.abs(x) < 0.03) & (y < -(HALF_HEIGHT_M + 0.002) / 0.85) & (y > -0.17)
+            bar = (np.abs(x) < 0.03) & (y < -(HALF_HEIGHT_M + 0.009) / 0.85) & (y > -0.17)
             _add(depth, side, bar, 0.85)
             color[bar] = (200.0, 200.0, 60.0)
         if beside_m is not None:
