@@ -82,9 +82,7 @@ class Spreading:
         found: Float64 = factor.solve(moved)[self._place]
         return found
 
-    def turned_over(
-        self, side: Float64, keep: Int64, turn: Int64, number: int = 1
-    ) -> tuple[Int64, float]:
+    def turned_over(self, side: Float64, keep: Int64, turn: Int64, number: int = 1) -> tuple[Int64, float]:
         """Return the clusters that a stroke turns over, and what that costs for their number.
 
         Parameters

@@ -77,7 +77,11 @@ def _faces(angle_deg: float) -> tuple[Float64, np.ndarray]:
         with np.errstate(divide="ignore", invalid="ignore"):
             found = (middle @ normal) / facing
         local = (ray * found[..., None] - AXIS.point_m) @ turn
-        hit = (facing < -1e-6) & (np.abs(local[..., 0]) < HALF_WIDTH_M) & (np.abs(local[..., 1]) < HALF_HEIGHT_M)
+        hit = (
+            (facing < -1e-6)
+            & (np.abs(local[..., 0]) < HALF_WIDTH_M)
+            & (np.abs(local[..., 1]) < HALF_HEIGHT_M)
+        )
         depth[hit], side[hit] = found[hit], sign
     return depth, side
 

@@ -161,7 +161,10 @@ def test_where_to_stroke_next_lies_on_the_item_and_is_none_when_all_is_sure(solv
     [
         (stroke(view=99), "decision 1: view 99 does not exist; the recording has 18"),
         (stroke(points=((2.0, 2.0),)), "decision 1: there is no cloth under it"),
-        (SpaceStroke(side="this", points_m=((1.0, 1.0, 1.0),), normals=((0.0, 0.0, -1.0),)), "no cloth under it"),
+        (
+            SpaceStroke(side="this", points_m=((1.0, 1.0, 1.0),), normals=((0.0, 0.0, -1.0),)),
+            "no cloth under it",
+        ),
     ],
 )
 def test_a_stroke_off_the_cloth_is_refused_in_one_line(solver, wrong, message):
