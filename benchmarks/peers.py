@@ -12,14 +12,12 @@ from scipy.sparse import coo_matrix, csr_matrix, diags_array
 from scipy.sparse.linalg import splu
 
 from benchmarks.problems import Problem
-from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.types import Float64
+from flatcloth.flattening.flatten import ENERGY_TOLERANCE, MAJORISATIONS
 from flatcloth.flattening.minimisation import energy_of, minimise
 
 Solver = Callable[[Problem, float], Float64 | None]
 """Takes a problem and the H to reach (m^2; only SciPy needs to be told); returns (N, 2) or None."""
-
-_CONFIG = FlatteningConfig()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +73,8 @@ def _flatcloth(problem: Problem, _target: float) -> Float64:
         problem.start_uv_m,
         problem.edges,
         problem.edge_length_m,
-        majorisations=_CONFIG.majorisations,
-        energy_tolerance=_CONFIG.energy_tolerance,
+        majorisations=MAJORISATIONS,
+        energy_tolerance=ENERGY_TOLERANCE,
     ).uv_m
 
 

@@ -52,7 +52,7 @@ def problem_of(
     """Sample the largest piece of a frame's surface; ``true_uv_m`` (H, W, 2) are its flat coordinates."""
     config = Config()
     surface = observe_surface(frame, axis, config.surface)
-    samples = sample_surface(surface, interval_px, config.flattening)
+    samples = sample_surface(surface, interval_px)
     rc = samples.points_rc
     triangles = _largest_piece(_triangles(rc, samples.edges))
     kept = np.unique(triangles)

@@ -16,16 +16,14 @@ import numpy as np
 
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
-from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, held_from_camera, project
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.registration.cameras import Registered, register_all
-from flatcloth.registration.view_features import Scan, scan
+from flatcloth.registration.cameras import MOST_APART_DEG, Registered, register_all
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 
-CONFIG = Config().registration
 STEP_DEG = 30.0
 SAME_CLOTH_M = 0.01
 """A view shows a point of another where its depth is the point's, but for this."""
@@ -94,14 +92,14 @@ def measured(
         surface = integration.flattening(view).surface
         angle = surface.frame.angle_deg + random.normal(0.0, spoiling.angle_deg)
         surfaces.append(replace(surface, frame=replace(surface.frame, angle_deg=angle)))
-    scans = [scan(surface, CONFIG) for surface in surfaces]  # once unmeasured: compiles
-    register_all(scans[:3], axis, integration.held_point_m, CONFIG)
+    features = [extract_features(surface) for surface in surfaces]  # once unmeasured: compiles
+    register_all(features[:3], axis, integration.held_point_m)
     started = time.perf_counter()
-    scans = [scan(surface, CONFIG) for surface in surfaces]
+    features = [extract_features(surface) for surface in surfaces]
     scanned = time.perf_counter()
-    found = register_all(scans, axis, integration.held_point_m, CONFIG)
+    found = register_all(features, axis, integration.held_point_m)
     ended = time.perf_counter()
-    before, after = _slips_m(scans, found.known, true), _slips_m(scans, found.held_from_camera, true)
+    before, after = _slips_m(features, found.known, true), _slips_m(features, found.held_from_camera, true)
     return Row(
         recording=integration.recording.name,
         spoiling=spoiling.name,
@@ -141,16 +139,16 @@ def _spoiled_axis(axis: RotationAxis, spoiling: Spoiling, random: np.random.Gene
     )
 
 
-def _slips_m(scans: Sequence[Scan], poses: Sequence[Rigid3], true: Sequence[Rigid3]) -> Float64:
+def _slips_m(features: Sequence[ViewFeatures], poses: Sequence[Rigid3], true: Sequence[Rigid3]) -> Float64:
     """Root mean square slip of the common cloth of each pair of views."""
     slips = []
-    nearest = math.cos(math.radians(CONFIG.most_apart_deg))
-    for i in range(len(scans)):
+    nearest = math.cos(math.radians(MOST_APART_DEG))
+    for i in range(len(features)):
         for j in range(i):
             if true[i].rotation[:, 2] @ true[j].rotation[:, 2] < nearest:
                 continue
-            points, normals = true[i].apply_with_normal(scans[i].points_m, scans[i].normal)
-            common = _seen(points, scans[j], true[j])
+            points, normals = true[i].apply_with_normal(features[i].points_m, features[i].normal)
+            common = _seen(points, features[j], true[j])
             if common.sum() < LEAST_COMMON_POINTS:
                 continue
             moved = true[j] @ poses[j].inverse() @ poses[i] @ true[i].inverse()
@@ -160,7 +158,7 @@ def _slips_m(scans: Sequence[Scan], poses: Sequence[Rigid3], true: Sequence[Rigi
     return np.array(slips)
 
 
-def _seen(points: Float64, by: Scan, held: Rigid3) -> np.ndarray:
+def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
     """Return which points (N, 3), held frame, a view shows."""
     local = held.inverse().apply(points)
     rc = project(local, by.surface.frame.intrinsics)
@@ -174,12 +172,12 @@ def _seen(points: Float64, by: Scan, held: Rigid3) -> np.ndarray:
 
 def _error_in_stds(found: Registered, true: Sequence[Rigid3]) -> float:
     """Root mean square of the errors of place, against the views compared with, by what is claimed."""
-    number = {seen.view_index: n for n, seen in enumerate(found.scans)}
+    number = {seen.view_index: n for n, seen in enumerate(found.features)}
     errors = []
     for n, view in enumerate(found.views):
         if not view.views:
             continue
-        middle = found.known[n].apply(np.median(found.scans[n].points_m, axis=0))
+        middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
         off = {
             k: (found.held_from_camera[k] @ true[k].inverse()).apply(middle) - middle
             for k in (n, *(number[v] for v in view.views))

@@ -47,7 +47,7 @@ class SceneCamera:
         self._count += 1
         time.sleep(max(0.0, self._began_s + self._count / self.fps - time.monotonic()))
         if self._unplugged.is_set():
-            raise CameraError(f"{self.name}: gives no pictures any more.")
+            raise CameraError(f"{self.name}: delivers no images any more.")
         step = self._speed_deg_s / self.fps
         self._angle_deg += float(np.clip(self._target_deg - self._angle_deg, -step, step))
         seen = shot(self._count / self.fps, self._angle_deg, self._noise)

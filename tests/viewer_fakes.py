@@ -16,9 +16,9 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.integration import ViewCloud
 from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.repair import Reach
+from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.base import AlignmentScore, Canonical
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import (
@@ -274,7 +274,7 @@ class MemoryFolder:
 
     def record(self, command: Any, score_parts: Any = None) -> None:
         if self.full:
-            raise JournalError("journal.jsonl: cannot be written (disk full). Make room and repeat it.")
+            raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         self.state = apply(self.state, command)
         self.recorded.append(command)
 

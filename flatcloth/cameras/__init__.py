@@ -1,4 +1,4 @@
-"""Cameras that see a hanging item now: the real one, and a file played as if it were one."""
+"""Live cameras: a RealSense camera, or a recorded file that is played in its place."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def open_camera(which: str = "", align: str = "depth") -> Camera:
     Parameters
     ----------
     which : str
-        The serial number of a RealSense camera, or nothing if only one is connected; or the path of
-        a RealSense file, which then plays in the place of a camera.
+        The serial number of a RealSense camera, or empty if only one is connected; or the path of a
+        RealSense file, which is then played in place of a camera.
     align : str
         ``depth`` or ``color``: the camera whose pixels are kept.
 

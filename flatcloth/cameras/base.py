@@ -1,4 +1,4 @@
-"""What a camera looks like to the rest of the program."""
+"""The interface of cameras."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
 
 
 class CameraError(FlatclothError):
-    """There is no camera, or it gives no pictures."""
+    """No camera was found, or it delivers no images."""
 
 
 class CameraEndedError(CameraError):
-    """A file that played in the place of a camera has come to its end."""
+    """A file that is played in place of a camera has ended."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFrame:
-    """What the camera sees at a time: color (H, W, 3) RGB and depth (H, W) in units, registered."""
+    """One frame of a camera: color (H, W, 3) RGB and depth (H, W) in units, registered."""
 
     time_s: float
     color: Uint8
     depth_units: NDArray[np.uint16]
 
     def rgbd(self, camera: Camera) -> RgbdFrame:
-        """Return it as a view, in metres."""
+        """Return the frame as a view, in metres."""
         return RgbdFrame(
             view_index=0,
             angle_deg=0.0,
@@ -41,7 +41,7 @@ class CameraFrame:
 
 
 class Camera(Protocol):
-    """A camera that is running. One thread reads it."""
+    """A running camera; only one thread reads from it."""
 
     @property
     def name(self) -> str:
@@ -50,12 +50,12 @@ class Camera(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What its user must know, such as a slow connection; sentences."""
+        """Remarks for the user, such as a slow connection."""
         ...
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of the frames, which are free of lens distortion."""
+        """Camera of the frames, which are free of lens distortion."""
         ...
 
     @property
@@ -65,23 +65,23 @@ class Camera(Protocol):
 
     @property
     def fps(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         ...
 
     def read(self) -> CameraFrame:
-        """Wait for the next frame and return it; frames nobody read in time are gone.
+        """Wait for the next frame and return it; frames that are not read in time are dropped.
 
         Raises
         ------
         CameraError
-            If none comes: the camera was unplugged, or the file has ended.
+            If no frame arrives: the camera was unplugged, or the file has ended.
         """
         ...
 
     def measure(self, on: bool) -> None:
-        """Filter the frames from now on, afresh, or no longer: for while the item stands still."""
+        """Switch the depth filter on, with its history reset, or off; it is on while the item is still."""
         ...
 
     def close(self) -> None:
-        """Let others use it; harmless when repeated."""
+        """Release the camera; may be called repeatedly."""
         ...

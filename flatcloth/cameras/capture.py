@@ -1,7 +1,7 @@
-"""Guided capture as a state machine: turn, wait until it hangs still, take frames, keep or repeat.
+"""Guided capture as a state machine: turn, wait until the item is still, take frames, keep or repeat.
 
-Pure: frames come in as their time and the speed of what they show, and what the operator or a
-turntable says comes in as commands. Whoever owns the camera and the folder does what a state asks.
+It is pure: each frame enters as its time and the speed of the item, and the actions of the operator
+or of a turntable enter as commands. The owner of the camera and the folder acts on the state.
 """
 
 from __future__ import annotations
@@ -15,38 +15,38 @@ from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.recordings.film.stillness import STILL_PX_S
 
 FRAMES = 10
-"""Frames of a view; fewer than 8 leave noise in the depth that averaging would remove."""
+"""Frames averaged for a view; fewer than 8 leave noise in the depth that averaging would remove."""
 LEAST_FRAMES = 8
 HOLD_S = 0.7
-"""How long the item must have hung still before frames are taken: cloth pauses at the end of a swing."""
+"""How long the item must be still before frames are taken: cloth pauses at the end of a swing."""
 MOVING_PX_S = 3.0 * STILL_PX_S
-"""Faster than this, the item is being turned (or swings)."""
+"""Above this speed the item is being turned, or swings."""
 TURN_S = 0.2
 SAME_ANGLE_DEG = 0.5
 
 
 class Phase(Enum):
-    """What is going on."""
+    """The phases of the capture of one view."""
 
     TURN = "turn"
-    """The item is to be turned to the target."""
+    """The item must be turned to the target angle."""
     SETTLE = "settle"
-    """It is at the target, and must come to rest."""
+    """The item is at the target angle and must come to rest."""
     TAKE = "take"
     """Frames are being taken."""
     REVIEW = "review"
-    """The view is taken: keep or repeat."""
+    """The view has been taken: keep or repeat it."""
     DONE = "done"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Capture:
-    """The state: what is done, what is next, and how still it is.
+    """The state of the capture.
 
-    ``kept_deg`` are the angles of the views on disk, ``target_deg`` that of the one being made.
-    ``taken`` frames of it are there. ``announced``: angles come from a turntable, so that no motion
-    is waited for. ``still_since_s`` and ``moving_since_s`` are times of frames, ``time_s`` that of
-    the last one.
+    ``kept_deg`` are the angles of the views on disk, ``target_deg`` is that of the current view,
+    ``taken`` the number of its frames so far. ``announced``: angles come from a turntable, so that
+    no motion is awaited. ``still_since_s`` and ``moving_since_s`` are times of frames, ``time_s`` is
+    that of the last frame.
     """
 
     step_deg: float
@@ -65,42 +65,42 @@ class Capture:
 
     @property
     def still_s(self) -> float:
-        """How long it has hung still."""
+        """For how long the item has been still."""
         return 0.0 if self.still_since_s is None else self.time_s - self.still_since_s
 
     @property
     def turn_by_deg(self) -> float:
-        """By how much it is to be turned from the last view."""
+        """Rotation from the last view to the target."""
         return self.target_deg - (self.kept_deg[-1] if self.kept_deg else 0.0)
 
     @property
     def is_full(self) -> bool:
-        """Whether the next step would repeat an angle: the turn is complete."""
+        """Whether the turn is complete, i.e. the next step would repeat an angle."""
         return bool(self.kept_deg) and _is_taken(self, self.kept_deg[-1] + self.step_deg)
 
 
 def begin(step_deg: float, frames: int = FRAMES, kept_deg: tuple[float, ...] = ()) -> Capture:
-    """Return the state to begin with; after views that are on disk already, the next turn comes first.
+    """Return the initial state; if there are views on disk, it begins with the next turn.
 
     Raises
     ------
     IllegalDecisionError
-        If the step or the number of frames makes no sense.
+        If the step or the number of frames is out of range.
     """
     if not math.isfinite(step_deg) or not 1 <= abs(step_deg) <= 180:
         raise IllegalDecisionError(
-            f"A step of {step_deg:g} degrees: give 1 to 180, negative for the other way."
+            f"A step of {step_deg:g} degrees is out of range: give 1 to 180, or negative."
         )
     if not LEAST_FRAMES <= frames <= 100:
-        raise IllegalDecisionError(f"{frames} frames a view: take {LEAST_FRAMES} to 100.")
+        raise IllegalDecisionError(f"{frames} frames per view is out of range: give {LEAST_FRAMES} to 100.")
     state = Capture(step_deg=step_deg, frames=frames, kept_deg=kept_deg)
     return _next(state) if kept_deg else state
 
 
 def see(state: Capture, time_s: float, speed_px_s: float | None) -> Capture:
-    """Take in a frame: its time, and the speed of what it shows (None: not known yet).
+    """Process a frame: its time, and the speed of the item (None if not known yet).
 
-    While the phase is ``TAKE`` before and after, the frame is one of the view's.
+    If the phase is ``TAKE`` before and after, the frame belongs to the view.
     """
     still = speed_px_s is not None and speed_px_s < STILL_PX_S
     moving = speed_px_s is not None and speed_px_s > MOVING_PX_S
@@ -128,9 +128,9 @@ def see(state: Capture, time_s: float, speed_px_s: float | None) -> Capture:
 
 
 def keep(state: Capture) -> Capture:
-    """Keep the view that was taken; the next turn comes, unless the turn is complete.
+    """Keep the view that was taken; the next turn follows, unless the turn is complete.
 
-    If the item was turned while the view was being looked at, the turn is over already.
+    If the item was turned during the review, that turn counts.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def repeat(state: Capture) -> Capture:
     Raises
     ------
     IllegalDecisionError
-        If there is none to repeat.
+        If there is no view to repeat.
     """
     if state.phase not in (Phase.REVIEW, Phase.TAKE):
         raise IllegalDecisionError("There is no view to repeat yet.")
@@ -161,50 +161,50 @@ def repeat(state: Capture) -> Capture:
 
 
 def turned(state: Capture) -> Capture:
-    """Hear from the operator that the item is at the target, though no motion was seen.
+    """Confirm that the item is at the target angle, although no motion was detected.
 
     Raises
     ------
     IllegalDecisionError
-        If no turn is waited for.
+        If no turn is awaited.
     """
     if state.phase is not Phase.TURN:
-        raise IllegalDecisionError("No turn is waited for now.")
+        raise IllegalDecisionError("No turn is expected now.")
     return replace(state, phase=Phase.SETTLE)
 
 
 def aim(state: Capture, angle_deg: float) -> Capture:
-    """Correct the angle of the view that is being made: the item was turned to another one.
+    """Correct the angle of the current view, because the item was turned to another angle.
 
     Raises
     ------
     IllegalDecisionError
-        If there is a view at that angle, or it is none.
+        If there is a view at that angle, or it is not a valid angle.
     """
     _check_angle(state, angle_deg)
     return replace(state, target_deg=angle_deg)
 
 
 def announce(state: Capture, angle_deg: float, keeps_itself: bool) -> Capture:
-    """Hear from a turntable that the item is at an angle now.
+    """Report the item's angle from a turntable.
 
     Parameters
     ----------
     state : Capture
-        As it is.
+        The current state.
     angle_deg : float
         Since view 0, right-handed about the upward axis.
     keeps_itself : bool
-        The view needs no operator: it is kept as soon as it is taken.
+        Keep the view without the operator as soon as it is taken.
 
     Raises
     ------
     IllegalDecisionError
-        If a view waits for a decision, there is one at that angle, or the capture has ended.
+        If a view awaits a decision, there is a view at that angle, or the capture has ended.
     """
     if state.phase is Phase.REVIEW:
         raise IllegalDecisionError(
-            f"The view at {state.target_deg:g} degrees waits: keep or repeat it first."
+            f"The view at {state.target_deg:g} degrees awaits a decision: keep or repeat it first."
         )
     _check_angle(state, angle_deg)
     return replace(
@@ -220,7 +220,7 @@ def announce(state: Capture, angle_deg: float, keeps_itself: bool) -> Capture:
 
 
 def finish(state: Capture) -> Capture:
-    """End the capture; a view that was not kept is dropped."""
+    """End the capture; a view that has not been kept is dropped."""
     return replace(state, phase=Phase.DONE, taken=0)
 
 
@@ -242,11 +242,11 @@ def _next(state: Capture) -> Capture:
 
 def _check_angle(state: Capture, angle_deg: float) -> None:
     if state.phase is Phase.DONE:
-        raise IllegalDecisionError("The capture has ended; begin another one.")
+        raise IllegalDecisionError("The capture has ended; start a new one.")
     if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
-        raise IllegalDecisionError(f"{angle_deg} is no angle; give degrees since view 0.")
+        raise IllegalDecisionError(f"{angle_deg} is not an angle; give degrees since view 0.")
     if _is_taken(state, angle_deg):
-        raise IllegalDecisionError(f"There is a view at {angle_deg:g} degrees already, modulo a whole turn.")
+        raise IllegalDecisionError(f"There is a view at {angle_deg:g} degrees already, modulo a full turn.")
 
 
 def _is_taken(state: Capture, angle_deg: float) -> bool:

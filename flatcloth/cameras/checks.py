@@ -1,4 +1,4 @@
-"""What is wrong with what a camera sees: too near, too far, nothing there, or the item is cut off."""
+"""Checks of a camera's image: item too near, too far, missing, or cut off."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ _LEAST_MEASURED = 0.002
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """The item in a frame: its pixels (H, W), none if nothing was measured, and what is wrong."""
+    """The item in a frame: its pixels (H, W), none if nothing was measured, and warnings."""
 
     item: Bool
     warnings: tuple[str, ...]
 
 
 def look_at(frame: RgbdFrame) -> Sight:
-    """Find the item and say what is wrong with the way it is seen.
+    """Find the item and check how well the camera sees it.
 
     Notes
     -----
     A D435 measures nothing nearer than about 0.3 m, and its error grows with the square of the
-    distance. The upper border may cut what holds the item; the others may not cut the item.
+    distance. The upper border may cut the holder; the other borders must not cut the item.
     640x480 px take about 20 ms.
     """
     depth = frame.depth_m
     nothing = np.zeros(depth.shape, dtype=np.bool_)
     if np.count_nonzero(depth) < _LEAST_MEASURED * depth.size:
-        text = "Nothing is measured: the lens may be covered, or everything is nearer than 0.3 m."
+        text = "No depth is measured: the lens may be covered, or everything is nearer than 0.3 m."
         return Sight(item=nothing, warnings=(text,))
     try:
         item = foreground_mask(frame, None, SurfaceConfig())

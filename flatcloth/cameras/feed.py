@@ -1,4 +1,4 @@
-"""The thread that reads a camera: it keeps the newest frame, and tells who listens about each."""
+"""A thread that reads a camera, keeps the newest frame and notifies a listener of each."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _log = logging.getLogger(__name__)
 
 
 class CameraFeed:
-    """Reads a camera on a thread of its own; closes it when it ends.
+    """Reads a camera on its own thread, and closes it at the end.
 
     Parameters
     ----------
     camera : Camera
-        Read by this thread only, from :meth:`start` on.
+        From :meth:`start` on, only this thread reads it.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -30,11 +30,11 @@ class CameraFeed:
         self._thread = threading.Thread(target=self._run, name="flatcloth-camera", daemon=True)
 
     def start(self) -> None:
-        """Begin to read; ``on_frame`` and ``on_end`` are called on the feed's thread."""
+        """Start reading; ``on_frame`` and ``on_end`` are called on the feed's thread."""
         self._thread.start()
 
     def stop(self, timeout_s: float) -> None:
-        """End after the frame that is being read, and close the camera."""
+        """Stop after the current frame, and close the camera."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
@@ -44,7 +44,7 @@ class CameraFeed:
             self.camera.close()
 
     def newest(self, after_s: float | None, timeout_s: float) -> CameraFrame | None:
-        """Wait for a frame of another time than ``after_s`` and return it; None if there is none in time."""
+        """Wait for a frame with another time than ``after_s`` and return it; None after the timeout."""
 
         def is_new() -> bool:
             return self._stopped or (self._newest is not None and self._newest.time_s != after_s)
@@ -64,8 +64,8 @@ class CameraFeed:
                 self.on_frame(frame)
         except CameraError as error:
             self.on_end(str(error))
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("reading the camera failed")
-            self.on_end(f"Unexpected error while reading the camera: {error!r}. The terminal shows more.")
+            self.on_end(f"Unexpected error while reading the camera: {error!r}. See the terminal.")
         finally:
             self.camera.close()

@@ -1,4 +1,4 @@
-"""Guided capture with a camera and a folder: sees every frame, averages the views, keeps them on disk."""
+"""Guided capture with a camera and a folder: reads every frame, averages views and saves them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from flatcloth.recordings.writer import RecordingWriter
 
 @dataclass(frozen=True, kw_only=True)
 class TakenView:
-    """A view that waits for a decision.
+    """A view that awaits a decision.
 
-    ``noise_mm`` is how far its frames disagree (median over the item's pixels of their standard
-    deviation), ``warnings`` what is wrong with it.
+    ``noise_mm`` is the median over the item's pixels of the standard deviation between its frames;
+    ``warnings`` are those of the checks.
     """
 
     angle_deg: float
@@ -35,14 +35,14 @@ class TakenView:
 
 
 class GuidedCapture:
-    """Leads through a capture; used by one thread.
+    """Runs a guided capture; used by one thread.
 
     Parameters
     ----------
     camera : Camera
-        Where the frames come from; is told when to filter them.
+        Source of the frames; its depth filter is switched on and off.
     open_writer : callable
-        Opens the folder; called when capture begins.
+        Opens the folder; called when the capture begins.
     step_deg, frames
         See :func:`flatcloth.cameras.capture.begin`.
     """
@@ -54,7 +54,7 @@ class GuidedCapture:
         step_deg: float,
         frames: int = capture.FRAMES,
     ) -> None:
-        capture.begin(step_deg, frames)  # what makes no sense is refused before a folder is made
+        capture.begin(step_deg, frames)  # invalid values are refused before a folder is created
         self._camera = camera
         self.writer = open_writer()
         self.state: Capture = capture.begin(step_deg, frames, self.writer.angles_deg)
@@ -63,12 +63,12 @@ class GuidedCapture:
         self._frames: list[CameraFrame] = []
 
     def see(self, frame: CameraFrame) -> Capture:
-        """Take in the next frame and return the state after it.
+        """Process the next frame and return the state after it.
 
         Raises
         ------
         RecordingError
-            If a view that keeps itself cannot be written; it waits for a decision then.
+            If a view that is kept automatically cannot be written; it then awaits a decision.
         """
         seen = glance(frame.time_s, frame.color, frame.depth_units * self._camera.depth_scale_m)
         before = self.state
@@ -84,14 +84,14 @@ class GuidedCapture:
         return self.state
 
     def keep(self) -> None:
-        """Write the view that was taken; when this returns, it is on disk.
+        """Write the view that was taken; it is on disk when this returns.
 
         Raises
         ------
         IllegalDecisionError
             If there is no view to keep.
         RecordingError
-            If it cannot be written; it still waits then.
+            If it cannot be written; it then still awaits a decision.
         """
         state = capture.keep(self.state)
         view = self.taken
@@ -100,17 +100,17 @@ class GuidedCapture:
         self._become(state)
 
     def do(self, command: capture.Command) -> None:
-        """Do anything else: ``repeat``, ``turned``, ``finish``, or ``aim`` and ``announce`` with their angle.
+        """Execute another command: ``repeat``, ``turned``, ``finish``, ``aim`` or ``announce``.
 
         Raises
         ------
         IllegalDecisionError
-            If it is not allowed now.
+            If the command is not allowed in the current phase.
         """
         self._become(command(self.state))
 
     def close(self) -> None:
-        """Let others have the folder."""
+        """Release the folder."""
         self.writer.close()
 
     def _become(self, state: Capture) -> None:

@@ -1,4 +1,4 @@
-"""A RealSense file that plays in the place of a camera: to try things on, and to test them."""
+"""A RealSense file that is played in place of a camera, for trials and tests."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
 
 
 class PlaybackCamera:
-    """Plays a file once, at its own pace; see :class:`flatcloth.cameras.base.Camera`.
+    """Plays a file once at its own pace; see :class:`flatcloth.cameras.base.Camera`.
 
     Parameters
     ----------
@@ -21,8 +21,8 @@ class PlaybackCamera:
     align : str
         ``depth`` or ``color``.
     real_time : bool
-        Wait until each frame is due, and leave out those whose time is over; else every frame
-        comes as soon as it is asked for.
+        Wait until each frame is due, and drop frames that are late; otherwise every frame is
+        delivered immediately.
 
     Raises
     ------
@@ -36,7 +36,7 @@ class PlaybackCamera:
         self._frames: Iterator[Pair] | None = None
         self._began_s = 0.0
         self.name = path.name
-        self.notes = (f"{path.name} plays in the place of a camera.",)
+        self.notes = (f"{path.name} is played in place of a camera.",)
         self.intrinsics: Intrinsics = self._player.intrinsics
         self.depth_scale_m: float = self._player.depth_scale_m
         self.fps: float = self._player.fps
@@ -57,15 +57,13 @@ class PlaybackCamera:
                 self._began_s = self._began_s or now_s - pair.time_s
                 ahead_s = self._began_s + pair.time_s - now_s
                 if ahead_s < -1.0 / self.fps:
-                    continue  # a camera would have dropped it
+                    continue  # late: a camera would drop it
                 time.sleep(max(0.0, ahead_s))
             return CameraFrame(time_s=pair.time_s, color=pair.color, depth_units=pair.depth_units)
-        raise CameraEndedError(
-            f"{self._player.path}: has been played to its end. Begin again to see it anew."
-        )
+        raise CameraEndedError(f"{self._player.path}: has been played to its end. Start again to repeat it.")
 
     def measure(self, on: bool) -> None:
-        """Filter the frames from now on, afresh, or no longer."""
+        """Switch the depth filter on, with its history reset, or off."""
         self._player.filter.fresh()
         self._player.filter.active = on
 

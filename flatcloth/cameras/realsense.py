@@ -13,7 +13,7 @@ from flatcloth.recordings.realsense.frames import FrameFilter, apart_s
 from flatcloth.recordings.realsense.library import load_realsense
 
 _MODES = ((848, 480, 30), (640, 480, 30), (640, 480, 15), (480, 270, 15))
-"""Width, height and rate of both streams, the best first; USB 2 cannot carry all of them."""
+"""Width, height and rate of both streams, in order of preference; USB 2 does not carry all of them."""
 _SILENCE_S = 5.0
 _REMEDY = "Connect a RealSense camera to a USB 3 port, or give a recorded file: --camera FILE.db3."
 
@@ -31,7 +31,7 @@ class RealsenseCamera:
     Raises
     ------
     CameraError
-        At once if no such camera is connected; or if it cannot be started.
+        Immediately if no such camera is connected, or if it cannot be started.
     """
 
     def __init__(self, serial: str = "", align: str = "depth") -> None:
@@ -39,7 +39,7 @@ class RealsenseCamera:
             library = load_realsense()
         except RecordingError as error:
             raise CameraError(str(error)) from error
-        # librealsense itself would look for a camera for 15 seconds before it gives up.
+        # librealsense would search for a camera for 15 seconds.
         device = _choose(library, serial)
         serial = _about(library, device, "serial_number")
         self.name = f"{_about(library, device, 'name')} {serial}".strip()
@@ -73,7 +73,7 @@ class RealsenseCamera:
         Raises
         ------
         CameraError
-            If none comes for five seconds.
+            If no frame arrives within five seconds.
         """
         until_s = time.monotonic() + _SILENCE_S
         while time.monotonic() < until_s:
@@ -90,12 +90,10 @@ class RealsenseCamera:
             images = self._filter.images(frameset)
             if images is not None:
                 return CameraFrame(time_s=time_s, color=images[0], depth_units=images[1])
-        raise CameraError(
-            f"{self.name}: gives no pictures any more. Was it unplugged? Plug it in and begin again."
-        )
+        raise CameraError(f"{self.name}: delivers no images any more. Check its cable and start again.")
 
     def measure(self, on: bool) -> None:
-        """Filter the frames from now on, afresh, or no longer."""
+        """Switch the depth filter on, with its history reset, or off."""
         self._filter.fresh()
         self._filter.active = on
 
@@ -115,7 +113,7 @@ def _choose(library: Any, serial: str) -> Any:
     if serial in serials:
         return devices[serials.index(serial)]
     if serial:
-        raise CameraError(f"No camera {serial} is connected, but {', '.join(serials)}. Name one that is.")
+        raise CameraError(f"No camera {serial} is connected, but {', '.join(serials)}. Name one of these.")
     raise CameraError(
         f"{len(devices)} cameras are connected: {', '.join(serials)}. Name one: --camera SERIAL."
     )
@@ -134,7 +132,7 @@ def _config(library: Any, pipeline: Any, serial: str) -> Any:
         config.enable_stream(library.stream.color, width, height, library.format.rgb8, fps)
         if config.can_resolve(library.pipeline_wrapper(pipeline)):
             return config
-    config = library.config()  # another model: its own choice
+    config = library.config()  # another model: use its default streams
     config.enable_device(serial)
     config.enable_stream(library.stream.depth)
     config.enable_stream(library.stream.color)

@@ -57,7 +57,7 @@ def _serve(options: argparse.Namespace) -> None:
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
-    from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+    from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 
     settings = CaptureSettings(
         folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
@@ -81,7 +81,8 @@ def _serve(options: argparse.Namespace) -> None:
                 folder,
                 host=options.host,
                 port=options.port,
-                desk=capture_desk(integration, folder, feed, settings),
+                token=not options.no_token,
+                controller=capture_controller(integration, folder, feed, settings),
             )
         finally:
             folder.close()

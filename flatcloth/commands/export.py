@@ -117,11 +117,11 @@ def _write(
             from flatcloth.export.data import grasps_text
 
             frames = session.frames(base_from_camera, rotation_deg)
-            write_text(path, grasps_text(session.growth.view, session.story.picks, frames))
+            write_text(path, grasps_text(session.growth.view, session.history.picks, frames))
         case "outline":
             from flatcloth.export.outline import outline_text
 
-            write_text(path, outline_text(session.view, session.story.recording_name, path.suffix))
+            write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
 
 
 def _rotation(text: str) -> float:

@@ -37,6 +37,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
     )
     parser.add_argument(
+        "--no-token",
+        action="store_true",
+        help="let every user and program of this computer use the page",
+    )
+    parser.add_argument(
         "--session",
         type=Path,
         metavar="DIR",
@@ -81,6 +86,7 @@ def run(options: argparse.Namespace) -> None:
             folder,
             host=options.host,
             port=options.port,
+            token=not options.no_token,
             player=LivePlayer(integration) if options.live else None,
             fps=options.fps or 30.0,
         )

@@ -1,6 +1,6 @@
-"""What others wrote, decoded and validated by msgspec; what does not fit is said in plain words.
+"""Decoding and validation of external data by msgspec, with errors in plain words.
 
-The types say what is allowed: dataclasses and ``msgspec.Struct``, bounds as ``Annotated[float, Meta(...)]``.
+The types define what is valid: dataclasses and ``msgspec.Struct``, bounds as ``Annotated[float, Meta(...)]``.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _WORDS = {
     "object": "an object", "array": "a list",
 }  # fmt: skip
 UNKNOWN = "no field that is known"
-"""What is found where there should be nothing."""
+"""Description of a field that should not exist."""
 _STEPS = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
 
 
 class MisfitError(ValueError):
-    """Something does not fit its type: ``where`` it stands, what it ``found`` there, what it ``expected``."""
+    """A value does not have its type: ``where`` it is, what was ``found`` there and what was ``expected``."""
 
     def __init__(self, where: str, found: str, expected: str) -> None:
         super().__init__(f"{where or 'it'} is {found}" + (f"; expected {expected}" if expected else ""))
@@ -37,10 +37,10 @@ class MisfitError(ValueError):
 
 
 def parse_json(data: bytes | str) -> Any:
-    """Return what a JSON text says, as plain dictionaries and lists.
+    """Parse a JSON text to plain dictionaries and lists.
 
-    NaN and Infinity, which Python and others write, are read as such: so that the place where they
-    stand can be named.
+    NaN and Infinity, which Python and others write, are accepted here, so that the error can name
+    their place later.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def parse_json(data: bytes | str) -> Any:
 
 
 def fitted(raw: Any, kind: type[T]) -> T:
-    """Return plain dictionaries and lists as a value of a type.
+    """Convert plain dictionaries and lists to a value of a type.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def fitted(raw: Any, kind: type[T]) -> T:
 
 
 def decoded(data: bytes | str, kind: type[T]) -> T:
-    """Return a JSON text as a value of a type.
+    """Parse a JSON text to a value of a type.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def decoded(data: bytes | str, kind: type[T]) -> T:
 
 
 def described(value: Any) -> str:
-    """Say what stands in a file, in a word or two."""
+    """Describe a value from a file in a word or two."""
     match value:
         case None:
             return "missing"
@@ -103,7 +103,7 @@ def described(value: Any) -> str:
 
 
 def _misfit(text: str, raw: Any) -> MisfitError:
-    """Understand msgspec's words: what is wrong, then `` - at `$.path` `` unless it is the whole."""
+    """Translate a message of msgspec, which ends with `` - at `$.path` `` unless it concerns the whole."""
     problem, _, path = text.partition(" - at `$")
     where = path.removesuffix("`").removeprefix(".")
     value = found_at(raw, where)
@@ -122,7 +122,7 @@ def _misfit(text: str, raw: Any) -> MisfitError:
 
 
 def found_at(raw: Any, where: str) -> Any:
-    """Return what stands at a place as :class:`MisfitError` names it; None if nothing does."""
+    """Return the value at a place as named by :class:`MisfitError`; None if there is none."""
     for name, index in _STEPS.findall("." + where if where else ""):
         raw = _step(raw, name, index)
     return raw

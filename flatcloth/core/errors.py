@@ -22,6 +22,10 @@ class SurfaceError(FlatclothError):
     """A view shows no usable cloth surface."""
 
 
+class SegmentationError(FlatclothError):
+    """The item or its side of interest cannot be found."""
+
+
 class FlatteningError(FlatclothError):
     """A surface cannot be flattened."""
 

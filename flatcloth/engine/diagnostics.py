@@ -97,7 +97,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     found, trouble = None, ""
     try:
         seen = (angles[front], angles[front] + turn)
-        found = correspond(canonical.view, new, axis, seen, front_from_current, limit, config.alignment)
+        found = correspond(canonical.view, new, axis, seen, front_from_current, limit)
     except AlignmentError as error:
         trouble = str(error)
     return Reasons(

@@ -8,36 +8,31 @@ methods may be called from several threads.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
-from flatcloth.core.cache import Cache, ReadAhead
+from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
-from flatcloth.core.errors import AlignmentError, FlatclothError, FlatteningError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.errors import (
+    AlignmentError,
+    FlatclothError,
+    FlatteningError,
+    SurfaceError,
+)
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
-    Float32,
-    Float64,
     Progress,
-    RgbdFrame,
-    RotationAxis,
-    Uint8,
     no_progress,
 )
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import Reach, reach
-from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place
-from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.session.machine import (
     Document,
     Event,
@@ -50,19 +45,8 @@ from flatcloth.session.machine import (
     Started,
 )
 
-_MIB = 1 << 20
 _LIKELY_ROTATION_DEG = 30.0
 _VIEWS_AHEAD = 6
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewCloud:
-    """Foreground points of one view: ``xyz_m`` (N, 3) held frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
-
-    view_index: int
-    xyz_m: Float32
-    rgb: Uint8
-    of_interest: Bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +73,7 @@ class Proposal:
         return self.placement.alignment
 
 
-class Integration:
+class Integration(RecordedViews):
     """One recording, one configuration, one method, and all that is derived from them.
 
     Parameters
@@ -100,15 +84,13 @@ class Integration:
         The numbers of the method; by default the method's own.
     method : str, optional
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
+    segmenter : Segmenter, optional
+        Finds the side of interest where the recording has no masks; without it, all of the item is.
 
     Attributes
     ----------
     algorithm : Method
-        The method, made for this recording and axis.
-    axis : RotationAxis
-        Turning axis, held frame; estimated if the recording has none.
-    held_point_m : (3,) float64
-        Where the item is held.
+        The method, made for this recording, axis and masks.
     notes : tuple of str
         What the operator must know about this recording.
 
@@ -118,74 +100,24 @@ class Integration:
         If the method is unknown.
     """
 
-    def __init__(self, recording: Recording, config: Config | None = None, method: str | None = None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        config: Config | None = None,
+        method: str | None = None,
+        segmenter: Segmenter | None = None,
+    ) -> None:
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
-        self.recording = recording
-        self.config = config or self._kind.default_config()
         self.method = entry.name
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
-        self._ahead = ReadAhead(self.frame)
-        hanging = resolve_axis(recording, self.frame, self.config.surface)
-        self.held_point_m: Float64 = hanging.held_point_m
-        self.notes = (*_notes(recording), *getattr(recording, "notes", ()), *hanging.notes)
-        self.turn_about(hanging.axis)
+        super().__init__(recording, config or self._kind.default_config(), segmenter)
+        self.notes = (*_notes(self), *getattr(recording, "notes", ()), *self.axis_notes)
 
-    def turn_about(self, axis: RotationAxis) -> None:
-        """Take another turning axis, held frame; what was derived with the last one is forgotten.
-
-        To be called while no other thread computes.
-        """
-        self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
-        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+    def derive_anew(self) -> None:
+        """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
-
-    def axis_agreement(self) -> str:
-        """Say in a sentence how well the views agree about the present axis."""
-        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
-
-    # ---------------------------------------------------------------- single views
-
-    def frame(self, view_index: int) -> RgbdFrame:
-        """Read a view; the last few are kept."""
-        return self._frames.get(view_index, lambda: self.recording[view_index])
-
-    def cloud(self, view_index: int) -> ViewCloud:
-        """Return the foreground points of a view, held frame."""
-        return self._clouds.get(view_index, lambda: self._cloud(view_index))
-
-    def flattening(self, view_index: int) -> Flattening:
-        """Return a view's flattened view with its intermediates.
-
-        Raises
-        ------
-        SurfaceError, FlatteningError
-            If the view shows too little; the same error again at the next call, without the work.
-        """
-        made = self._flattenings.get(view_index, lambda: self._flatten(view_index))
-        if isinstance(made, FlatclothError):
-            raise made
-        return made
-
-    def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one connected part of a view's flattened view, the largest being 0."""
-        components = self.flattening(view_index).components
-        if not 0 <= component < len(components):
-            raise FlatclothError(f"View {view_index} has {len(components)} parts, none numbered {component}.")
-        return components[component].view
-
-    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
-        """Return the observed area of the side of interest in each view (n_views,)."""
-        areas = np.zeros(len(self.recording))
-        for n in range(len(areas)):
-            progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
-            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
-            frame = self.frame(n)
-            areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
-        return areas
 
     # ---------------------------------------------------------------- the shape
 
@@ -202,6 +134,7 @@ class Integration:
         FlatclothError
             If the session has no start view yet.
         """
+        self.segment(document.strokes)
         return self.algorithm.canonical(document)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
@@ -272,6 +205,7 @@ class Integration:
         CancelledError
             Whatever ``progress`` raised.
         """
+        self.segment(document.strokes, progress)
         if request.kind == "start":
             view = self._start_view(progress) if request.view_index is None else request.view_index
             progress(0.9, f"flattening view {view}")
@@ -374,41 +308,23 @@ class Integration:
             why,
         )
 
-    def _flatten(self, view_index: int) -> Flattening | FlatclothError:
-        config = self.config
-        try:
-            surface = observe_item(self.frame(view_index), self.axis, config.surface)
-            return flatten(
-                surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
-            )
-        except (SurfaceError, FlatteningError) as error:
-            return error
-
-    def _unusable(self) -> set[int]:
-        return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
-
-    def _cloud(self, view_index: int) -> ViewCloud:
-        frame = self.frame(view_index)
-        shown = foreground_mask(frame, self.axis, self.config.surface)
-        held = held_from_camera(self.axis, frame.angle_deg)
-        xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
-        of_interest = shown if frame.mask is None else frame.mask
-        return ViewCloud(
-            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
-        )
-
 
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:
     return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))
 
 
-def _notes(recording: Recording) -> tuple[str, ...]:
+def _notes(views: RecordedViews) -> tuple[str, ...]:
     notes = []
-    if not recording.has_masks:
+    if views.sides is not None:
+        notes.append(
+            "This recording has no masks: the side of interest is found from the views. "
+            "Paint the cloth to correct it."
+        )
+    elif not views.recording.has_masks:
         notes.append(
             "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
         )
-    if len(recording) == 1:
+    if len(views.recording) == 1:
         notes.append(
             "This recording has one view: it is flattened and can be picked, but there is nothing to add."
         )

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, RgbdFrame
-from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.views import ViewCloud
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_item
 

@@ -12,8 +12,9 @@ from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
-from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.live import LiveFrame, LivePlayer
+from flatcloth.engine.views import ViewCloud
 
 NOTHING_YET_S = 2.0
 """A camera that shows nothing new for this long is told of, where a frame was to be flattened."""

@@ -264,7 +264,7 @@ def _align(
     progress(0.9, "following the search")
     current = paper.canonical(document).view
     new = paper.part(event.view_index, event.component)
-    watched = _WatchedMatcher(current, new, paper.axis, paper.config.alignment)
+    watched = _WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
     accepted = Accepted(event.view_index, event.current_from_new, side=event.side, component=event.component)

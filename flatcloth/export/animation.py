@@ -21,7 +21,7 @@ from flatcloth.rendering.points import Camera, camera_around, paint_points
 if TYPE_CHECKING:
     from PIL import Image as PillowImage
 
-    from flatcloth.engine.integration import ViewCloud
+    from flatcloth.engine.views import ViewCloud
 
 SUFFIXES = (".gif", ".mp4")
 

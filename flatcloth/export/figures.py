@@ -88,7 +88,7 @@ def all_figures(session: OpenedSession) -> Iterator[Figure]:
     yield growth(session)
     yield energy(session)
     yield from curves(session)
-    decisions = session.story.decisions
+    decisions = session.history.decisions
     for n, decision in enumerate(decisions):
         session.progress(n / len(decisions), f"drawing decision {n + 1} of {len(decisions)}")
         yield from of_decision(session, decision)
@@ -139,7 +139,7 @@ def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:
     """Return the picks that lie on the shape: u, v (m) and number."""
     view = session.growth.view
     places = []
-    for pick in session.story.picks:
+    for pick in session.history.picks:
         rc, distance_m = pixel_of_point(view, pick.position_held_m)
         if distance_m <= LOST_AT_M:
             u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.export.history import ACCEPTED, Decision, Story
+from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Growth:
         return shown
 
 
-def grow(integration: Integration, story: Story, progress: Progress = no_progress) -> Growth:
+def grow(integration: Integration, history: SessionHistory, progress: Progress = no_progress) -> Growth:
     """Follow the shape of a session from its start view on.
 
     Raises
@@ -69,10 +69,10 @@ def grow(integration: Integration, story: Story, progress: Progress = no_progres
     FlatclothError
         If the session has no start view yet.
     """
-    document = story.document
+    document = history.document
     if document.start_view is None:
         raise FlatclothError(
-            f"{story.folder}: the session has no start view yet; there is nothing to export."
+            f"{history.folder}: the session has no start view yet; there is nothing to export."
         )
     views = [document.start_view, *(a.view_index for a in document.accepted)]
     shape = integration.canonical(document).view
@@ -90,7 +90,7 @@ def grow(integration: Integration, story: Story, progress: Progress = no_progres
                 angle_deg=integration.recording.angles_deg[view_index],
                 area_m2=earlier.area_m2,
                 added_m2=earlier.area_m2 - before_m2,
-                decision=_acceptance(story, view_index) if order else None,
+                decision=_acceptance(history, view_index) if order else None,
             )
         )
         covered = first > order
@@ -152,8 +152,8 @@ def _orders(view: FlattenedView, views: list[int]) -> Int16:
     return orders
 
 
-def _acceptance(story: Story, view_index: int) -> Decision | None:
-    for decision in reversed(story.decisions):
+def _acceptance(history: SessionHistory, view_index: int) -> Decision | None:
+    for decision in reversed(history.decisions):
         if decision.stands and decision.verdict == ACCEPTED and decision.view_index == view_index:
             return decision
     return None

@@ -1,4 +1,4 @@
-"""The story of a session, read from its folder: what was proposed, what was decided, what was picked.
+"""The history of a session, read from its folder: what was proposed, what was decided, what was picked.
 
 Nothing is locked or changed. A last line that a crash cut short does not count, as when resuming.
 """
@@ -56,7 +56,7 @@ class Decision:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Story:
+class SessionHistory:
     """A session as its folder tells it; ``document`` is where it stands now."""
 
     folder: Path
@@ -140,7 +140,7 @@ def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _
     )
 
 
-def read_story(folder: Path) -> Story:
+def read_history(folder: Path) -> SessionHistory:
     """Read a session folder without opening it for writing.
 
     Raises
@@ -151,7 +151,7 @@ def read_story(folder: Path) -> Story:
     header = read_header(folder)
     told = _told(folder / JOURNAL, Replay(SessionState(n_views=header.recording.views)))
     standing = told.present().standing
-    return Story(
+    return SessionHistory(
         folder=folder,
         recording_name=header.recording.name,
         recording_location=header.recording.location,

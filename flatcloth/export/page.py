@@ -67,17 +67,17 @@ _STYLES = "page/page.css", "canvas/canvas.css", "offline/offline.css"
 def page(session: OpenedSession) -> str:
     """Return the page as HTML text, which holds all it shows."""
     parcel = _Parcel()
-    story = _story(session, parcel)
+    history = _history(session, parcel)
     static = static_folder()
     style = "\n".join((static / name).read_text("utf-8") for name in _STYLES)
     script = bundle(static, "offline/offline.js")
     parts = {
         "policy": _policy(script, style),
-        "title": escape(f"{session.story.recording_name} \u00b7 flatcloth"),
+        "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
         # No text can end the element that it stands in.
-        "story": json.dumps(story, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
+        "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
         "arrays": parcel.packed(),
         "script": script,
     }
@@ -97,8 +97,8 @@ def _policy(script: str, style: str) -> str:
     )
 
 
-def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
-    story, growth, integration = session.story, session.growth, session.integration
+def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
+    history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
     window = _window(view)
     cloth = growth.first_step[window] >= 0
@@ -121,12 +121,12 @@ def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "recording": {
-            "name": story.recording_name,
+            "name": history.recording_name,
             "description": recording.description,
-            "n_views": story.n_views,
+            "n_views": history.n_views,
         },
-        "method": story.method,
-        "finished": story.document.finished,
+        "method": history.method,
+        "finished": history.document.finished,
         "count": len(xyz),
         "grid": {
             "rows": cloth.shape[0],
@@ -146,7 +146,7 @@ def _story(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
         "around": [{"start": a, "count": b - a} for a, b in itertools.pairwise(starts)],
         "steps": _steps(growth, axis),
         "decisions": _decisions(session),
-        "picks": [_pick(session, pick) for pick in story.picks],
+        "picks": [_pick(session, pick) for pick in history.picks],
         "layers": _layers(session, parcel, window),
         "arrays": parcel.arrays,
     }
@@ -219,13 +219,13 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
             "stands": decision.stands,
             "step": steps.get(decision.number),
         }
-        for decision in session.story.decisions
+        for decision in session.history.decisions
     ]
 
 
 def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
     view, axis = session.growth.view, session.integration.axis
-    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.story.grips.get(pick.id))
+    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.history.grips.get(pick.id))
     rc, distance_m = pixel_of_point(view, pick.position_held_m)
     on_shape = distance_m <= LOST_AT_M
     z_angle = float(view.z_angle_deg[rc]) if on_shape else float("nan")

@@ -23,12 +23,12 @@ from flatcloth.rendering.drawing import Drawing, data_url, png_of
 
 def report(session: OpenedSession) -> str:
     """Return the report as HTML that needs nothing else."""
-    story = session.story
+    history = session.history
     style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
-    title = f"{story.recording_name}: integration report"
+    title = f"{history.recording_name}: integration report"
     body = [
         *_head(session),
-        *_settings(story.config),
+        *_settings(history.config),
         *_decisions(session),
         *_picks(session),
         *_figures(session),
@@ -60,26 +60,26 @@ def differences(config: Config) -> list[tuple[str, Any, Any]]:
 
 
 def _head(session: OpenedSession) -> Iterable[str]:
-    story, growth, recording = session.story, session.growth, session.integration.recording
+    history, growth, recording = session.history, session.growth, session.integration.recording
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
     camera = recording.intrinsics
-    ended = story.document.finished or "Not finished: more views may be added."
-    yield f"<h1>{escape(story.recording_name)}</h1>"
+    ended = history.document.finished or "Not finished: more views may be added."
+    yield f"<h1>{escape(history.recording_name)}</h1>"
     yield f'<p class="lead">{escape(recording.description or "Integration of turned RGB-D views.")}</p>'
     yield _facts(
         [
             (
                 "Session",
-                f"begun {_day(story.created)}, flatcloth {story.versions.get('flatcloth', 'unknown')}",
+                f"begun {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
             ),
             (
                 "Recording",
-                f"{story.n_views} views, {camera.width} \u00d7 {camera.height} px",
+                f"{history.n_views} views, {camera.width} \u00d7 {camera.height} px",
             ),
-            ("Method", story.method),
+            ("Method", history.method),
             ("Shape", f"{1e4 * growth.view.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
             ("Views, in order", views),
-            ("Decisions", _counted(story.decisions)),
+            ("Decisions", _counted(history.decisions)),
             ("End", ended),
         ]
     )
@@ -103,7 +103,7 @@ def _settings(config: Config) -> Iterable[str]:
 
 def _decisions(session: OpenedSession) -> Iterable[str]:
     yield "<h2>Decisions</h2>"
-    decisions = session.story.decisions
+    decisions = session.history.decisions
     if not decisions:
         yield "<p>Nothing was decided: the shape is the start view alone.</p>"
     for n, decision in enumerate(decisions):
@@ -144,14 +144,14 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
 
 def _picks(session: OpenedSession) -> Iterable[str]:
     yield "<h2>Picks</h2>"
-    story = session.story
-    if not story.picks:
+    history = session.history
+    if not history.picks:
         yield "<p>No grasp point was picked.</p>"
         return
     view, axis = session.growth.view, session.integration.axis
     rows = []
-    for pick in story.picks:
-        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, story.grips.get(pick.id))
+    for pick in history.picks:
+        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, history.grips.get(pick.id))
         source = f"view {pick.view_index} @ {pick.source_rc[0]:.1f}, {pick.source_rc[1]:.1f}"
         rows.append((str(pick.id), pick.name, _vector_mm(pick.position_held_m), *_posed(pose), source))
     yield (

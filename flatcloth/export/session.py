@@ -1,4 +1,4 @@
-"""Opening a session for export: its story, and what is computed from its recording."""
+"""Opening a session for export: its history, and what is computed from its recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Progress, no_progress
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
-from flatcloth.export.history import Story, read_story
+from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import Grip
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
@@ -31,14 +31,14 @@ class OpenedSession:
     ``progress`` is told how far the work is.
     """
 
-    story: Story
+    history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
 
     @cached_property
     def growth(self) -> Growth:
         """The shape and how it grew."""
-        return grow(self.integration, self.story, self.progress)
+        return grow(self.integration, self.history, self.progress)
 
     @property
     def view(self) -> FlattenedView:
@@ -49,14 +49,14 @@ class OpenedSession:
         FlatclothError
             If nothing is flattened yet.
         """
-        return self.integration.canonical(self.story.document).view
+        return self.integration.canonical(self.history.document).view
 
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
     ) -> GraspFrames:
         """Return the frames of the grasp poses; by default at the rotation at which the item stands."""
         return frames_of(
-            self.integration, self.story.document, self.story.grips, base_from_camera, rotation_deg
+            self.integration, self.history.document, self.history.grips, base_from_camera, rotation_deg
         )
 
 
@@ -108,33 +108,33 @@ def open_session(
     """
     from flatcloth.engine.integration import Integration
 
-    story = read_story(folder)
-    place = story.recording_location if recording is None else str(recording)
+    history = read_history(folder)
+    place = history.recording_location if recording is None else str(recording)
     try:
         opened = open_recording(place, options)
     except RecordingError as error:
         if recording is not None:
             raise
         raise RecordingError(
-            f"{folder}: its recording {story.recording_name!r} cannot be opened ({error})"
+            f"{folder}: its recording {history.recording_name!r} cannot be opened ({error})"
             " Name its present place with --recording."
         ) from error
-    if fingerprint(opened) != story.recording_fingerprint:
+    if fingerprint(opened) != history.recording_fingerprint:
         raise JournalError(
-            f"{folder}: the session is about another recording ({story.recording_name!r}) than {place}."
+            f"{folder}: the session is about another recording ({history.recording_name!r}) than {place}."
             " Name the right one with --recording."
         )
     try:
-        integration = Integration(opened, story.config, story.method)
+        integration = Integration(opened, history.config, history.method)
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
         integration.turn_about(axis)  # what was decided was decided with it
-    return OpenedSession(story, integration, progress)
+    return OpenedSession(history, integration, progress)
 
 
-def of_page(integration: Integration, folder: object) -> OpenedSession:
+def of_page(integration: Integration, folder: object, progress: Progress = no_progress) -> OpenedSession:
     """Return the session of an open page for export.
 
     Parameters
@@ -143,6 +143,8 @@ def of_page(integration: Integration, folder: object) -> OpenedSession:
         What the page shows; safe to be used by several threads.
     folder : object
         The session folder that the page writes.
+    progress : callable
+        Told how far the work is; may raise ``CancelledError``.
 
     Raises
     ------
@@ -154,4 +156,4 @@ def of_page(integration: Integration, folder: object) -> OpenedSession:
     path = getattr(folder, "folder", None)
     if path is None:
         raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_story(path), integration)
+    return OpenedSession(read_history(path), integration, progress)

@@ -28,6 +28,11 @@ from flatcloth.flattening.sampling import Samples, sample_surface
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
+MAJORISATIONS = 6
+"""Majorisation steps at each interval, before the Gauss-Newton steps."""
+ENERGY_TOLERANCE = 2e-3
+"""The minimisation ends when a step promises to lower the energy by a smaller share than this."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
@@ -153,7 +158,7 @@ def flatten(
     """
     levels: list[Level] = []
     for interval in config.sampling_intervals_px:
-        samples = sample_surface(surface, interval, config)
+        samples = sample_surface(surface, interval)
         if interval == config.sampling_intervals_px[-1]:
             samples = cut_necks(samples, config.least_core_samples)
         if not len(samples.points_rc):
@@ -161,11 +166,11 @@ def flatten(
         least = _least_samples(surface, interval, min_area_m2)
         if levels:
             start = _from_coarse(samples, levels[-1], surface)
-            levels.append(_solve_level(samples, start, least, config, record))
+            levels.append(_solve_level(samples, start, least, record))
         elif previous is not None:
-            levels.append(_continued(samples, previous, surface, axis, least, config, record))
+            levels.append(_continued(samples, previous, surface, axis, least, record))
         else:
-            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, config, record))
+            levels.append(_solve_level(samples, _pixel_start(samples, surface), least, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
     carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
@@ -186,9 +191,7 @@ def _too_small(surface: Surface) -> str:
     )
 
 
-def _solve_level(
-    samples: Samples, initial: Float64, least_samples: int, config: FlatteningConfig, record: bool
-) -> Level:
+def _solve_level(samples: Samples, initial: Float64, least_samples: int, record: bool) -> Level:
     n = len(samples.points_rc)
     component = _components(n, samples.edges)
     uv = initial.copy()
@@ -201,8 +204,8 @@ def _solve_level(
             initial[members],
             local,
             samples.edge_length_m[own],
-            majorisations=config.majorisations,
-            energy_tolerance=config.energy_tolerance,
+            majorisations=MAJORISATIONS,
+            energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
         uv[members] = result.uv_m
@@ -252,14 +255,13 @@ def _continued(
     surface: Surface,
     axis: RotationAxis,
     least_samples: int,
-    config: FlatteningConfig,
     record: bool,
 ) -> Level:
     """Solve from the previous view's result; if that ends in a bad minimum, solve from the pixels."""
     warm, still = _from_previous(samples, previous, surface, axis)
-    level = _solve_level(samples, warm, least_samples, config, record)
+    level = _solve_level(samples, warm, least_samples, record)
     if _residual_m(level) > 1.5 * _residual_m(previous.levels[-1]):
-        level = _solve_level(samples, still, least_samples, config, record)
+        level = _solve_level(samples, still, least_samples, record)
     return level
 
 

@@ -14,11 +14,21 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
 
+_RAMP_HALF_WIDTH_PX = 4
+"""Half the width of the slopes by which a stereo sensor joins two layers."""
+_RAMP_HEIGHT_M = 0.010
+"""A ramp rises by at least this more than the surface beside it explains."""
+_RAMP_SLOPE = 1.5
+"""A ramp's middle is at least this steep (depth over width)."""
+_RAMP_LENGTH_PX = 8
+"""A ramp is at least this long; shorter ones are noise."""
+_WEAK_RAMP_SHARE = 0.7
+"""Where a ramp goes on with this share of its least height and slope, it is still one."""
 
-def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceConfig) -> Bool:
+
+def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     """Return the pixels (H, W) that lie on a ramp.
 
     Parameters
@@ -27,19 +37,15 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics, config: SurfaceCo
         1/m as measured, 0 where the item was not measured.
     intrinsics : Intrinsics
         The camera.
-    config : SurfaceConfig
-        Width, least height and least slope of a ramp.
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    strength = _strength(
-        inverse_depth, config.ramp_half_width_px, config.ramp_height_m, config.ramp_slope, focal
-    )
+    strength = _strength(inverse_depth, _RAMP_HALF_WIDTH_PX, _RAMP_HEIGHT_M, _RAMP_SLOPE, focal)
     # An edge between layers is long; a short one is noise. Where the layers come closer together,
     # the edge continues as a weaker ramp, which could be a fold if it stood alone.
-    edge = _long_ones(strength >= 1.0, config.ramp_length_px)
+    edge = _long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
     if not edge.any():
         return edge
-    weak = strength >= config.weak_ramp_share
+    weak = strength >= _WEAK_RAMP_SHARE
     _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
     joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
     joined[label[edge]] = True

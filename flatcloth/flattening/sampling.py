@@ -14,10 +14,16 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import fit_patches, normals_from_fit
 from flatcloth.flattening.surface import Surface
+
+_FIT_RADIUS_PX = 6
+"""Radius of the local quadratic fit of depth at each sample."""
+_NOISY_FIT_RADIUS_PX = 12
+"""Radius of that fit where the depth is noisy."""
+MAX_CHORD_SLOPE = 0.35
+"""Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +42,7 @@ class Samples:
     edge_length_m: Float64
 
 
-def sample_surface(surface: Surface, sampling_interval_px: int, config: FlatteningConfig) -> Samples:
+def sample_surface(surface: Surface, sampling_interval_px: int) -> Samples:
     """Sample the surface at one interval.
 
     Parameters
@@ -45,8 +51,6 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
         The surface of one view.
     sampling_interval_px : int
         Interval d.
-    config : FlatteningConfig
-        Fit radius and limits of the pairs.
 
     Returns
     -------
@@ -57,10 +61,10 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     rc = np.argwhere(grid & surface.usable).astype(np.int32)
-    points, normal, ok = fit_samples(surface, rc.astype(np.float64), config)
+    points, normal, ok = fit_samples(surface, rc.astype(np.float64))
     rc, points, normal = rc[ok], points[ok], normal[ok]
     edges = pairs_on_surface(rc, 1.5 * d, surface)
-    edges, lengths = lengths_along_surface(edges, points, normal, config.max_chord_slope)
+    edges, lengths = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     return Samples(
         sampling_interval_px=d,
         points_rc=rc,
@@ -71,13 +75,13 @@ def sample_surface(surface: Surface, sampling_interval_px: int, config: Flatteni
     )
 
 
-def fit_samples(surface: Surface, rc: Float64, config: FlatteningConfig) -> tuple[Float64, Float64, Bool]:
+def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     """Return points (N, 3) and normals (N, 3), camera frame, at image positions (N, 2), and their validity.
 
     Each is the value at the position of a quadratic fit around the nearest pixel.
     """
     pixel = np.rint(rc).astype(np.int32)
-    radius, stride = (config.noisy_fit_radius_px, 2) if surface.noisy else (config.fit_radius_px, 1)
+    radius, stride = (_NOISY_FIT_RADIUS_PX, 2) if surface.noisy else (_FIT_RADIUS_PX, 1)
     fit = fit_patches(
         surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
     )

@@ -22,6 +22,17 @@ from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, Rotat
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 
+_NORMAL_WINDOW_PX = 3
+"""Half width of the window in which a plane is fitted for each normal."""
+_NOISY_DEPTH_M = 0.0003
+"""Depth that scatters more than this about its local planes (median) is noisy."""
+_MAX_DROPOUT_PX = 150
+"""Holes of at most this many pixels inside the mask are bridged."""
+_MIN_ITEM_AREA_M2 = 0.01
+"""Without masks: a region smaller than this is not taken for the item."""
+_ITEM_DEPTH_EXTENT_M = 0.25
+"""Without masks: regions of the item lie within this distance of its nearest one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
@@ -124,12 +135,12 @@ def observe_surface(
         item = item_mask(frame, axis, config)
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, config.max_dropout_px)
-    inverse_depth[find_ramps(inverse_depth, k, config)] = 0.0
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
+    inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = _find_steps(inverse_depth, step_limit)
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
-    fit, noise_m = fit_planes(inverse_depth, steps, item, config.normal_window_px, config.noisy_depth_m)
+    fit, noise_m = fit_planes(inverse_depth, steps, item, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -157,7 +168,7 @@ def observe_surface(
         steps=steps,
         inverse_depth=inverse_depth,
         noise_m=noise_m,
-        noisy=noise_m > config.noisy_depth_m,
+        noisy=noise_m > _NOISY_DEPTH_M,
     )
 
 
@@ -180,10 +191,10 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
         offset = xyz - axis.point_m
         distance = np.linalg.norm(offset - (offset @ axis.direction)[:, None] * axis.direction, axis=1)
     mean_distance = np.bincount(label, distance, count) / np.maximum(np.bincount(label, None, count), 1)
-    large = area >= min(config.min_item_area_m2, area.max())
+    large = area >= min(_MIN_ITEM_AREA_M2, area.max())
     nearest = mean_distance[large].min()
     # Overlapping layers of one item are separate regions within the item's depth extent.
-    chosen = large & (mean_distance <= nearest + config.item_depth_extent_m)
+    chosen = large & (mean_distance <= nearest + _ITEM_DEPTH_EXTENT_M)
     kept: Bool = measured & np.append(chosen, False)[labels]
     return kept
 

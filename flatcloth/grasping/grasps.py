@@ -1,4 +1,4 @@
-"""Between flattened pixels and 3D points: grasp points and poses, and the pixel of a 3D point."""
+"""Conversion between flattened pixels and 3D points: grasp points, grasp poses, and the reverse."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.grasping.surroundings import TangentMap, nearest_outline, tangent_map
 
 OPENING_M = 0.04
-"""How far apart the fingers stand if the operator does not say."""
+"""Default distance of the fingers."""
 
 OPENING_RANGE_M = (0.005, 0.30)
-"""Openings that a gripper for cloth may have."""
+"""Range of openings of a gripper for cloth."""
 
 LOST_AT_M = 0.010
-"""A point further than this from the shape is not on it: its view was taken back."""
+"""A point farther than this from the shape is no longer on it, because its view was removed."""
 
 _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 
@@ -29,11 +29,11 @@ _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 class GraspPoint:
     """The 3D point behind a flattened pixel.
 
-    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its place on the plane;
-    positions and unit normals (3,) in the held frame and in the camera frame at ``angle_deg``;
+    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its position on the plane;
+    positions and unit normals (3,) in the object frame and in the camera frame at ``angle_deg``;
     the normal points out of the cloth, towards the camera that saw it. ``view_index`` and
-    ``source_rc`` name the image pixel it was measured in; ``miss_m`` is the distance on the plane
-    between the place asked for and the pixel (0 if that place lies on the cloth).
+    ``source_rc`` give the image pixel it was measured in; ``miss_m`` is the distance on the plane
+    between the requested position and the pixel (0 if that position lies on the cloth).
     """
 
     rc: tuple[int, int]
@@ -52,16 +52,16 @@ class GraspPoint:
 def grasp_at(
     view: FlattenedView, uv_m: tuple[float, float], axis: RotationAxis, angle_deg: float
 ) -> GraspPoint:
-    """Return the grasp point at the valid pixel nearest to a place on the plane.
+    """Return the grasp point at the valid pixel nearest to a position on the plane.
 
     Parameters
     ----------
     view : FlattenedView
-        The flattened view, attributes in the held frame.
+        The flattened view, attributes in the object frame.
     uv_m : (float, float)
-        Place on the plane, metres; may lie off the cloth or off the grid.
+        Position on the plane, metres; may lie off the cloth or off the grid.
     axis : RotationAxis
-        Axis of the recording, held frame.
+        Axis of the recording, object frame.
     angle_deg : float
         Present rotation, for the camera-frame numbers.
 
@@ -71,7 +71,7 @@ def grasp_at(
         If the view has no valid pixel or ``uv_m`` is not finite.
     """
     if not (math.isfinite(uv_m[0]) and math.isfinite(uv_m[1])):
-        raise FlatclothError("The picked place is not a finite point of the plane; click again.")
+        raise FlatclothError("The picked position is not a finite point of the plane; click again.")
     if not view.valid.any():
         raise FlatclothError("Nothing is flattened yet; step first, then pick.")
     asked = view.rc_from_uv(np.asarray(uv_m))
@@ -97,7 +97,7 @@ def grasp_at(
 
 
 def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int], float]:
-    """Return the valid pixel (row, col) nearest to a point (3,) in the held frame, and its distance in m.
+    """Return the valid pixel (row, col) nearest to a point (3,), object frame, and its distance in m.
 
     Raises
     ------
@@ -115,10 +115,10 @@ def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int],
 def point_on_ray(
     points_m: Floats, origin_m: Floats, direction: Floats, max_angle_deg: float = 1.0
 ) -> int | None:
-    """Return the index of the point that a ray from the eye hits first, or None if it hits none.
+    """Return the index of the first point that a ray from the eye hits, or None.
 
-    Of the points (N, 3) within ``max_angle_deg`` of the ray, those within 10 mm in depth of the
-    front-most are candidates; the one at the smallest angle to the ray wins.
+    Candidates are the points (N, 3) within ``max_angle_deg`` of the ray that are at most 10 mm
+    behind the nearest of them; the one at the smallest angle to the ray is returned.
     """
     offset = np.asarray(points_m, dtype=np.float64) - np.asarray(origin_m, dtype=np.float64)
     unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
@@ -134,9 +134,9 @@ def point_on_ray(
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """How a pick is to be gripped: what the operator chooses of a pose.
+    """The operator's choices for gripping a pick.
 
-    ``axis_held`` is the in-plane axis chosen by hand, unit, held frame (so that it stays with the
+    ``axis_held`` is the in-plane axis set by hand, unit, object frame (so that it stays with the
     cloth when the flattened plane turns); None: along the nearest outline. ``opening_m`` is the
     distance of the fingers.
     """
@@ -147,13 +147,13 @@ class Grip:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspUncertainty:
-    """How well a pose is known; one standard deviation, NaN where it cannot be told.
+    """Uncertainty of a grasp pose: standard deviations, NaN if unknown.
 
     ``position_m`` along the approach, from the scatter of the depth nearby; ``normal_deg`` of the
     approach and ``axis_deg`` of the in-plane axis, from the spread of the normals and of the
-    outline's direction nearby; ``placement_m`` of the pixel's place on the flattened plane, where
-    the view knows it. What is common to the neighbourhood (a bias of the depth, the turning axis,
-    the hand-eye transform) is not in them.
+    outline's direction nearby; ``placement_m`` of the pixel's position on the flattened plane, if
+    the view has it. Errors common to the neighbourhood (a bias of the depth, the turning axis, the
+    hand-eye transform) are not included.
     """
 
     position_m: float = math.nan
@@ -164,13 +164,13 @@ class GraspUncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspPose:
-    """Where and how a parallel gripper takes the cloth.
+    """Pose of a parallel gripper on the cloth.
 
     ``held_from_grasp``: origin at the pick, z the approach (into the cloth, against the outward normal),
-    x the in-plane axis, y = z cross x; the fingers stand ``opening_m`` apart along y and close along it.
-    ``axis_from`` tells where x comes from: ``outline`` (along it, y into the cloth), ``hand``, or
-    ``level`` (horizontal) where the cloth around the pick shows no direction. ``direction_uv`` (2,) is
-    x on the plane and ``outline_distance_m`` the distance to the outline; None where unknown.
+    x the in-plane axis, y = z cross x; the fingers are ``opening_m`` apart along y and close along it.
+    ``axis_from`` is the origin of x: ``outline`` (along it, y into the cloth), ``hand``, or ``level``
+    (horizontal) where the cloth around the pick gives no direction. ``direction_uv`` (2,) is x on the
+    plane and ``outline_distance_m`` the distance to the outline; None if unknown.
     """
 
     held_from_grasp: Rigid3
@@ -181,11 +181,11 @@ class GraspPose:
     uncertainty: GraspUncertainty
 
     def camera_from_grasp(self, axis: RotationAxis, angle_deg: float) -> Rigid3:
-        """Return the pose in the camera frame when the item stands at a rotation."""
+        """Return the pose in the camera frame at a rotation of the item."""
         return camera_from_held(axis, angle_deg) @ self.held_from_grasp
 
     def gripper_m(self) -> Float64:
-        """Return the gripper as (6, 2, 3) line segments, held frame: fingers, bar, stem, axis, opening."""
+        """Return the gripper as (6, 2, 3) line segments, object frame: fingers, bar, stem, axis, opening."""
         half, back, stem = self.opening_m / 2, -_FINGER_M, -_FINGER_M - _STEM_M
         lines = [
             [(0, -half, 0), (0, -half, back)],
@@ -205,18 +205,18 @@ def grasp_pose(
     axis: RotationAxis,
     grip: Grip | None = None,
 ) -> GraspPose | None:
-    """Return the grasp pose of a pick, or None if its normal is not known.
+    """Return the grasp pose of a pick, or None if its normal is unknown.
 
     Parameters
     ----------
     view : FlattenedView
-        The present shape; tells outline, tangent and uncertainty if the pick is still on it.
+        The current shape; it gives outline, tangent and uncertainty if the pick still lies on it.
     position_held_m, normal_held : (3,) array
-        The pick: its point and its outward normal, held frame.
+        The pick: its point and its outward normal, object frame.
     axis : RotationAxis
-        The turning axis, held frame; tells what is level.
+        The turning axis, object frame; it gives the vertical.
     grip : Grip, optional
-        What the operator chose; by default along the outline, ``OPENING_M`` open.
+        The operator's choices; by default along the outline, ``OPENING_M`` open.
     """
     grip = grip or Grip()
     position = np.asarray(position_held_m, dtype=np.float64)
@@ -256,21 +256,21 @@ def grasp_pose(
 def axis_by_hand(
     view: FlattenedView, position_held_m: Floats, angle_deg: float
 ) -> tuple[float, float, float]:
-    """Return the axis in space (unit, held frame) of a direction drawn on the plane through a pick.
+    """Return the axis in space (unit, object frame) of a direction drawn on the plane through a pick.
 
-    ``angle_deg`` turns from u towards v, clockwise as drawn.
+    ``angle_deg`` is measured from u towards v, clockwise as drawn.
 
     Raises
     ------
     FlatclothError
-        If the angle is not finite, or the pick does not lie on the shape or on too little of it.
+        If the angle is not finite, or the pick is not on the shape or on too small a part of it.
     """
     if not math.isfinite(angle_deg):
         raise FlatclothError("The angle of the grip's axis is not a number; give degrees.")
     _, tangent = _patch_of(view, np.asarray(position_held_m, dtype=np.float64))
     if tangent is None:
         raise FlatclothError(
-            "The shape shows too little cloth around this pick to turn its axis; pick another place."
+            "There is too little cloth around this pick to turn its axis; pick another point."
         )
     angle = math.radians(angle_deg)
     axis = tangent.held_from_plane @ np.array([math.cos(angle), math.sin(angle)])
@@ -285,7 +285,7 @@ def quaternion_wxyz(rotation: Floats) -> tuple[float, float, float, float]:
 
 
 def _patch_of(view: FlattenedView, position_m: Float64) -> tuple[tuple[int, int] | None, TangentMap | None]:
-    """Return the pixel of a point and its tangent map; None where the shape does not have them."""
+    """Return the pixel of a point and its tangent map; None where the shape has none."""
     if not view.valid.any():
         return None, None
     rc, distance_m = pixel_of_point(view, position_m)
@@ -295,7 +295,7 @@ def _patch_of(view: FlattenedView, position_m: Float64) -> tuple[tuple[int, int]
 
 
 def _unit_across(vector: Float64, approach: Float64) -> Float64 | None:
-    """Return the unit part of a vector across the approach; None if nearly all of it is along it."""
+    """Return the normalised component of a vector across the approach; None if it is nearly zero."""
     across: Float64 = vector - (vector @ approach) * approach
     length = float(np.linalg.norm(across))
     if not length > 0.1 * float(np.linalg.norm(vector)):
@@ -305,7 +305,7 @@ def _unit_across(vector: Float64, approach: Float64) -> Float64 | None:
 
 def _level(axis: RotationAxis, approach: Float64) -> Float64:
     across = np.cross(axis.direction, approach)
-    if np.linalg.norm(across) < 1e-6:  # approached from above: any level direction is one
+    if np.linalg.norm(across) < 1e-6:  # approached from above: any horizontal direction will do
         across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
     unit: Float64 = across / np.linalg.norm(across)
     return unit
@@ -318,7 +318,7 @@ def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
 
 
 def _placement_std_m(view: FlattenedView, rc: tuple[int, int]) -> float:
-    # Only some ways of integrating know it.
+    # Only some methods compute it.
     return math.nan if view.placement_std_m is None else float(view.placement_std_m[rc])
 
 

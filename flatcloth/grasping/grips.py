@@ -1,4 +1,4 @@
-"""How the operator wants each pick gripped, kept beside the session's journal in ``grips.json``."""
+"""The operator's choices for gripping the picks, saved in the session folder as ``grips.json``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _File(msgspec.Struct, frozen=True):
 
 
 def read_grips(folder: Path) -> dict[int, Grip]:
-    """Return the grips that were chosen in a session folder, by the number of their pick.
+    """Return the grips saved in a session folder, by the number of their pick.
 
     Raises
     ------
@@ -58,17 +58,17 @@ def read_grips(folder: Path) -> dict[int, Grip]:
         raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
     except ValueError as error:
         raise FlatclothError(
-            f"{path}: is damaged ({error}). Delete it: every grip then follows the outline again."
+            f"{path}: is damaged ({error}). Delete it: all grips then follow the outline."
         ) from error
 
 
-class GripBook:
-    """The grips of a session; ``folder`` None keeps them in memory only. Used by one thread.
+class GripStore:
+    """The grips of a session; with ``folder`` None they are kept in memory only. Used by one thread.
 
     Raises
     ------
     FlatclothError
-        If the file that is there is damaged.
+        If the existing file is damaged.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -77,7 +77,7 @@ class GripBook:
 
     @property
     def grips(self) -> Mapping[int, Grip]:
-        """What was chosen, by the number of the pick; picks that are not in it have the default."""
+        """The chosen grips by the number of the pick; other picks have the default."""
         return MappingProxyType(self._grips)
 
     def get(self, pick_id: int) -> Grip:
@@ -85,18 +85,18 @@ class GripBook:
         return self._grips.get(pick_id, Grip())
 
     def set(self, pick_id: int, grip: Grip) -> None:
-        """Keep the grip of a pick, on disk before it counts.
+        """Set the grip of a pick and save it.
 
         Raises
         ------
         FlatclothError
-            If the opening is none a gripper has, or the file cannot be written.
+            If the opening is out of range, or the file cannot be written.
         """
         check_opening_m(grip.opening_m)
         self._write({**self._grips, pick_id: grip})
 
     def forget(self, pick_id: int) -> None:
-        """Drop the grip of a pick that was deleted.
+        """Remove the grip of a deleted pick.
 
         Raises
         ------
@@ -118,18 +118,18 @@ class GripBook:
                 replace_file(path, json.dumps(content, indent=1).encode() + b"\n")
             except OSError as error:
                 raise FlatclothError(
-                    f"{path}: cannot be written ({error.strerror}). The grip was not changed; make room."
+                    f"{path}: cannot be written ({error.strerror}). The grip is unchanged. Free disk space."
                 ) from error
         self._grips = grips
 
 
 def check_opening_m(opening_m: float) -> None:
-    """Refuse an opening that no gripper for cloth has.
+    """Raise if an opening is out of range for a gripper for cloth.
 
     Raises
     ------
     FlatclothError
-        With the range in millimetres.
+        The message gives the range in millimetres.
     """
     low, high = OPENING_RANGE_M
     if not low <= opening_m <= high:
@@ -139,7 +139,7 @@ def check_opening_m(opening_m: float) -> None:
 
 
 def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
-    """Return the grip of a pose for a page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
+    """Return the grip of a pose for the page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
     if pose is None:
         return None
     uv, about = pose.direction_uv, pose.uncertainty

@@ -1,4 +1,4 @@
-"""The hand-eye transform: where the camera stands in the robot's base frame, read from a file."""
+"""The hand-eye transform, i.e. the camera's pose in the robot's base frame, read from a file."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ FORMAT = "flatcloth-hand-eye/1"
 KEY = "base_from_camera"
 
 _TOLERANCE = 1e-3
-"""A rotation that was written with few digits is mended; one that is further off is refused."""
+"""Rotations written with few digits are corrected within this tolerance; others are refused."""
 _FURTHEST_M = 20.0
-"""No camera stands further from its robot; such a number is in millimetres."""
+"""Largest distance of a camera from its robot; larger numbers are probably millimetres."""
 
 
 _Row = tuple[Finite, Finite, Finite, Finite]
 
 
 class HandEyeError(FlatclothError):
-    """A hand-eye file that cannot be used; names the file, the cause and the remedy."""
+    """A hand-eye file cannot be used; the message gives file, cause and remedy."""
 
 
 class _File(msgspec.Struct, frozen=True):
@@ -39,7 +39,7 @@ def read_hand_eye(path: Path) -> Rigid3:
     Raises
     ------
     HandEyeError
-        If the file cannot be read, is of another format, or its matrix is no rigid motion in metres.
+        If the file cannot be read, has another format, or its matrix is not a rigid motion in metres.
     """
     try:
         raw = parse_json(read_plain(path))
@@ -64,7 +64,7 @@ def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
     Raises
     ------
     HandEyeError
-        If it is no rigid motion, or its translation is not in metres.
+        If it is not a rigid motion, or its translation is not in metres.
     """
     turn, shift = matrix[:3, :3], matrix[:3, 3]
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):

@@ -1,4 +1,4 @@
-"""Lengths on a flattened view: straight on the plane, along the cloth, and through the air as it hangs."""
+"""Lengths on a flattened view: straight on the plane, along the cloth, and straight through space."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, Uint8
 from flatcloth.flattening.resampling import sample
 
 _BRIDGED_PX = 2
-"""Cracks up to this width belong to the cloth."""
+"""Gaps up to this width count as cloth."""
 _GRID_CELLS = 200
-"""The way round is looked for on a grid of so many cells a side."""
+"""Detours are searched on a grid with this many cells per side."""
 _SMOOTHING_M = 0.022
-"""Depth noise would lengthen the way through the measured points; it is fitted over this length."""
+"""Depth noise would lengthen the path through the measured points; it is fitted over this length."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """The distance between two places of the plane.
+    """The distance between two positions of the plane.
 
-    ``flat_m`` straight on the plane. ``cloth_m`` along the cloth, as measured in space: over the straight
-    line, or, where that leaves the cloth, over the shortest way round, which is ``path_uv_m`` (K, 2).
-    ``air_m`` straight through space, as the item hangs. NaN where an end is off the cloth, ``cloth_m``
-    also where no cloth joins the ends (``path_uv_m`` is then empty).
+    ``flat_m``: straight on the plane. ``cloth_m``: along the cloth, as measured in space, over the
+    straight line or, where that leaves the cloth, over the shortest detour ``path_uv_m`` (K, 2).
+    ``air_m``: straight through space, as the item hangs. NaN if an end is off the cloth; ``cloth_m``
+    is NaN also if no cloth connects the ends (``path_uv_m`` is then empty).
     """
 
     flat_m: float
@@ -40,7 +40,7 @@ class Measured:
 
 
 def measure(view: FlattenedView, start_uv_m: Float64, end_uv_m: Float64) -> Measured:
-    """Measure between two places (2,) of the plane; see :class:`Measured`."""
+    """Measure between two positions (2,) of the plane; see :class:`Measured`."""
     flat = float(np.hypot(*(end_uv_m - start_uv_m)))
     nothing = Measured(flat_m=flat, cloth_m=math.nan, air_m=math.nan, path_uv_m=np.zeros((0, 2)))
     ends = view.rc_from_uv(np.stack([start_uv_m, end_uv_m]))
@@ -63,7 +63,7 @@ def measure(view: FlattenedView, start_uv_m: Float64, end_uv_m: Float64) -> Meas
 
 
 def _on(cloth: Uint8, rc: Float64) -> Bool:
-    """Tell which places (K, 2) lie on the cloth."""
+    """Return which positions (K, 2) lie on the cloth."""
     at = np.floor(rc + 0.5).astype(np.int64)
     inside: Bool = np.asarray(((at >= 0) & (at < cloth.shape)).all(axis=1))
     inside[inside] = cloth[at[inside, 0], at[inside, 1]] > 0
@@ -80,13 +80,13 @@ def _is_clear(cloth: Uint8, start: Float64, end: Float64) -> bool:
 
 
 def _way(cloth: Uint8, ends: Float64) -> Float64 | None:
-    """Return the shortest way (K, 2) over the cloth between two places, or None if there is none."""
+    """Return the shortest path (K, 2) over the cloth between two positions, or None if there is none."""
     if _is_clear(cloth, ends[0], ends[1]):
         return ends
     steps = _way_by_cells(cloth, ends)
     if steps is None:
         return None
-    # Pull it tight: from each corner on to the farthest place in sight.
+    # Shorten it: from each corner go straight to the farthest visible point of the path.
     path, at = [steps[0]], 0
     while at < len(steps) - 1:
         sight = (n for n in range(len(steps) - 1, at, -1) if _is_clear(cloth, steps[at], steps[n]))

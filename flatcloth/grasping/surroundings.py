@@ -1,4 +1,4 @@
-"""What lies around a pixel of a flattened view: the nearest outline, and the local map into space."""
+"""The neighbourhood of a pixel of a flattened view: the nearest outline, and the local map into space."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import ndimage
 from flatcloth.core.types import Bool, FlattenedView, Float64
 
 _OUTLINE_REACH_M = 0.015
-"""The outline's direction is that of its stretch within this distance."""
+"""The outline's direction is fitted to its part within this distance."""
 _PATCH_RADIUS_M = 0.008
 _LAYER_GAP_M = 0.010
 
@@ -20,8 +20,8 @@ _LAYER_GAP_M = 0.010
 class NearestOutline:
     """The outline of the cloth nearest to a pixel, on the plane.
 
-    ``uv_m`` its nearest point, ``distance_m`` to it, ``direction`` (2,) its unit direction there with the
-    cloth on the right hand as seen from outside, ``spread_deg`` how far it is from straight (rms).
+    ``uv_m`` its nearest point, ``distance_m`` to it, ``direction`` (2,) its unit direction there with
+    the cloth on the right as seen from outside, ``spread_deg`` its deviation from a straight line (rms).
     """
 
     uv_m: tuple[float, float]
@@ -34,9 +34,9 @@ class NearestOutline:
 class TangentMap:
     """The cloth around a pixel as a linear map from the plane to space.
 
-    ``held_from_plane`` (3, 2): metres of space, held frame, per metre of the plane;
+    ``held_from_plane`` (3, 2): metres of space, object frame, per metre of the plane;
     ``scatter_m`` rms of the measured points about a smooth patch, along its normal;
-    ``normal_spread_deg`` rms angle of the normals to their mean; ``count`` pixels.
+    ``normal_spread_deg`` rms angle of the normals to their mean; ``count`` number of pixels.
     """
 
     held_from_plane: Float64
@@ -48,8 +48,8 @@ class TangentMap:
 def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline | None:
     """Return the outline nearest to a valid pixel (row, col), or None if it is too short for a direction.
 
-    Holes inside the cloth are places that no view saw, not its outline; other pieces of cloth on
-    the plane do not count either.
+    Holes inside the cloth are unseen, not outline; other pieces of cloth on the plane do not count
+    either.
     """
     piece = _piece_around(view, rc)
     edge = piece & ndimage.binary_dilation(~np.pad(piece, 1))[1:-1, 1:-1]
@@ -61,7 +61,7 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
     near = away <= _OUTLINE_REACH_M
     if near.sum() < 3:
         return None
-    # The stretch next to the point counts most: outlines bend.
+    # The outline near the point has the largest weight, because outlines are curved.
     weight = np.exp(-np.square(away[near] / (_OUTLINE_REACH_M / 2)))
     center = np.average(uv[near], axis=0, weights=weight)
     spread, axes = np.linalg.eigh(np.cov(uv[near].T, aweights=weight))
@@ -81,7 +81,7 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
 
 
 def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
-    """Return the tangent map at a valid pixel (row, col), or None if too little cloth is around it.
+    """Return the tangent map at a valid pixel (row, col), or None if there is too little cloth around it.
 
     A quadratic in (u, v) is fitted to the points of the pixel's layer within 8 mm; the map is its
     linear part.
@@ -119,7 +119,7 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
 
 
 def _piece_around(view: FlattenedView, rc: tuple[int, int]) -> Bool:
-    """Return the piece of cloth (H, W) that a pixel lies on, its holes filled."""
+    """Return the piece of cloth (H, W) that contains a pixel, with its holes filled."""
     labels, _ = ndimage.label(view.valid, structure=np.ones((3, 3), dtype=int))
     piece: Bool = ndimage.binary_fill_holes(labels == labels[rc])
     return piece

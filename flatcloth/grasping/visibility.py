@@ -1,4 +1,4 @@
-"""Which views saw a point of the cloth, and where in their images: by the depth that they measured there."""
+"""The views that saw a point of the cloth, and its position in their images, judged by their depth."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Floats, Intrinsics, RgbdFrame, RotationAxis
 
 WINDOW_PX = 2
-"""A point is looked for this far around its place: at an outline, its own pixel may show what is behind."""
+"""Radius of the search around a point's pixel: at an outline, that pixel may show the background."""
 AGREES_M = 0.012
-"""A measurement this near to a point is of that point: depth noise and the axis' error together."""
+"""A depth this close to a point's is its measurement; covers depth noise and the axis' error."""
 GRAZING_COS = 0.15
-"""Surface that is seen more obliquely than this is hardly measured."""
+"""Surface seen at a smaller cosine of incidence is hardly measured."""
 
 
 class Sight(StrEnum):
-    """What a view shows of a point."""
+    """Visibility of a point in a view."""
 
     SEEN = "seen"
     OUTSIDE = "outside the image"
@@ -30,9 +30,9 @@ class Sight(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Projection:
-    """Where a point falls in an image: ``row``, ``col`` in pixels, its ``depth_m``, and what it shows of it.
+    """Projection of a point into an image: ``row``, ``col`` in pixels, its ``depth_m`` and visibility.
 
-    ``sight`` is ``SEEN`` as long as nothing speaks against it: the depth image was not looked at yet.
+    ``sight`` is ``SEEN`` unless the geometry excludes it; the depth image is not used yet.
     """
 
     row: float
@@ -53,13 +53,13 @@ def project(
     Parameters
     ----------
     position_held_m, normal_held : arrays (3,)
-        The point, and the outward normal of the cloth there (not finite if it is not known), held frame.
+        The point, and the outward normal of the cloth there (not finite if unknown), object frame.
     axis : RotationAxis
-        Held frame.
+        Turning axis, object frame.
     angle_deg : float
-        Of the view.
+        Angle of the view.
     camera : Intrinsics
-        Of the images.
+        Camera of the images.
     """
     place, normal = camera_from_held(axis, angle_deg).apply_with_normal(position_held_m, normal_held)
     x, y, z = (float(v) for v in place)
@@ -75,7 +75,7 @@ def project(
 
 
 def sight_in(frame: RgbdFrame, place: Projection) -> Sight:
-    """Say what a view shows of a projected point, by the depth that it measured around there."""
+    """Return the visibility of a projected point in a view, judged by the depth measured around it."""
     if place.sight is not Sight.SEEN:
         return place.sight
     row, col = round(place.row), round(place.col)

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 from flatcloth.session.document import Document, Side
 
+LEAST_COMPONENT_SHARE = 0.2
+"""Of a view's components, those with at least this share of the largest one's area are placed."""
+
 
 def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:
     """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""

@@ -1,4 +1,7 @@
-"""The only input: sources of RGB-D views, all alike to the rest of the program."""
+"""Recordings, the only input: sources of RGB-D views with a common interface.
+
+Input: a folder, a file or a bundled name. Output: a :class:`Recording`.
+"""
 
 from __future__ import annotations
 
@@ -31,19 +34,18 @@ def open_recording(
         A recording folder or a file in it, the folder or file of another program, or the name of a
         bundled recording; see ``recordings.registry``.
     options : SourceOptions, optional
-        What is known of a source that does not tell everything itself.
+        The user's information on a source that does not contain everything.
     angles : str or Path, optional
-        Short for the option: a table of angles (see ``recordings.film.angles``). A file ``angles.csv``
-        in the source's own folder needs not be named.
+        Shortcut for the option: a table of angles (see ``recordings.film.angles``). A file
+        ``angles.csv`` in the source's own folder is found without it.
     step_deg : float, optional
-        Short for the option: how far each view is turned from the one before, right-handed about the
-        upward axis.
+        Shortcut for the option: the rotation from view to view, right-handed about the upward axis.
 
     Raises
     ------
     RecordingError
-        If the source does not exist, is of no format that can be read, or is not valid; also if
-        its angles or its camera are not known, or were given although it has its own.
+        If the source does not exist, has no readable format, or is not valid; also if its angles
+        or its camera are unknown, or were given although the source contains them.
     """
     options = options or SourceOptions()
     if angles is not None:
@@ -62,12 +64,12 @@ def open_recording(
 
 
 def place_of(source: str | os.PathLike[str]) -> Path:
-    """Return the folder or file that a source is: of a bundled name, and of a list, the folder it lies in.
+    """Return the folder or file of a source: a bundled name is resolved, a list stands for its folder.
 
     Raises
     ------
     RecordingError
-        If there is none.
+        If there is no such file or folder.
     """
     path = Path(source)
     try:

@@ -1,4 +1,4 @@
-"""What every source of RGB-D views looks like to the rest of the program."""
+"""The interface that every source of RGB-D views implements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 
 
 class Recording(Protocol):
-    """A garment turned in front of a camera: a sequence of views that are read when asked for."""
+    """A garment turned in front of a camera: a sequence of views that are read on demand."""
 
     @property
     def name(self) -> str:
@@ -30,17 +30,17 @@ class Recording(Protocol):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """The camera, after lens distortion was undone."""
+        """The camera, after correction of the lens distortion."""
         ...
 
     @property
     def rotation_axis(self) -> RotationAxis | None:
-        """The turning axis in the camera frame; None if the source does not know it."""
+        """The turning axis in the camera frame; None if the source does not give it."""
         ...
 
     @property
     def held_point_m(self) -> Float64 | None:
-        """The point where the item is held, camera frame; None if the source does not know it."""
+        """The point where the item is held, camera frame; None if the source does not give it."""
         ...
 
     @property
@@ -69,9 +69,10 @@ def check_index(recording: Sized, view_index: int) -> None:
 
 
 def fingerprint(recording: Recording) -> str:
-    """Return 16 hexadecimal digits of what a recording says of itself, to recognise it after a move.
+    """Return 16 hexadecimal digits that identify a recording, also after it was moved.
 
-    Name, camera, axis, held point, angles and the presence of masks enter; place and pixels do not.
+    They depend on name, camera, axis, held point, angles and the presence of masks, not on the
+    location and the pixels.
     """
     camera, axis, held = recording.intrinsics, recording.rotation_axis, recording.held_point_m
     content = [

@@ -25,20 +25,20 @@ def copy_recording(
     Parameters
     ----------
     recording : Recording
-        Any kind; what it knows of axis, held point and masks is kept.
+        Any kind; its axis, held point and masks are copied if it has them.
     folder : path
         New or empty.
     name : str, optional
-        Instead of the recording's own.
+        Replaces the recording's own name.
     progress : callable
-        Told the share of the work.
+        Called with the share of the work done.
 
     Raises
     ------
     RecordingError
-        If a view cannot be read, or the folder cannot be written; the views before it are kept.
+        If a view cannot be read or the folder cannot be written; earlier views are kept.
     """
-    first = recording[0]  # before the folder is made: it may be that nothing can be read
+    first = recording[0]  # read before the folder is created, in case the recording cannot be read
     with RecordingWriter(
         folder,
         name=name or recording.name,
@@ -56,7 +56,7 @@ def copy_recording(
 
 
 def depth_units(depth_m: Float32) -> Uint16:
-    """Return depth (H, W) in units of ``DEPTH_SCALE_M``, 0 for what is too far for 16 bits."""
+    """Return depth (H, W) in units of ``DEPTH_SCALE_M``, 0 for depth too large for 16 bits."""
     units = np.round(depth_m.astype(np.float64) / DEPTH_SCALE_M)
     fits = np.isfinite(units) & (units > 0) & (units <= np.iinfo(np.uint16).max)
     return np.where(fits, units, 0).astype(np.uint16)

@@ -1,4 +1,4 @@
-"""Recordings of image files: a folder with ``recording.json`` (``flatcloth-recording/1``), and others."""
+"""Recordings of image files: a folder with ``recording.json`` (``flatcloth-recording/1``), or others."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from flatcloth.recordings.manifest import Manifest, ViewFiles, read_manifest
 
 
 class ImageRecording:
-    """Views in image files; opening checks everything but the pixels, reading a view checks those.
+    """Views in image files; opening checks everything but the pixels, which are checked when read.
 
     Parameters
     ----------
     manifest : Manifest
-        Which files, and what is known of them.
+        The files, and the description of the recording.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class ImageRecording:
 
     Notes
     -----
-    Opening reads the headers of all images (a few milliseconds for 36 views), and decodes none.
+    Opening reads the headers of all images (a few milliseconds for 36 views) and decodes none.
     Nothing is cached; the caller keeps the frames it needs.
     """
 
@@ -54,7 +54,7 @@ class ImageRecording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the operator must know about how it was read."""
+        """Remarks for the operator on how the recording was read."""
         return self._manifest.notes
 
     @property
@@ -64,17 +64,17 @@ class ImageRecording:
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """The camera, after lens distortion was undone."""
+        """The camera, after correction of the lens distortion."""
         return self._manifest.intrinsics
 
     @property
     def rotation_axis(self) -> RotationAxis | None:
-        """The turning axis in the camera frame; None if the recording does not tell."""
+        """The turning axis in the camera frame; None if the recording does not give it."""
         return self._manifest.rotation_axis
 
     @property
     def held_point_m(self) -> Float64 | None:
-        """The point (3,) where the item is held, camera frame; None if the recording does not tell."""
+        """The point (3,) where the item is held, camera frame; None if the recording does not give it."""
         return self._manifest.held_point_m
 
     @property
@@ -92,14 +92,14 @@ class ImageRecording:
         return len(self._manifest.views)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with lens distortion undone.
+        """Read one view, with lens distortion corrected.
 
         Raises
         ------
         IndexError
             If there is no such view; negative numbers do not count from the end.
         RecordingError
-            If an image is damaged, has changed since opening, or shows nothing.
+            If an image is damaged, has changed since opening, or has no depth.
         """
         check_index(self, view_index)
         view = self._manifest.views[view_index]
@@ -119,7 +119,7 @@ class ImageRecording:
         depth_m = depth_files.decode_depth_m(view.depth, header, self._manifest.depth_scale_m)
         depth_m = self._manifest.lens.undistort(depth_m, blend=False)
         if not depth_m.any():
-            raise RecordingError(f"{view.depth}: no depth at all, every pixel is 0. Record the view again.")
+            raise RecordingError(f"{view.depth}: no depth, every pixel is 0. Record the view again.")
         return depth_m
 
     def _read_mask(self, view: ViewFiles) -> Bool | None:
@@ -130,10 +130,10 @@ class ImageRecording:
         mask: Bool = values > 127
         if values.any() and not mask.any():
             raise RecordingError(
-                f"{view.mask}: no pixel is over 127, the largest is {values.max()}. "
+                f"{view.mask}: no pixel exceeds 127, the largest value is {values.max()}. "
                 "Mark the side of interest with 255."
             )
-        return mask  # all black where a view shows nothing of the side of interest
+        return mask  # all False if the side of interest is not visible in this view
 
     def _check(self, path: Path, check: Callable[[Path, images.ImageHeader], None]) -> None:
         header = images.read_header(path)

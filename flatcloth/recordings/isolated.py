@@ -1,7 +1,7 @@
-"""Recordings that are read in a process of their own: their libraries cannot be trusted with any file.
+"""Recordings read in a worker process, because their libraries are not safe on untrusted files.
 
-librealsense and the readers of ROS files take what a file announces at its word: a damaged or
-hostile one makes them crash, hang, or unpack gigabytes.
+librealsense and the readers of ROS files trust the sizes in a file: a damaged or malicious one
+makes them crash, hang, or allocate gigabytes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _READER = "flatcloth.recordings.reader"
 class IsolatedRecording:
     """A recording in another process; open it with one of the functions below.
 
-    The attributes are those of the recording there.
+    Its attributes are those of the recording there.
     """
 
     rotation_axis: RotationAxis | None = None
@@ -58,7 +58,7 @@ class IsolatedRecording:
         IndexError
             If there is no such view; negative numbers do not count from the end.
         RecordingError
-            If it is damaged, or the other process has ended over it.
+            If it is damaged, or the other process has ended.
         """
         check_index(self, view_index)
         arrays = self._asked({"view": view_index}, no_progress).arrays
@@ -78,17 +78,17 @@ class IsolatedRecording:
             raise RecordingError(str(error)) from error
         except ChildLostError as error:
             raise RecordingError(
-                f"{self._path}: damaged, or no recording: its reader {error}. Copy or export it again."
+                f"{self._path}: damaged, or not a recording: its reader {error}. Copy or export it again."
             ) from error
 
 
 def open_ros_isolated(path: Path, angles: GivenAngles) -> IsolatedRecording:
-    """Open a ROS recording in a process of its own; see ``ros.open_ros``.
+    """Open a ROS recording in a worker process; see ``ros.open_ros``.
 
     Raises
     ------
     RecordingError
-        As there, and if the reader does not survive the file.
+        As there, and if the worker fails on the file.
     """
     table = None if angles.table is None else str(angles.table)
     question = {"kind": "ros", "path": str(path), "table": table, "step_deg": angles.step_deg}
@@ -98,12 +98,12 @@ def open_ros_isolated(path: Path, angles: GivenAngles) -> IsolatedRecording:
 def open_realsense_isolated(
     path: Path, options: TurnOptions, progress: Progress = no_progress
 ) -> IsolatedRecording:
-    """Open a RealSense file in a process of its own; see ``turned.open_realsense``.
+    """Open a RealSense file in a worker process; see ``turned.open_realsense``.
 
     Raises
     ------
     RecordingError
-        As there, and if the reader does not survive the file.
+        As there, and if the worker fails on the file.
     """
     question = {
         "kind": "realsense",

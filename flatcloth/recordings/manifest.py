@@ -1,4 +1,4 @@
-"""``recording.json``: read strictly, every value checked, nothing decoded."""
+"""Strict reading of ``recording.json``: every value is checked, no image is decoded."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class ViewFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """A recording of image files: what ``recording.json`` says, or what was found in another folder.
+    """Description of a recording of image files, from ``recording.json`` or from another folder.
 
-    Lengths in metres, camera frame. ``truth`` is what a synthetic recording says of itself,
-    unchecked: only the evaluation reads it. ``any_depth`` allows depth in other kinds of files than
-    16-bit PNG; ``notes`` are sentences that the operator must know.
+    Lengths are in metres, camera frame. ``truth`` is a synthetic recording's own description of its
+    truth, unchecked: only the evaluation reads it. ``any_depth`` allows other depth files than 16-bit
+    PNG; ``notes`` are remarks for the operator.
     """
 
     folder: Path
@@ -65,7 +65,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     RecordingError
-        One line with the file, the cause and the remedy.
+        In one line: file, cause and remedy.
     """
     folder = folder.resolve()
     return _Reader(folder).manifest(_load(folder / HEADER))
@@ -73,7 +73,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _load(path: Path) -> Any:
     if not path.is_file():
-        raise RecordingError(f"{path}: missing. A recording is a folder with a {HEADER} in it.")
+        raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
     return load_json(path)
 
 
@@ -83,13 +83,13 @@ def load_json(path: Path) -> Any:
     Raises
     ------
     RecordingError
-        If it cannot be read, or is not JSON.
+        If it cannot be read or is not JSON.
     """
     try:
         return parse_json(read_text(path))
     except ValueError as error:  # also numbers with thousands of digits
         raise RecordingError(
-            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it there."
+            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it at this place."
         ) from error
 
 
@@ -118,7 +118,7 @@ class _View(msgspec.Struct, frozen=True):
 
 
 class _Header(msgspec.Struct, frozen=True):
-    """What ``recording.json`` may hold; what else stands there is for others."""
+    """The fields of ``recording.json`` that are used; others are ignored."""
 
     intrinsics: _Camera
     views: tuple[_View, ...]
@@ -170,16 +170,14 @@ class _Reader:
         if found == FORMAT:
             return
         if isinstance(found, str) and found.startswith("flatcloth-recording/"):
-            self._fail(f"format {_short(found)} is unknown", f"This flatcloth reads {FORMAT}: update it.")
+            self._fail(f"format {_short(found)} is unknown", f"Update flatcloth: it reads {FORMAT}.")
         self._fail(f"format is {_short(found)}", f'Expected "{FORMAT}".')
 
     def _depth_scale(self, scale: float) -> float:
         if scale == 0:
             self._fail("no depth (depth_scale_m is 0 or missing)", "flatcloth needs depth: record it.")
         if not 1e-6 <= scale <= 0.1:
-            self._fail(
-                f"depth_scale_m is {scale:g}", "It is the metres per depth unit, 0.001 for millimetres."
-            )
+            self._fail(f"depth_scale_m is {scale:g}", "Give metres per depth unit, 0.001 for millimetres.")
         return scale
 
     def _camera(self, given: _Camera) -> tuple[Intrinsics, Lens]:
@@ -211,14 +209,14 @@ class _Reader:
         direction = np.array(given.direction)
         length = math.hypot(*direction)
         if abs(length - 1) > 1e-3:
-            self._fail(f"rotation_axis.direction has length {length:g}", "It must be a unit vector.")
+            self._fail(f"rotation_axis.direction has length {length:g}", "Give a unit vector.")
         direction = direction / length
         if abs(direction[2]) > 0.9:
             self._fail(
                 "the camera looks along rotation_axis.direction", "It must see the item from the side."
             )
-        # Inside the program the axis points up (y is down): turning about the opposite direction is
-        # turning the other way.
+        # Inside the program the axis points up (y is down); a rotation about the opposite direction has
+        # the opposite sign.
         turns = -1.0 if direction[1] > 0 else 1.0
         return RotationAxis(point_m=point, direction=turns * direction), turns
 
@@ -273,5 +271,5 @@ class _Reader:
     def _point(self, value: tuple[float, float, float], where: str) -> Float64:
         point = np.array(value)
         if np.abs(point).max() > 100:
-            self._fail(f"{where} lies more than 100 m away", "It is in metres, camera frame.")
+            self._fail(f"{where} lies more than 100 m away", "Give metres, camera frame.")
         return point

@@ -1,4 +1,4 @@
-"""The process that reads a recording for ``isolated``: the program of a child, not to be imported."""
+"""Main program of the worker process that reads a recording for ``isolated``; not to be imported."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
 
 
 class _Reader:
-    """Answers the questions of ``IsolatedRecording``: the first opens, the others ask for views."""
+    """Answers the requests of ``IsolatedRecording``: the first one opens, the others read views."""
 
     def __init__(self) -> None:
         self._recording: Recording | None = None

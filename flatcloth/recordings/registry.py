@@ -1,6 +1,6 @@
-"""The formats that can be read: those of this package, and those that other packages add.
+"""The readable formats: those of this package, and those that other packages add.
 
-A package adds one by an entry point, in its ``pyproject.toml``::
+A package adds a format by an entry point in its ``pyproject.toml``::
 
     [project.entry-points."flatcloth.recordings"]
     my_data_set = "my_package.my_data_set:FORMAT"
@@ -30,29 +30,29 @@ BUILT_IN: tuple[Format, ...] = (
     realsense.FORMAT,
     ros.FORMAT,
 )
-"""In the order in which they are tried; those of other packages come after them."""
+"""In the order in which they are tried; formats of other packages come after them."""
 
 _log = logging.getLogger(__name__)
 
 
 def every_format() -> Iterator[Format]:
-    """Yield the formats of this package, then those of others, which are looked for only then."""
+    """Yield the formats of this package, then those of other packages, which are searched only then."""
     yield from BUILT_IN
     yield from _added()
 
 
 @functools.cache
 def _added() -> tuple[Format, ...]:
-    """Return the formats of other packages; one that cannot be loaded is told in the log and left out."""
+    """Return the formats of other packages; one that cannot be loaded is logged and left out."""
     found, names = [], {form.name for form in BUILT_IN}
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
         try:
             form = entry.load()
-        except Exception as error:  # noqa: BLE001 - another package's code: one that fails must not stop the others
+        except Exception as error:  # noqa: BLE001 - code of another package must not stop the others
             _log.warning("The format %s of %s cannot be loaded (%s).", entry.name, entry.value, error)
             continue
         if not isinstance(form, Format) or form.name in names:
-            cause = "has the name of another" if isinstance(form, Format) else "is no Format"
+            cause = "has the name of another format" if isinstance(form, Format) else "is not a Format"
             _log.warning("The format %s of %s %s; it is left out.", entry.name, entry.value, cause)
             continue
         names.add(form.name)
@@ -61,12 +61,12 @@ def _added() -> tuple[Format, ...]:
 
 
 def format_of(path: Path, options: SourceOptions) -> Format | None:
-    """Return the format of a source: the one that the options name, or the first that recognises it.
+    """Return the format of a source: the one named by the options, or the first that recognises it.
 
     Raises
     ------
     RecordingError
-        If the options name one that does not exist.
+        If the options name an unknown format.
     """
     if options.format is None:
         return next((form for form in every_format() if _recognises(form, path)), None)
@@ -74,7 +74,7 @@ def format_of(path: Path, options: SourceOptions) -> Format | None:
         if form.name == options.format:
             return form
     names = ", ".join(form.name for form in every_format())
-    raise RecordingError(f"--format {options.format}: there is no such format. Known are {names}.")
+    raise RecordingError(f"--format {options.format}: unknown format. Choose one of {names}.")
 
 
 def _recognises(form: Format, path: Path) -> bool:
@@ -83,17 +83,17 @@ def _recognises(form: Format, path: Path) -> bool:
     try:
         return bool(form.recognises(path))
     except Exception:  # noqa: BLE001 - another package's code
-        _log.exception("The format %s failed to look at %s.", form.name, path)
+        _log.exception("The format %s failed to examine %s.", form.name, path)
         return False
 
 
 def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
-    """Open a source by a format.
+    """Open a source with a format.
 
     Raises
     ------
     RecordingError
-        If it cannot be opened, also if a format of another package fails in any other way.
+        If it cannot be opened, also if a format of another package fails in any way.
     """
     if form in BUILT_IN:
         return form.open(path, options)
@@ -105,12 +105,12 @@ def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
         _log.exception("The format %s failed to open %s.", form.name, path)
         raise RecordingError(
             f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "
-            "Tell whoever made that format."
+            "Report this to the author of that format."
         ) from error
 
 
 def recordings_below(path: Path) -> tuple[Path, ...]:
-    """Return the sources of a data set, if a folder is one of a known layout, or a part of it."""
+    """Return the sources of a data set if a folder is one of a known layout or a part of it."""
     for form in every_format():
         if form.recordings_below is not None:
             found = tuple(form.recordings_below(path))

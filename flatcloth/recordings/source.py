@@ -1,4 +1,4 @@
-"""A source of views: what the user says about it, and what a format must answer to read it.
+"""Sources of views: the user's options, and the interface of a format that reads them.
 
 A format is one module that offers a :class:`Format`. The formats of this package are listed in
 ``recordings.registry``; another package adds its own by an entry point of the group ``flatcloth.recordings``.
@@ -22,13 +22,13 @@ SWEEPS = ("forth", "back")
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
-    """What the user says about a source; what is None was not said.
+    """The user's information on a source; None means not given.
 
-    ``angles`` is a table of angles, ``step_deg`` how far each view is turned from the one before;
-    ``camera_file`` describes the camera, ``fov_deg`` (horizontal, vertical) does so roughly.
-    ``turning_deg`` is the angle between the first and the last image of a turn, right-handed about the
-    upward axis, and ``sweep`` the part of it that is read, of data sets that turn forth and back.
-    ``format`` names the format, if it is not to be found by what is in the source.
+    ``angles`` is a table of angles, ``step_deg`` the rotation from view to view. ``camera_file``
+    describes the camera, ``fov_deg`` (horizontal, vertical) describes it approximately.
+    ``turning_deg`` is the angle between the first and the last image of a turn, right-handed about
+    the upward axis, and ``sweep`` the part that is read, for data sets that turn forth and back.
+    ``format`` names the format if it should not be recognised from the content.
     """
 
     angles: Path | None = None
@@ -41,11 +41,11 @@ class SourceOptions:
 
     @property
     def given_angles(self) -> GivenAngles:
-        """What was said about the angles."""
+        """The options about the angles."""
         return GivenAngles(table=self.angles, step_deg=self.step_deg)
 
     def refuse(self, source: str, *names: str) -> None:
-        """Complain about options that a source has no use for.
+        """Raise if options were given that do not apply to a source.
 
         Raises
         ------
@@ -57,24 +57,24 @@ class SourceOptions:
                 raise RecordingError(f"{source}: {_REFUSED[name]}. Leave out {OPTION_NAMES[name]}.")
 
     def refuse_together(self, name: str, *others: str) -> None:
-        """Complain if options were given that say the same in two ways.
+        """Raise if options were given that contradict each other.
 
         Raises
         ------
         RecordingError
-            If this option was given, and one of the others too.
+            If this option was given together with one of the others.
         """
         for other in others:
             if getattr(self, name) is not None and getattr(self, other) is not None:
-                pair = f"{OPTION_NAMES[name]} was given together with {OPTION_NAMES[other]}"
-                raise RecordingError(f"{pair}. Give one of them.")
+                pair = f"{OPTION_NAMES[name]} given together with {OPTION_NAMES[other]}"
+                raise RecordingError(f"{pair}. Give only one of them.")
 
     def files(self) -> tuple[Path, ...]:
-        """Return the files that the options name."""
+        """Return the files named by the options."""
         return tuple(path for path in (self.angles, self.camera_file) if path is not None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was said, for JSON; the paths are absolute."""
+        """Return the given options for JSON; paths are absolute."""
         said: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -86,28 +86,26 @@ class SourceOptions:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str, beside: Path | None = None) -> SourceOptions:
-        """Read options from a table: of JSON, or of text as a CSV file has it; empty text says nothing.
+        """Read options from a table, of JSON or of a CSV file, in which empty text means not given.
 
         Parameters
         ----------
         values : mapping
             Option name to value.
         where : str
-            The place, for messages.
+            The table's place, for messages.
         beside : Path, optional
-            The folder that relative paths start from.
+            Base folder of relative paths.
 
         Raises
         ------
         RecordingError
-            If a name is unknown, or a value does not fit.
+            If a name is unknown or a value is invalid.
         """
         known = {name: value for name, value in values.items() if value not in (None, "")}
         unknown = sorted(set(known) - set(_READ))
         if unknown:
-            raise RecordingError(
-                f"{where}: no option is called {unknown[0]!r}. Known are {', '.join(_READ)}."
-            )
+            raise RecordingError(f"{where}: unknown option {unknown[0]!r}. Known are {', '.join(_READ)}.")
         made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
         for name in ("angles", "camera_file"):
             if name in made and beside is not None:
@@ -124,14 +122,14 @@ OPTION_NAMES = {
     "sweep": "--sweep",
     "format": "--format",
 }
-"""How the command line calls each option."""
+"""Names of the options on the command line."""
 
 _REFUSED = {
-    "angles": "has its own angles",
-    "step_deg": "has its own angles",
-    "camera_file": "describes its camera itself",
-    "fov_deg": "describes its camera itself",
-    "turning_deg": "has no turn of a known number of images",
+    "angles": "contains its angles",
+    "step_deg": "contains its angles",
+    "camera_file": "contains its camera",
+    "fov_deg": "contains its camera",
+    "turning_deg": "does not have a known number of images per turn",
     "sweep": "does not turn forth and back",
 }
 
@@ -145,13 +143,13 @@ class Format:
     name : str
         One word, for ``--format`` and for manifests.
     what : str
-        How messages call such a source: "a TUM RGB-D folder".
+        Description of such a source in messages: "a TUM RGB-D folder".
     recognises : callable
-        Whether a path is such a source; quick, and without an error for any path.
+        Returns whether a path is such a source; must be quick and must not raise.
     open : callable
-        Opens it; raises ``RecordingError`` in one line, ``<file>: cause. remedy.``
+        Opens a source; raises ``RecordingError`` with one line, ``<file>: cause. remedy.``
     recordings_below : callable, optional
-        Of a data set: the sources in a folder of it, in order; none if the folder is none of it.
+        For data sets: returns the sources in a folder, in order; none if it is not such a folder.
     """
 
     name: str
@@ -190,7 +188,7 @@ def _pair(value: Any, where: str) -> tuple[float, float]:
 
 def _sweep(value: Any, where: str) -> str:
     if value not in SWEEPS:
-        raise RecordingError(f"{where} is not known. It is one of {', '.join(SWEEPS)}.")
+        raise RecordingError(f"{where} is unknown. Choose one of {', '.join(SWEEPS)}.")
     return str(value)
 
 

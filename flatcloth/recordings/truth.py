@@ -1,4 +1,4 @@
-"""The truth of a synthetic recording: for the evaluation only, never for the method."""
+"""The truth of a synthetic recording; only the evaluation uses it, never the method."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _OUTER_FACE = 16
 
 @dataclass(frozen=True, kw_only=True)
 class TrueView:
-    """What one view truly shows.
+    """The true content of one view.
 
     ``panel`` (H, W) uint8: 1 front, 2 back, 0 none; ``outer_face`` (H, W) bool: True where the
-    panel is seen from outside; ``flat_uv_m`` (H, W, 2) float32: true place on the flattened plane
+    panel is seen from outside; ``flat_uv_m`` (H, W, 2) float32: true position on the flattened plane
     (u right, v down, seen from outside), up to one rigid motion; NaN where there is no panel.
     """
 
@@ -39,11 +39,11 @@ class Truth:
         self._manifest = manifest
         header, file = manifest.truth, manifest.folder / HEADER
         if header is None or any(v.truth is None for v in manifest.views):
-            raise RecordingError(f"{file}: has no truth. Only synthetic recordings can be evaluated.")
+            raise RecordingError(f"{file}: has no truth. Only a synthetic recording can be evaluated.")
         panel = header.get("panel_of_interest") if isinstance(header, dict) else None
         if isinstance(panel, bool) or panel not in (1, 2):
             raise RecordingError(
-                f"{file}: truth.panel_of_interest is not 1 (front) or 2 (back). Say which panel is meant."
+                f"{file}: truth.panel_of_interest is not 1 (front) or 2 (back). Set one of them."
             )
         self.panel_of_interest: int = panel
         self.garment = str(header.get("garment", ""))
@@ -65,7 +65,7 @@ class Truth:
         """
         check_index(self, view_index)
         path = self._manifest.views[view_index].truth
-        assert path is not None  # the constructor has seen to it
+        assert path is not None  # checked by the constructor
         header = images.read_header(path)
         images.check_truth(path, header)
         images.check_size(path, header, self._manifest.intrinsics)
@@ -84,6 +84,6 @@ def read_truth(folder: str | Path) -> Truth:
     Raises
     ------
     RecordingError
-        If the folder is no recording, or has no truth.
+        If the folder is not a recording, or has no truth.
     """
     return Truth(read_manifest(Path(folder)))

@@ -1,7 +1,7 @@
-"""Writes a recording folder (``flatcloth-recording/1``), view by view, so that a crash loses none.
+"""Writes a recording folder (``flatcloth-recording/1``) view by view, safe against crashes.
 
-A view counts once ``recording.json`` lists it; its images are on disk by then, and the header is
-replaced in one step. Images that a crash left beside the header are written over when it is resumed.
+A view is part of the recording when ``recording.json`` lists it. Its images are on disk by then, and
+the header is replaced atomically. Images left over from a crash are overwritten on resuming.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from flatcloth.recordings.manifest import FORMAT, HEADER
 Uint16 = NDArray[np.uint16]
 
 ANGLE_TOLERANCE_DEG = 0.01
-"""Two views closer than this, modulo a full turn, are one to whoever reads the folder."""
+"""Readers treat two views closer than this, modulo a full turn, as one."""
 
 _PNG_LEVEL = 3
 _SAME_CAMERA_PX = 1e-3
@@ -52,7 +52,7 @@ class _Camera(msgspec.Struct, frozen=True):
 
 
 class _Kept(msgspec.Struct, frozen=True):
-    """What must be alike in a recording that is gone on with."""
+    """The part of a header that must match on resuming."""
 
     format: str
     intrinsics: _Camera
@@ -61,32 +61,32 @@ class _Kept(msgspec.Struct, frozen=True):
 
 
 class RecordingWriter:
-    """Creates a recording folder, or goes on with one; a context manager.
+    """Creates or resumes a recording folder; a context manager.
 
     Parameters
     ----------
     folder : Path
-        Made if it is missing. It must be empty, or hold a recording and ``resume`` be set.
+        Created if missing. It must be empty, or contain a recording if ``resume`` is set.
     name, description : str
         A title of a few words, and a sentence.
     intrinsics : Intrinsics
-        Of the images, which are registered and free of distortion.
+        Camera of the images, which are registered and free of distortion.
     depth_scale_m : float
         Metres per unit of the depth images.
     rotation_axis : RotationAxis, optional
-        Camera frame; without it whoever reads the recording estimates it.
+        Camera frame; without it readers estimate the axis.
     held_point_m : array (3,), optional
         Where the item is held, camera frame.
     truth_header : dict, optional
         ``garment``, ``held_at``, ``panel_of_interest`` of a synthetic recording.
     resume : bool
-        Append to the recording that is there; its own header stays.
+        Append to the existing recording and keep its header.
 
     Raises
     ------
     RecordingError
-        If the folder is not empty (or, resuming, holds something else or another camera's
-        recording), is being written by another process, or cannot be written.
+        If the folder is not empty (or, on resuming, holds something else or a recording of another
+        camera), is being written by another process, or cannot be written.
 
     Notes
     -----
@@ -150,12 +150,12 @@ class RecordingWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let others have the folder."""
+        """Release the folder."""
         self.close()
 
     @property
     def folder(self) -> Path:
-        """Where it writes."""
+        """The folder being written."""
         return self._folder
 
     @property
@@ -164,7 +164,7 @@ class RecordingWriter:
         return tuple(float(view["angle_deg"]) for view in self._views)
 
     def has_angle(self, angle_deg: float) -> bool:
-        """Say whether a view at this angle (modulo a full turn) is on disk."""
+        """Return whether a view at this angle (modulo a full turn) is on disk."""
         return any(abs(_apart_deg(angle_deg, a)) < ANGLE_TOLERANCE_DEG for a in self.angles_deg)
 
     def add(
@@ -175,7 +175,7 @@ class RecordingWriter:
         mask: Bool | Uint8 | None = None,
         truth_bgr: Uint16 | None = None,
     ) -> int:
-        """Write one view and return its number; when this returns, a crash does not lose it.
+        """Write one view and return its number; it is then safe against a crash.
 
         Parameters
         ----------
@@ -188,13 +188,13 @@ class RecordingWriter:
         mask : array (H, W) bool or uint8, optional
             True or 255 on the side of interest. All views have one, or none.
         truth_bgr : array (H, W, 3) uint16, optional
-            As the format says, channels B, G, R. All views have one, or none.
+            As the format describes, channels B, G, R. All views have one, or none.
 
         Raises
         ------
         RecordingError
-            If the angle is taken, an image is of the wrong shape or type or shows no depth, or the
-            view cannot be written; the recording then is as before.
+            If the angle exists already, an image has the wrong shape or type or no depth, or the
+            view cannot be written; the recording then stays unchanged.
         """
         index = len(self._views)
         images: dict[str, Any] = {
@@ -218,13 +218,13 @@ class RecordingWriter:
         except OSError as error:
             raise RecordingError(
                 f"{self._folder}: view {index} cannot be written ({error.strerror}). "
-                "The views before it are safe; make room and repeat it."
+                "Earlier views are saved; free disk space and repeat it."
             ) from error
         self._views.append(view)
         return index
 
     def close(self) -> None:
-        """Let another process have the folder; harmless when repeated."""
+        """Release the folder for other processes; may be called repeatedly."""
         if self._lock_fd is not None:
             os.close(self._lock_fd)
             self._lock_fd = None
@@ -238,32 +238,32 @@ class RecordingWriter:
             fcntl.flock(self._lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise RecordingError(
-                f"{self._folder}: another flatcloth is writing it. End that one, or choose another folder."
+                f"{self._folder}: another flatcloth is writing to it. End that one, or choose another folder."
             ) from error
         path = self._folder / HEADER
         if path.exists():
             if not resume:
                 raise RecordingError(
-                    f"{self._folder}: has a recording in it. Choose another folder; "
-                    "record --resume goes on with one."
+                    f"{self._folder}: contains a recording. Choose another folder, or "
+                    "continue it with record --resume."
                 )
             self._take_up(path)
             return
         if any(self._folder.iterdir()):
             raise RecordingError(f"{self._folder}: not empty. Choose a new or an empty folder.")
-        # Even without a view it is now known whose folder this is.
+        # Claim the folder before the first view.
         self._write_header([])
 
     def _take_up(self, path: Path) -> None:
         try:
-            # Only what is gone on with is looked at here; the rest is, where the recording is read.
+            # Only this part is checked here; reading the recording checks the rest.
             header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
             kept = fitted(header, _Kept)
             if kept.views:
-                FolderRecording(self._folder)  # says what is wrong with it
+                FolderRecording(self._folder)  # raises the error
         except ValueError as error:
             raise RecordingError(
-                f"{path}: no recording that can be gone on with ({error}). Choose another folder."
+                f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
         own = fitted(self._header, _Kept)
         same = kept.format == FORMAT and math.isclose(kept.depth_scale_m, own.depth_scale_m, rel_tol=1e-6)
@@ -279,7 +279,7 @@ class RecordingWriter:
         replace_file(self._folder / HEADER, text.encode())
 
     def _free_stem(self) -> str:
-        # A recording that was edited by hand may use any name for any view.
+        # A recording that was edited by hand may use any file name for any view.
         used = {Path(str(file)).stem for view in self._views for file in view.values()}
         return next(stem for n in itertools.count(len(self._views)) if (stem := f"{n:03d}") not in used)
 
@@ -300,18 +300,18 @@ class RecordingWriter:
     def _check_view(self, angle_deg: float, images: dict[str, Any]) -> None:
         where = f"{self._folder}: view {len(self._views)}"
         if self._lock_fd is None:
-            raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume.")
+            raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume=True.")
         if len(self._views) >= MAX_VIEWS:
-            raise RecordingError(f"{where} is more than the {MAX_VIEWS} a recording may have.")
+            raise RecordingError(f"{where} exceeds the limit of {MAX_VIEWS} views.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
         if self.has_angle(angle_deg):
             raise RecordingError(
-                f"{where} has an angle that is there already ({angle_deg:g} degrees). "
-                "Every view needs its own, also modulo 360."
+                f"{where} repeats an angle ({angle_deg:g} degrees). "
+                "Every view needs its own angle, also modulo 360."
             )
         if not images["depth"].any():
-            raise RecordingError(f"{where} has no depth at all, every pixel is 0. Record it again.")
+            raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
         for kind in ("mask", "truth"):
             if self._views and (kind in self._views[0]) != (kind in images):
                 which = "no" if kind in self._views[0] else "a"

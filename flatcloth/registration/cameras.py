@@ -16,13 +16,13 @@ from functools import cached_property
 
 import numpy as np
 
-from flatcloth.core.config import RegistrationConfig
 from flatcloth.core.geometry import Rigid3, held_from_camera
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.registration.pairwise import PairFit, fit_pair
 from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
+    PosePrior,
     at_center,
     chances,
     grades,
@@ -33,7 +33,22 @@ from flatcloth.registration.pose_prior import (
     twist_of,
     variances,
 )
-from flatcloth.registration.view_features import UNKNOWNS, Scan, scan
+from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
+
+_LOOSE_TURN_DEG = 0.4
+"""The known rotation is kept unless the views say that angles, ..."""
+_LOOSE_AXIS_M = 0.0025
+"""... axis ..."""
+_LOOSE_SWING_DEG = 0.5
+"""... or swing are off by more than this."""
+MOST_APART_DEG = 65.0
+"""Views that look from farther apart than this show little of the same cloth."""
+_MOST_PARTNERS = 6
+"""A view is compared with at most so many."""
+_REFITS = 3
+"""How often pairs are registered anew after a view was added, ..."""
+_REFIT_FATTENING_PX = 0.15
+"""... if the fattening has changed by more than this."""
 
 __all__ = [
     "Registered",
@@ -42,7 +57,6 @@ __all__ = [
     "describe",
     "extend_registration",
     "register_all",
-    "scan",
 ]
 
 _SHARED, _EACH = np.arange(COMMON), np.arange(OWN)
@@ -90,8 +104,8 @@ class Registered:
 
     axis: RotationAxis
     held_point_m: Float64
-    config: RegistrationConfig
-    scans: tuple[Scan, ...] = ()
+    prior: PosePrior
+    features: tuple[ViewFeatures, ...] = ()
     known: tuple[Rigid3, ...] = ()
     jacobians: tuple[Float64, ...] = ()
     pairs: tuple[PairFit, ...] = ()
@@ -108,14 +122,14 @@ class Registered:
     @property
     def looseness(self) -> tuple[float, float, float]:
         """How loose the recording seems: standard deviations of turn (deg), axis (m) and swing (deg)."""
-        turn, axis, swing = np.sqrt(self.posterior @ np.square(grades(self.config)))
+        turn, axis, swing = np.sqrt(self.posterior @ np.square(grades(self.prior)))
         return math.degrees(turn), float(axis), math.degrees(swing)
 
     @property
     def is_loose(self) -> bool:
         """Whether the views say that they do not stand as recorded."""
-        (turn_deg, axis_m, swing_deg), c = self.looseness, self.config
-        return turn_deg > c.loose_turn_deg or axis_m > c.loose_axis_m or swing_deg > c.loose_swing_deg
+        turn_deg, axis_m, swing_deg = self.looseness
+        return turn_deg > _LOOSE_TURN_DEG or axis_m > _LOOSE_AXIS_M or swing_deg > _LOOSE_SWING_DEG
 
     @property
     def fattening_px(self) -> float:
@@ -140,13 +154,13 @@ class Registered:
     @cached_property
     def held_from_camera(self) -> tuple[Rigid3, ...]:
         """Where the camera of each view stands."""
-        angles_deg = [seen.angle_deg for seen in self.scans]
+        angles_deg = [seen.angle_deg for seen in self.features]
         return poses(self.axis, self.held_point_m, angles_deg, self.common, self.own)
 
     @cached_property
     def views(self) -> tuple[Registration, ...]:
         """Each view's report, in order of acceptance."""
-        return tuple(_report(self, n) for n in range(len(self.scans)))
+        return tuple(_report(self, n) for n in range(len(self.features)))
 
 
 def describe(registered: Registered) -> str:
@@ -165,7 +179,9 @@ def describe(registered: Registered) -> str:
     )
 
 
-def begin_registration(axis: RotationAxis, held_point_m: Float64, config: RegistrationConfig) -> Registered:
+def begin_registration(
+    axis: RotationAxis, held_point_m: Float64, prior: PosePrior | None = None
+) -> Registered:
     """Return the registration of no view yet.
 
     Parameters
@@ -174,31 +190,35 @@ def begin_registration(axis: RotationAxis, held_point_m: Float64, config: Regist
         As known, camera frame of view 0.
     held_point_m : (3,) float64
         Where the item is held, camera frame of view 0: about it, it swings.
-    config : RegistrationConfig
-        How loose recordings may be.
+    prior : PosePrior, optional
+        How far recordings may be off.
     """
+    prior = prior or PosePrior()
     return Registered(
         axis=axis,
         held_point_m=np.asarray(held_point_m, dtype=np.float64),
-        config=config,
+        prior=prior,
         common=np.zeros(COMMON),
         own=np.zeros((0, OWN)),
-        covariance=np.diag(variances(0, grades(config)[-1], config)),
-        posterior=chances(config),
+        covariance=np.diag(variances(0, grades(prior)[-1], prior)),
+        posterior=chances(prior),
     )
 
 
 def register_all(
-    scans: Sequence[Scan], axis: RotationAxis, held_point_m: Float64, config: RegistrationConfig
+    features: Sequence[ViewFeatures],
+    axis: RotationAxis,
+    held_point_m: Float64,
+    prior: PosePrior | None = None,
 ) -> Registered:
     """Register views in order; see :func:`begin_registration` and :func:`extend_registration`."""
-    registered = begin_registration(axis, held_point_m, config)
-    for seen in scans:
+    registered = begin_registration(axis, held_point_m, prior)
+    for seen in features:
         registered = extend_registration(registered, seen)
     return registered
 
 
-def extend_registration(registered: Registered, new: Scan) -> Registered:
+def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
     """Add a view; the poses of all views are found anew.
 
     Parameters
@@ -219,19 +239,19 @@ def extend_registration(registered: Registered, new: Scan) -> Registered:
     Only the new pairs are compared, and those old ones that were compared at another fattening.
     Costs 10 ms for a garment of 12 views, up to 35 ms at 36 views in steps of 10 degrees.
     """
-    config, n = registered.config, len(registered.scans)
+    n = len(registered.features)
     known = held_from_camera(registered.axis, new.angle_deg)
     own = np.concatenate([registered.own, np.zeros((1, OWN))])
     grown = replace(
         registered,
-        scans=(*registered.scans, new),
+        features=(*registered.features, new),
         known=(*registered.known, known),
         jacobians=(*registered.jacobians, jacobian(registered.axis, registered.held_point_m, new.angle_deg)),
         own=own,
     )
     fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
     grown = _solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None))))
-    for _ in range(config.refits):
+    for _ in range(_REFITS):
         stale = [p for p in grown.pairs if _stale(grown, p)]
         if not stale:
             break
@@ -245,12 +265,12 @@ def _partners(registered: Registered, n: int) -> list[int]:
     """Return the views that look from near enough, nearest first."""
     looks = np.array([held.rotation[:, 2] for held in registered.known])
     cos = looks[:n] @ looks[n]
-    order = np.argsort(-cos, kind="stable")[: registered.config.most_partners]
-    return [int(i) for i in order if cos[i] >= math.cos(math.radians(registered.config.most_apart_deg))]
+    order = np.argsort(-cos, kind="stable")[:_MOST_PARTNERS]
+    return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
 
 
 def _fitted(registered: Registered, first: int, second: int, before: PairFit | None) -> PairFit | None:
-    one, other = registered.scans[first], registered.scans[second]
+    one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
     if before is None:
         center: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
@@ -261,8 +281,7 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
         (one, other),
         held,
         (first, second),
-        pair_covariance(registered.jacobians[first], registered.jacobians[second], center, registered.config),
-        registered.config,
+        pair_covariance(registered.jacobians[first], registered.jacobians[second], center, registered.prior),
         center_m=center,
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
@@ -270,14 +289,13 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     )
 
 
-def _middle(seen: Scan, held: Rigid3) -> Float64:
+def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
     return held.apply(np.median(seen.points_m, axis=0))
 
 
 def _stale(registered: Registered, pair: PairFit) -> bool:
     """Whether a pair's quadratic form was found too far from where it is used."""
-    config = registered.config
-    return abs(registered.fattening_px - pair.fattening_px) > config.refit_fattening_px
+    return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
 
 
 # ------------------------------------------------------------------ all pairs together
@@ -285,14 +303,14 @@ def _stale(registered: Registered, pair: PairFit) -> bool:
 
 def _solved(registered: Registered) -> Registered:
     """Find the unknowns that explain all pairs, averaged over how loose the recording may be."""
-    config, n = registered.config, len(registered.scans)
-    grid, chance = grades(config), chances(config)
+    prior, n = registered.prior, len(registered.features)
+    grid, chance = grades(prior), chances(prior)
     shares = _shares(registered)
     posterior = registered.posterior
     for step in range(_STEPS):  # Gauss-Newton; all grades of looseness are weighed in the last only
         last = step == _STEPS - 1
         used = np.arange(len(grid)) if last else np.flatnonzero(posterior)
-        root = np.sqrt([variances(n, grid[k], config) for k in used])
+        root = np.sqrt([variances(n, grid[k], prior) for k in used])
         x = np.concatenate([registered.common, registered.own.ravel()])
         matrix, right = _assembled(registered, shares, trusting=step == 0)
         right = right + matrix @ x
@@ -322,10 +340,10 @@ def _solved(registered: Registered) -> Registered:
 
 def _shares(registered: Registered) -> Float64:
     """Weights (P,) of the pairs: k views of the same cloth make k (k - 1) / 2 pairs, but k measurements."""
-    sees = np.ones(len(registered.scans))
+    sees = np.ones(len(registered.features))
     for p in registered.pairs:
         for view in (p.first, p.second):
-            sees[view] += min(1.0, 0.5 * p.count / len(registered.scans[view].points_m))
+            sees[view] += min(1.0, 0.5 * p.count / len(registered.features[view].points_m))
     return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in registered.pairs])
 
 
@@ -334,7 +352,7 @@ def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tu
 
     Unless trusting, a pair that contradicts the others loses its weight (Student's t).
     """
-    size = COMMON + OWN * len(registered.scans)
+    size = COMMON + OWN * len(registered.features)
     matrix, right = np.zeros((size, size)), np.zeros(size)
     moved = zip(registered.held_from_camera, registered.known, strict=True)
     corrections = [now @ known.inverse() for now, known in moved]
@@ -359,8 +377,8 @@ def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tu
 
 
 def _report(registered: Registered, n: int) -> Registration:
-    seen, known, pose = registered.scans[n], registered.known[n], registered.held_from_camera[n]
-    own, middle = registered.own[n], _middle(registered.scans[n], registered.known[n])
+    seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
+    own, middle = registered.own[n], _middle(registered.features[n], registered.known[n])
     pairs = [p for p in registered.pairs if n in (p.first, p.second)]
     partners = [p.second if p.first == n else p.first for p in pairs]
     counts = np.array([float(p.count) for p in pairs])
@@ -382,7 +400,7 @@ def _report(registered: Registered, n: int) -> Registration:
         moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
         std_deg=np.degrees(std[:3]),
         std_m=std[3:],
-        views=tuple(registered.scans[i].view_index for i in partners),
+        views=tuple(registered.features[i].view_index for i in partners),
         points=int(counts.sum()),
         distance_m=(typical[0], typical[1]),
     )

@@ -12,11 +12,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.core.config import RegistrationConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64
 from flatcloth.registration.pose_prior import motion
-from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, Scan, compare
+from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, ViewFeatures, compare
+
+_SEARCH_RADIUS_M = 0.02
+"""Points farther from the other surface than this are no pair; less from round to round, ..."""
+_LEAST_SEARCH_RADIUS_M = 0.005
+"""... but not less than this."""
+_ROUNDS = 6
+"""Steps with half of the points to register a pair of views, ..."""
+_FINE_ROUNDS = 3
+"""... and with all of them; these alone to register it anew nearby."""
+LEAST_POINTS = 60
+"""Views with fewer points in common, counted both ways, are not compared."""
+_MOST_SURPRISE = 40.0
+"""A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
+_DISTANCE_STD_M = 0.0003
+"""Distance of equal cloth in two views without noise."""
+_SHADING_STD = 0.15
+"""By this share the brightness may differ between views besides: folds are shaded by the lamp."""
+_NOISE_INFLATION = 2.0
+"""... and their variance is so many times larger than that tells."""
+_PART_STD_M = 0.0001
+"""Over that size, cloth may lie this far off its place in another view, systematically, ..."""
+_PART_NOISE = 0.4
+"""... and this share of the noise more."""
 
 _REACH_SHRINKS = 0.75
 _STILL = 2e-5
@@ -51,11 +73,10 @@ class PairFit:
 
 
 def fit_pair(
-    scans: tuple[Scan, Scan],
+    features: tuple[ViewFeatures, ViewFeatures],
     held: tuple[Rigid3, Rigid3],
     numbers: tuple[int, int],
     covariance: Float64,
-    config: RegistrationConfig,
     *,
     center_m: Float64,
     fattening_px: float,
@@ -74,8 +95,6 @@ def fit_pair(
         What they are called.
     covariance : (6, 6) float64
         Of the motion, before anything is compared.
-    config : RegistrationConfig
-        Limits.
     center_m : (3,) float64
         About it the motion turns, held frame.
     fattening_px : float
@@ -91,26 +110,26 @@ def fit_pair(
         None if they have too little in common, or agree only where they cannot stand.
     """
     precision = np.linalg.inv(covariance)
-    noise_m = max(seen.surface.noise_m for seen in scans)
-    plan, spread = _rounds(config, before)
+    noise_m = max(seen.surface.noise_m for seen in features)
+    plan, spread = _rounds(before)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()
     for n, (reach_m, every) in enumerate(plan):
         found = compare(
-            scans[0], scans[1], motion(twist, center_m) @ held[0], held[1], center_m, fattening_px, reach_m,
-            spread, config, every,
+            features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
+            fattening_px, reach_m, spread, every,
         )  # fmt: skip
-        if found.count * every < config.least_points:
+        if found.count * every < LEAST_POINTS:
             return None
         if n == 0 and before is None:
             at_first = float(found.spread[0])
-        matrix, gradient = _weighed(found, spread, noise_m, config)
-        spread = _usual(found.spread, config)
+        matrix, gradient = _weighed(found, spread, noise_m)
+        spread = _usual(found.spread)
         step = -np.linalg.solve(matrix[:6, :6] + precision, gradient[:6] + precision @ twist)
         if n == len(plan) - 1 or (every == 1 and np.abs(step).max() < _STILL):
             break
         twist = twist + step
-    if float(twist @ precision @ twist) > config.most_surprise:
+    if float(twist @ precision @ twist) > _MOST_SURPRISE:
         return None  # other cloth that happens to fit
     return PairFit(
         first=numbers[0],
@@ -127,28 +146,26 @@ def fit_pair(
     )
 
 
-def _rounds(config: RegistrationConfig, before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
+def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
     """Return reach and thinning of each round, and which differences (4,) are usual at first."""
-    fine = [(config.least_reach_m, 1)] * config.fine_rounds
+    fine = [(_LEAST_SEARCH_RADIUS_M, 1)] * _FINE_ROUNDS
     if before is not None:
         return fine, before.spread
-    reaches = [max(config.least_reach_m, config.reach_m * _REACH_SHRINKS**n) for n in range(config.rounds)]
+    reaches = [max(_LEAST_SEARCH_RADIUS_M, _SEARCH_RADIUS_M * _REACH_SHRINKS**n) for n in range(_ROUNDS)]
     spread = np.zeros(TERMS)
-    spread[0] = config.reach_m / 3
+    spread[0] = _SEARCH_RADIUS_M / 3
     return [*((reach_m, 2) for reach_m in reaches), *fine], spread
 
 
-def _usual(found: Float64, config: RegistrationConfig) -> Float64:
+def _usual(found: Float64) -> Float64:
     """Return which differences (4,) are usual, given those found; 0 where there were none."""
-    least = np.array([config.distance_std_m, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
+    least = np.array([_DISTANCE_STD_M, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
     usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
-    usual[1] = math.hypot(usual[1], config.shading_std) if usual[1] > 0 else 0.0
+    usual[1] = math.hypot(usual[1], _SHADING_STD) if usual[1] > 0 else 0.0
     return usual
 
 
-def _weighed(
-    found: Agreement, spread: Float64, noise_m: float, config: RegistrationConfig
-) -> tuple[Float64, Float64]:
+def _weighed(found: Agreement, spread: Float64, noise_m: float) -> tuple[Float64, Float64]:
     """Sum the terms, each with the weight that its errors deserve.
 
     A texture of correlation r is signal by the share r only, and so is its slope: what looks like
@@ -161,10 +178,10 @@ def _weighed(
     precision = 1.0 / np.square(spread[used])
     inflation = _inflation(found.matrix[used, :6, :6], found.scores[used, :, :6], precision)
     # The scores of 6 unknowns that were fitted to few parts scatter too little.
-    inflation *= config.noise_inflation * parts / max(parts - 6.0, 1.0)
+    inflation *= _NOISE_INFLATION * parts / max(parts - 6.0, 1.0)
     matrix = np.tensordot(share**2 * precision / inflation, found.matrix[used], axes=1)
     gradient = share * precision / inflation @ found.gradient[used]
-    off_m = config.part_std_m + config.part_noise * noise_m
+    off_m = _PART_STD_M + _PART_NOISE * noise_m
     limit = parts / found.count / off_m**2 * found.inertia
     # The motion may be off by an error of precision L: the form is minimised over that.
     gain = np.linalg.solve(matrix[:6, :6] + limit, np.column_stack([matrix[:6], gradient[:6]]))

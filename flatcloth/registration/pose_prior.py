@@ -9,16 +9,42 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flatcloth.core.config import RegistrationConfig
 from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 
 COMMON, OWN = 5, 3
 """Unknowns: shift (2) and tilt (2) of the axis and the fattening; turn and swing (2) of each view."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosePrior:
+    """How far recordings may be off, before anything is compared.
+
+    The levels are a grid of hypotheses, from what a turntable with a calibrated axis reaches to what the
+    recordings ``*-loose`` and hand-turned items show; ``python -m benchmarks registration`` measures the
+    poses that come of it.
+    """
+
+    turn_stds_deg: tuple[float, ...] = (0.03, 0.2, 0.6, 1.5)
+    """Standard deviations of the recorded angles that are considered."""
+    axis_stds_m: tuple[float, ...] = (0.0001, 0.001, 0.006)
+    """Those of the axis's place."""
+    swing_stds_deg: tuple[float, ...] = (0.02, 0.15, 0.8)
+    """Those of the item's swing about the held point, from view to view."""
+    axis_length_m: float = 0.35
+    """The axis may be tilted by its error in place over this length: about half a garment."""
+    exact_chance: float = 0.5
+    """Prior probability that all three are the least."""
+    fattening_std_px: float = 1.0
+    """Standard deviation of the edge fattening, by which a stereo sensor makes near surfaces larger."""
+    any_turn_std_deg: float = 0.02
+    """Rotation of a pair of views that none of the above explains: the cloth deforms a little, ..."""
+    any_shift_std_m: float = 0.0001
+    """... and its shift."""
 
 
 def motion(twist: Float64, center_m: Float64) -> Rigid3:
@@ -83,47 +109,47 @@ def at_center(derivative: Float64, center_m: Float64) -> Float64:
     return there
 
 
-def grades(config: RegistrationConfig) -> Float64:
+def grades(prior: PosePrior) -> Float64:
     """Return how loose recordings may be (G, 3): deviations of turn (rad), axis (m) and swing (rad).
 
     The first is exact, the last the loosest.
     """
     levels = [
-        np.radians(config.turn_stds_deg),
-        np.array(config.axis_stds_m),
-        np.radians(config.swing_stds_deg),
+        np.radians(prior.turn_stds_deg),
+        np.array(prior.axis_stds_m),
+        np.radians(prior.swing_stds_deg),
     ]
     return np.array(list(itertools.product(*levels)))
 
 
-def chances(config: RegistrationConfig) -> Float64:
+def chances(prior: PosePrior) -> Float64:
     """Return how likely (G,) each grade is, before anything is compared."""
-    chance = np.ones(len(grades(config)))
+    chance = np.ones(len(grades(prior)))
     if len(chance) > 1:
-        chance *= (1.0 - config.exact_chance) / (len(chance) - 1)
-        chance[0] = config.exact_chance
+        chance *= (1.0 - prior.exact_chance) / (len(chance) - 1)
+        chance[0] = prior.exact_chance
     return chance
 
 
-def variances(n: int, grade: Float64, config: RegistrationConfig) -> Float64:
+def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     """Return the variances (5 + 3 n,) of the unknowns beforehand, at a grade (3,) of looseness."""
     turn, axis, swing = np.square(grade)
-    tilt = axis / config.axis_length_m**2
-    common = [axis, axis, tilt, tilt, config.fattening_std_px**2]
+    tilt = axis / prior.axis_length_m**2
+    common = [axis, axis, tilt, tilt, prior.fattening_std_px**2]
     return np.concatenate([common, np.tile([turn, swing, swing], n)])
 
 
-def pair_covariance(one: Float64, other: Float64, center_m: Float64, config: RegistrationConfig) -> Float64:
+def pair_covariance(one: Float64, other: Float64, center_m: Float64, prior: PosePrior) -> Float64:
     """Return the covariance (6, 6) of a pair's twist beforehand, in the loosest recording.
 
     ``one``, ``other`` (6, 7) are the two views' derivatives.
     """
-    likely = variances(1, grades(config)[-1], config)
+    likely = variances(1, grades(prior)[-1], prior)
     one, other = at_center(one, center_m), at_center(other, center_m)
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
-    rigid = np.repeat(np.square([math.radians(config.any_turn_std_deg), config.any_shift_std_m]), 3)
+    rigid = np.repeat(np.square([math.radians(prior.any_turn_std_deg), prior.any_shift_std_m]), 3)
     return covariance + np.diag(rigid)
 
 

@@ -14,11 +14,25 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from flatcloth.core.config import RegistrationConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import accumulate
+
+POINTS_PER_VIEW = 1200
+"""About so many points of a view are compared."""
+_NORMAL_SMOOTHING_PX = 2.0
+"""Smoothing of the normals where the depth is noisy."""
+_SAME_NORMAL_COS = 0.9
+"""Points correspond if their normals differ by at most the angle of this cosine."""
+_LEAST_FACING_COS = 0.45
+"""Surface that either camera sees more steeply than this does not count, ..."""
+_FULL_FACING_COS = 0.8
+"""... less steeply than this fully."""
+_TEXTURE_SIZE_M = 0.007
+"""Texture is the color less its mean over this size."""
+_BLOCK_SIZE_M = 0.080
+"""Errors are taken as independent over this size only, ..."""
 
 CHANNELS = 3
 """Texture: brightness and two differences of color, logarithmic, each without its local mean."""
@@ -30,7 +44,7 @@ _LEAST_FACING = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scan:
+class ViewFeatures:
     """What registration needs of one view, camera frame.
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
@@ -83,36 +97,34 @@ class Agreement:
     inertia: Float64
 
 
-def scan(surface: Surface, config: RegistrationConfig) -> Scan:
+def extract_features(surface: Surface) -> ViewFeatures:
     """Prepare a view for registration.
 
     Parameters
     ----------
     surface : Surface
         The view's surface.
-    config : RegistrationConfig
-        How many points, and what is texture.
 
     Notes
     -----
     Takes 5 ms for a garment of 40 000 pixels.
     """
     k = surface.frame.intrinsics
-    normals = _smoothed(surface, config.normal_smoothing_px) if surface.noisy else surface.normal
+    normals = _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else surface.normal
     pitch_m = surface.pixel_pitch_m
-    texture = _texture(surface, config.texture_size_m / pitch_m)
+    texture = _texture(surface, _TEXTURE_SIZE_M / pitch_m)
     slope = np.empty((2, *texture.shape), dtype=np.float32)
     for channel in range(CHANNELS):
         cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
         cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
-    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / config.points_per_view)))
+    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / POINTS_PER_VIEW)))
     grid = np.zeros_like(surface.usable)
     grid[::stride, ::stride] = True
     pixel = np.argwhere(grid & surface.usable).astype(np.int32)
     if not len(pixel):
         pixel = np.argwhere(surface.usable).astype(np.int32)  # a scrap between the grid's points
     at = pixel[:, 0], pixel[:, 1]
-    return Scan(
+    return ViewFeatures(
         surface=surface,
         pixel_pitch_m=pitch_m,
         points_m=surface.xyz_m[at].astype(np.float64),
@@ -184,15 +196,14 @@ def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
 
 
 def compare(
-    one: Scan,
-    other: Scan,
+    one: ViewFeatures,
+    other: ViewFeatures,
     one_held: Rigid3,
     other_held: Rigid3,
     center_m: Float64,
     fattening_px: float,
     reach_m: float,
     spread: Float64,
-    config: RegistrationConfig,
     every: int = 1,
 ) -> Agreement:
     """Compare two views, either way.
@@ -212,20 +223,16 @@ def compare(
     spread : (4,) float64
         Differences of this size are usual; of a few times the size, they count little. 0: the
         term is left out.
-    config : RegistrationConfig
-        Limits.
     every : int
         Only every so many points are compared.
     """
-    block_px = max(4.0, config.block_size_m / one.pixel_pitch_m)
+    block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.surface.usable.shape)
     matrix, gradient = np.zeros((TERMS, UNKNOWNS, UNKNOWNS)), np.zeros((TERMS, UNKNOWNS))
     scores, parts = np.zeros((TERMS, rows * cols, UNKNOWNS)), np.zeros(rows * cols)
     moments = np.zeros((4, 4))
     products = np.zeros((CHANNELS, 3))
-    limits = np.array(
-        [reach_m, config.same_normal_cos, config.least_facing_cos, config.full_facing_cos, 1 / block_px]
-    )
+    limits = np.array([reach_m, _SAME_NORMAL_COS, _LEAST_FACING_COS, _FULL_FACING_COS, 1 / block_px])
     differences = []
     for source, target, source_held, target_held, sign in (
         (one, other, one_held, other_held, 1.0),

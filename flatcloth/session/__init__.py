@@ -1,4 +1,4 @@
-"""The decisions of an operator: document, commands, state machine, and the journal on disk.
+"""The operator's decisions: document, commands, state machine, and the journal on disk.
 
-In: commands and answers. Out: documents; a session folder that survives a crash.
+Input: commands and answers. Output: documents, and a session folder that survives a crash.
 """

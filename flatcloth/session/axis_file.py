@@ -1,7 +1,7 @@
-"""The turning axis of a session, kept beside its journal: ``axis.json``.
+"""The turning axis of a session, saved beside its journal as ``axis.json``.
 
-An axis that was estimated or set by hand belongs to the session: what was decided with it is derived
-again with the same one, also by another version of this program.
+An axis that was estimated or set by hand belongs to the session: resuming it, also with another
+version of this program, uses the same axis as the decisions did.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ class _File(msgspec.Struct, frozen=True):
 
 
 class TurnsAbout(Protocol):
-    """Derives what a session shows from a turning axis, which can be replaced."""
+    """An object that depends on a turning axis, which can be replaced."""
 
     axis: RotationAxis
 
     def turn_about(self, axis: RotationAxis) -> None:
-        """Take another turning axis, held frame."""
+        """Replace the turning axis, object frame."""
         ...
 
 
 def settle_axis(folder: Path, integration: TurnsAbout) -> None:
-    """Let a session go on with its own axis; keep an estimated axis with a session that has none yet.
+    """Load the session's own axis; save an estimated axis in a session that has none.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def settle_axis(folder: Path, integration: TurnsAbout) -> None:
 
 
 def read_axis(folder: Path) -> RotationAxis | None:
-    """Return the axis that a session folder keeps, held frame; None if it keeps none.
+    """Return the axis saved in a session folder, object frame; None if there is none.
 
     Raises
     ------
@@ -79,19 +79,19 @@ def read_axis(folder: Path) -> RotationAxis | None:
             raise ValueError("its direction is not of length 1")
     except ValueError as error:
         raise JournalError(
-            f"{path}: damaged ({error}). Remove it to go on with the recording's own axis."
+            f"{path}: damaged ({error}). Remove it to use the recording's own axis."
         ) from error
     point = np.array(kept.point_m, dtype=np.float64)
     return RotationAxis(point_m=point, direction=direction, estimated=kept.estimated)
 
 
 def write_axis(folder: Path, axis: RotationAxis) -> None:
-    """Keep an axis with a session; when this returns, it is on disk.
+    """Save an axis with a session; it is on disk when this returns.
 
     Raises
     ------
     JournalError
-        If it cannot be written; what was kept before then still is.
+        If it cannot be written; the previous file then stays.
     """
     table = {
         "format": FORMAT,
@@ -104,5 +104,5 @@ def write_axis(folder: Path, axis: RotationAxis) -> None:
         replace_file(path, json.dumps(table, indent=1).encode() + b"\n")
     except OSError as error:
         raise JournalError(
-            f"{path}: cannot be written ({error.strerror}). Make room and repeat it."
+            f"{path}: cannot be written ({error.strerror}). Free disk space and repeat it."
         ) from error

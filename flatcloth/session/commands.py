@@ -1,31 +1,32 @@
-"""What can be said to a session: the operator's commands, and the answers to what it asked for."""
+"""The messages of a session: the operator's commands, and the answers to the session's requests."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import Side
 
 
 @dataclass(frozen=True)
 class Start:
-    """Ask for the start view (None: the one with the largest observed area)."""
+    """Request the start view (None: the one with the largest observed area)."""
 
     view_index: int | None = None
 
 
 @dataclass(frozen=True)
 class Propose:
-    """Ask for the next proposal (None: the planner chooses; a view: another view, by hand)."""
+    """Request the next proposal (None: the planner chooses; otherwise the given view)."""
 
     view_index: int | None = None
 
 
 @dataclass(frozen=True)
 class Accept:
-    """Make the pending view part of the canonical shape; ``score`` is that of where it lies, if known."""
+    """Add the pending view to the canonical shape; ``score`` is that of its placement, if known."""
 
     view_index: int
     score: float | None = None
@@ -33,7 +34,7 @@ class Accept:
 
 @dataclass(frozen=True)
 class Reject:
-    """Refuse the pending view."""
+    """Reject the pending view."""
 
     view_index: int
     reason: str = "wrong place"
@@ -41,14 +42,14 @@ class Reject:
 
 @dataclass(frozen=True)
 class Skip:
-    """Put the pending view off: it is planned again when the shape has grown or the others are done."""
+    """Postpone the pending view: it is planned again when the shape has grown or the others are done."""
 
     view_index: int
 
 
 @dataclass(frozen=True)
 class Reopen:
-    """Decide again about an accepted, rejected or skipped view; what was accepted later follows it."""
+    """Decide again about an accepted, rejected or skipped view; views accepted later then follow it."""
 
     view_index: int
 
@@ -57,7 +58,7 @@ class Reopen:
 class Nudge:
     """Move the pending view on the plane of the current one: ``by @ placement``.
 
-    ``how`` names the gesture in the history: it was moved, or pairs of points were fitted.
+    ``how`` is the gesture's name in the history: a move, or a fit of pairs of points.
     """
 
     view_index: int
@@ -67,7 +68,7 @@ class Nudge:
 
 @dataclass(frozen=True)
 class TakePart:
-    """Place another connected part of the pending view, beginning where it is put."""
+    """Place another component of the pending view, starting at the given placement."""
 
     view_index: int
     component: int
@@ -75,30 +76,51 @@ class TakePart:
 
 
 @dataclass(frozen=True)
+class PaintImage:
+    """Say of the cloth under a stroke on an image which side it is; the views of the shape follow."""
+
+    stroke: ImageStroke
+
+
+@dataclass(frozen=True)
+class PaintSpace:
+    """Say of the cloth under a stroke in space, or on the canvas, which side it is."""
+
+    stroke: SpaceStroke
+
+
+@dataclass(frozen=True)
+class CutCloth:
+    """Say that the cloth beyond a line is not of interest."""
+
+    stroke: Cut
+
+
+@dataclass(frozen=True)
 class Undo:
-    """Take the last decision back."""
+    """Undo the last decision."""
 
 
 @dataclass(frozen=True)
 class Redo:
-    """Make the decision that was taken back last again."""
+    """Redo the decision that was undone last."""
 
 
 @dataclass(frozen=True)
 class Cancel:
-    """Give up the running computation."""
+    """Cancel the running computation."""
 
 
 @dataclass(frozen=True)
 class Restart:
-    """Begin anew, from the given start view or the largest; undo brings everything back."""
+    """Restart from the given start view or the largest one; this can be undone."""
 
     view_index: int | None = None
 
 
 @dataclass(frozen=True)
 class Started:
-    """Answer: the start view is flattened."""
+    """Answer: the start view has been flattened."""
 
     token: int
     view_index: int
@@ -106,7 +128,7 @@ class Started:
 
 @dataclass(frozen=True)
 class Proposed:
-    """Answer: a view was aligned; ``why`` says so if it could not be, and only lies where it can be moved."""
+    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed."""
 
     token: int
     view_index: int
@@ -119,7 +141,7 @@ class Proposed:
 
 @dataclass(frozen=True)
 class Followed:
-    """Answer: where a view accepted later lies on the changed shape; ``why`` tells what does not ``hold``."""
+    """Answer: the placement of a later view on the changed shape; ``why`` if it does not ``hold``."""
 
     token: int
     view_index: int
@@ -132,7 +154,7 @@ class Followed:
 
 @dataclass(frozen=True)
 class NothingMore:
-    """Answer: no view has anything more to give; ``reason`` says why."""
+    """Answer: no view can add anything; ``reason`` says why."""
 
     token: int
     reason: str
@@ -140,12 +162,36 @@ class NothingMore:
 
 @dataclass(frozen=True)
 class Failed:
-    """Answer: the work failed (the error itself is reported by whoever did it)."""
+    """Answer: the computation failed (whoever ran it reports the error)."""
 
     token: int
 
 
+Paint = PaintImage | PaintSpace | CutCloth
 Command = (
-    Start | Propose | Accept | Reject | Skip | Reopen | Nudge | TakePart | Undo | Redo | Cancel | Restart
+    Start
+    | Propose
+    | Accept
+    | Reject
+    | Skip
+    | Reopen
+    | Nudge
+    | TakePart
+    | Paint
+    | Undo
+    | Redo
+    | Cancel
+    | Restart
 )
 Event = Started | Proposed | Followed | NothingMore | Failed
+
+
+def paint(decision: Decision) -> Paint:
+    """Return the command that makes a decision about sides."""
+    match decision:
+        case ImageStroke():
+            return PaintImage(decision)
+        case SpaceStroke():
+            return PaintSpace(decision)
+        case Cut():
+            return CutCloth(decision)

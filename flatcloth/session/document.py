@@ -1,7 +1,7 @@
-"""What the decisions of a session have made, and what each verdict makes of it: immutable, pure.
+"""The document of a session, i.e. the result of all decisions, and the effect of each verdict; pure.
 
 An accepted view that is *reopened* becomes the proposal again, and the views accepted after it wait
-as ``later``. They follow one by one on the changed shape; one that no longer holds is asked again.
+as ``later``. They follow one by one on the changed shape; one that no longer fits is proposed again.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Rigid2
 
 UNSURE = "score too low"
-"""Reason of an automatic refusal: such a view may be tried again once the shape has grown."""
+"""Reason of an automatic rejection: such a view may be tried again once the shape has grown."""
 
 MAX_EXTENT_M = 10.0
-"""No garment's plane reaches further: curtains and bed linen stay below 6 m."""
+"""Bound on positions of a garment's plane: curtains and bed linen stay below 6 m."""
 
 
 class Side(StrEnum):
@@ -31,9 +32,9 @@ class Accepted:
     """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
 
     The current view's frame is that of the view accepted before it (the orientation of a renewed
-    view is that of the added one, paper 4.3). ``component`` numbers the connected part of the view
-    that is meant, the largest 0. ``fixed`` marks a placement changed by hand. ``score`` is that of
-    the placement when it was accepted, None if it is not known.
+    view is that of the added one, paper 4.3). ``component`` is the number of the view's component
+    that is placed, 0 for the largest. ``fixed`` marks a placement changed by hand. ``score`` is that
+    of the placement when it was accepted, None if unknown.
     """
 
     view_index: int
@@ -46,7 +47,7 @@ class Accepted:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A view that was refused after ``after_accepted`` views were accepted, and why."""
+    """A view that was rejected after ``after_accepted`` views had been accepted, and why."""
 
     view_index: int
     reason: str
@@ -55,7 +56,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A view that was put off when ``after_accepted`` views were accepted."""
+    """A view that was skipped after ``after_accepted`` views had been accepted."""
 
     view_index: int
     after_accepted: int
@@ -63,19 +64,23 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Later:
-    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it."""
+    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it.
+
+    ``anew``: the view itself has changed by a stroke, so it is laid again even where ``on`` is unchanged.
+    """
 
     decision: Accepted
     on: tuple[Accepted, ...]
+    anew: bool = False
 
 
 @dataclass(frozen=True)
 class Pending:
-    """A proposal that waits for the operator.
+    """A proposal that awaits the operator's decision.
 
-    ``proposed`` is what the method found, ``nudge`` what the operator added: the placement in
-    force is ``nudge @ proposed``. ``again`` is the decision that is made again, if there was one;
-    ``why`` says why a view is asked that the operator did not ask for, or how it came to lie there.
+    ``proposed`` is the result of the method, ``nudge`` the operator's change: the effective
+    placement is ``nudge @ proposed``. ``again`` is the earlier decision on this view, if there was
+    one; ``why`` explains a proposal that the operator did not request, or its placement.
     """
 
     view_index: int
@@ -89,18 +94,18 @@ class Pending:
 
     @property
     def current_from_new(self) -> Rigid2:
-        """The placement in force."""
+        """The effective placement."""
         return self.nudge @ self.proposed
 
     @property
     def moved(self) -> bool:
-        """Whether the operator has moved it from where it was proposed."""
+        """Whether the operator has moved the view from its proposed placement."""
         return self.nudge != Rigid2()
 
 
 @dataclass(frozen=True)
 class Document:
-    """What the decisions have made: everything that undo restores."""
+    """The result of all decisions: everything that undo restores."""
 
     start_view: int | None = None
     accepted: tuple[Accepted, ...] = ()
@@ -109,28 +114,29 @@ class Document:
     finished: str | None = None
     skipped: tuple[Skipped, ...] = ()
     later: tuple[Later, ...] = ()
+    strokes: tuple[Decision, ...] = ()
 
     @property
     def put_off(self) -> frozenset[int]:
-        """The skipped views that wait for others: the shape has not changed since."""
+        """The skipped views that still wait, because the shape has not changed since."""
         n = len(self.accepted)
         return frozenset(s.view_index for s in self.skipped if s.after_accepted == n)
 
     @property
     def refused_views(self) -> frozenset[int]:
-        """The views that are not to be planned now."""
+        """The views that must not be planned now."""
         n = len(self.accepted)
         refused = (r.view_index for r in self.rejected if r.reason != UNSURE or r.after_accepted == n)
         return self.put_off.union(refused, self.later_views)
 
     @property
     def later_views(self) -> frozenset[int]:
-        """The accepted views that wait to follow a decision before them."""
+        """The accepted views that wait for an earlier decision."""
         return frozenset(later.decision.view_index for later in self.later)
 
     @property
     def parts(self) -> dict[int, int]:
-        """Which connected part of each accepted view is meant."""
+        """The component of each accepted view that is placed."""
         return {a.view_index: a.component for a in self.accepted}
 
     @property
@@ -141,7 +147,7 @@ class Document:
 
     @property
     def present_view(self) -> int | None:
-        """The view at whose rotation the item stands: the pending one, else the last accepted."""
+        """The view at whose rotation the item is: the pending one, otherwise the last accepted."""
         if self.pending is not None:
             return self.pending.view_index
         if self.accepted:
@@ -150,14 +156,14 @@ class Document:
 
     @property
     def reopenable_views(self) -> frozenset[int]:
-        """The views about which something was decided that can be decided again; not the proposal's own."""
+        """The views with a decision that can be made again; the current proposal is not one of them."""
         left = [d.view_index for d in self.rejected] + [d.view_index for d in self.skipped]
         asked = [] if self.pending is None else [self.pending.view_index]
         return self.later_views.union((a.view_index for a in self.accepted), left).difference(asked)
 
 
 def accept(document: Document, score: float | None) -> Document:
-    """Make the proposal part of the shape; ``score`` is that of the placement in force, if known."""
+    """Add the proposal to the shape; ``score`` is that of the effective placement, if known."""
     pending = document.pending
     assert pending is not None
     if score is None and not pending.moved and math.isfinite(pending.score):
@@ -172,29 +178,29 @@ def accept(document: Document, score: float | None) -> Document:
         score=score,
     )
     if before is not None and replace(added, score=before.score) == before:
-        added = before  # nothing was changed: what follows it stays as it was
+        added = before  # unchanged: the views that follow it stay unchanged
     document = _without_verdict(document, pending.view_index)
     return replace(document, accepted=(*document.accepted, added), pending=None)
 
 
 def reject(document: Document, view_index: int, reason: str) -> Document:
-    """Refuse the proposal."""
+    """Reject the proposal."""
     document = _without_verdict(document, view_index)
     refused = Rejected(view_index, reason, len(document.accepted))
     return replace(document, rejected=(*document.rejected, refused), pending=None)
 
 
 def skip(document: Document, view_index: int) -> Document:
-    """Put the proposal off."""
+    """Postpone the proposal."""
     document = _without_verdict(document, view_index)
     put_off = Skipped(view_index, len(document.accepted))
     return replace(document, skipped=(*document.skipped, put_off), pending=None)
 
 
 def reopen(document: Document, view_index: int) -> Document:
-    """Take a decision back, wherever it is; what was accepted after an accepted view waits for it.
+    """Take a decision back, however old; views accepted after an accepted view then wait for it.
 
-    An accepted view is the proposal again, where it lay. A refused or skipped one is undecided.
+    An accepted view becomes the proposal at its placement. A rejected or skipped view is undecided.
     """
     document = drop_pending(document)
     at = [a.view_index for a in document.accepted]
@@ -209,14 +215,14 @@ def reopen(document: Document, view_index: int) -> Document:
 
 
 def drop_pending(document: Document) -> Document:
-    """Take the proposal away; if it was a decision that is made again, it waits for its turn."""
+    """Remove the proposal; if it repeats an earlier decision, it waits for its turn again."""
     pending = document.pending
     again = () if pending is None or pending.again is None else (pending.again,)
     return replace(document, pending=None, finished=None, later=(*again, *document.later))
 
 
 def propose(document: Document, pending: Pending) -> Document:
-    """Make a view the proposal, also one that waits as a later decision."""
+    """Make a view the proposal; it may be one of the later decisions."""
     again = next((w for w in document.later if w.decision.view_index == pending.view_index), None)
     if again is not None:
         pending = replace(pending, again=again, side=pending.side or again.decision.side)
@@ -225,15 +231,32 @@ def propose(document: Document, pending: Pending) -> Document:
 
 
 def follow_unchanged(document: Document) -> Document:
-    """Accept the later views, in their order, as long as the shape beneath is what it was."""
-    while document.pending is None and document.later and document.later[0].on == document.accepted:
+    """Accept the later views in order as long as they and the shape below them are unchanged."""
+    while document.pending is None and document.later and _unchanged(document.later[0], document):
         accepted = (*document.accepted, document.later[0].decision)
         document = replace(document, accepted=accepted, later=document.later[1:])
     return document
 
 
+def _unchanged(later: Later, document: Document) -> bool:
+    return not later.anew and later.on == document.accepted
+
+
+def paint(document: Document, decision: Decision) -> Document:
+    """Add a decision about sides; the views of the shape change with it, and are laid anew in their order.
+
+    The proposal is dropped: its view may show other cloth now.
+    """
+    document = drop_pending(document)
+    again = [Later(a, document.accepted[:k], anew=True) for k, a in enumerate(document.accepted)]
+    waiting = [replace(later, anew=True) for later in document.later]
+    return replace(
+        document, strokes=(*document.strokes, decision), accepted=(), later=(*again, *waiting), finished=None
+    )
+
+
 def follow(document: Document, current_from_new: Rigid2, score: float, component: int) -> Document:
-    """Accept the next later view where it lies now."""
+    """Accept the next later view at its new placement."""
     placed = replace(
         document.later[0].decision,
         current_from_new=current_from_new,

@@ -1,4 +1,4 @@
-"""``session.json``: what a session is about, written once when it begins."""
+"""``session.json``: the subject of a session, written once when the session begins."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RecordingAbout(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
-    """What ``session.json`` says."""
+    """The content of ``session.json``."""
 
     format: str
     created: str
@@ -45,65 +45,68 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def effective_config(self) -> Config:
-        """The configuration that the session was begun with; raises ``ConfigError``."""
+        """The configuration that the session began with; raises ``ConfigError``."""
         return Config.from_dict(self.config)
 
 
-def default_session_folder(recording: Recording, method: str, config: Config | None = None) -> Path:
-    """Return where a session is kept if the user names no place.
-
-    Below ``$XDG_STATE_HOME`` (``~/.local/state``). The name tells the recording; a short hash of
-    its location and header, the method and the settings keeps sessions apart that cannot continue
-    each other.
-    """
+def state_folder() -> Path:
+    """Return where the user's state is kept: below ``$XDG_STATE_HOME`` (``~/.local/state``)."""
     state_home = os.environ.get("XDG_STATE_HOME", "")
     # The XDG specification tells to ignore relative paths.
     root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
-    settings = (config or Config()).to_dict()
+    return root / "flatcloth"
+
+
+def default_session_folder(recording: Recording, method: str, config: Config | None = None) -> Path:
+    """Return the default folder of a session.
+
+    It lies below ``$XDG_STATE_HOME`` (``~/.local/state``). Its name contains the recording's name and
+    a short hash of its location and header, the method and the settings, so that sessions that
+    cannot continue each other have different folders.
+    """
+    settings = (config or Config()).to_former_dict()  # sessions of earlier versions are found again
     about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
-    return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
+    return state_folder() / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
 
 
 def read_header(folder: Path) -> Header:
-    """Read what the session in a folder is about.
+    """Read the header of a session folder.
 
     Raises
     ------
     JournalError
-        If it is no session folder, or its header is damaged; the message names the file.
+        If it is not a session folder, or its header is damaged; the message names the file.
     """
     path = folder / HEADER
     try:
         raw = parse_json(read_plain(path))
         found = raw.get("format") if isinstance(raw, dict) else None
         if found is not None and found != FORMAT:
-            raise JournalError(
-                f"{path}: format {found!r:.60} is unknown, not {FORMAT}. Begin in another folder."
-            )
+            raise JournalError(f"{path}: format {found!r:.60} is unknown, not {FORMAT}. Use another folder.")
         header = fitted(raw, Header)
-        header.effective_config  # noqa: B018 - refuses unknown settings
+        header.effective_config  # noqa: B018 - raises on unknown settings
     except FileNotFoundError as error:
         raise JournalError(
-            f"{folder}: is no session folder, it has no {HEADER}. Name the folder of --out or --session."
+            f"{folder}: not a session folder, it has no {HEADER}. Name the folder of --out or --session."
         ) from error
     except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     except (ValueError, ConfigError) as error:
         raise JournalError(
-            f"{path}: cannot be understood ({error}). Restore it from a copy, or use the version that"
-            " wrote it. Begin in another folder if there is none."
+            f"{path}: not valid ({error}). Restore it from a copy, or use the version that"
+            " wrote it. Otherwise use another folder."
         ) from error
     return header
 
 
 def settle_header(folder: Path, recording: Recording, config: Config, method: str) -> None:
-    """Write ``session.json``, or check that the one that is there is about the same session.
+    """Write ``session.json``, or check that the existing one describes the same session.
 
     Raises
     ------
     JournalError
-        If it is about another one, damaged, or missing beside its journal.
+        If it describes another session, is damaged, or is missing beside its journal.
     OSError
         If it cannot be written.
     """
@@ -112,7 +115,7 @@ def settle_header(folder: Path, recording: Recording, config: Config, method: st
         _check(path, read_header(folder), recording, config, method)
         return
     if (folder / "journal.jsonl").exists():
-        raise JournalError(f"{path}: missing beside its journal. Restore it, or begin in another folder.")
+        raise JournalError(f"{path}: missing beside its journal. Restore it, or use another folder.")
     header = Header(
         format=FORMAT,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -130,10 +133,10 @@ def settle_header(folder: Path, recording: Recording, config: Config, method: st
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:
-    remedy = "Begin in another folder, or open the session as it was begun."
+    remedy = "Use another folder, or open the session with its own recording, method and settings."
     if kept.recording.fingerprint != fingerprint(recording):
         raise JournalError(
-            f"{path}: the session is about another recording"
+            f"{path}: the session belongs to another recording"
             f" ({kept.recording.name!r}, not {recording.name!r}). {remedy}"
         )
     if kept.method != method:
@@ -156,5 +159,5 @@ def _difference(kept: Config, config: Config) -> str:
 def _version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
+    except importlib.metadata.PackageNotFoundError:  # run from a checkout without installation
         return "unknown"

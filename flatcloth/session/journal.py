@@ -1,8 +1,8 @@
-"""``journal.jsonl``: what its lines say, and the one reader that makes a session of them.
+"""``journal.jsonl``: the format of its lines, and the reader that restores a session from them.
 
-One line a decision, answer or pick, in order. A line counts once its newline is on disk: what a crash
-cut short was never acknowledged. Each line ends with a checksum over itself and all lines before it;
-journals of earlier versions have none.
+There is one line per decision, answer or pick, in order. A line is valid once its newline is on disk;
+an incomplete last line after a crash was never acknowledged. Each line ends with a checksum over itself
+and all lines before it; journals of earlier versions have none.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ JOURNAL = "journal.jsonl"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pick:
-    """A grasp point that the operator keeps: position and outward normal (3,), held frame.
+    """A grasp point that the operator keeps: position and outward normal (3,), object frame.
 
     ``view_index`` and ``source_rc`` (row, col) name the image pixel it was measured in.
     """
@@ -49,7 +49,7 @@ class Pick:
 # --- the lines ------------------------------------------------------------------------------------
 
 Coordinate = float | None
-"""Null where it is not known, as the normal of a pixel at the rim."""
+"""Null if unknown, such as the normal of a pixel at the outline."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PickAdded:
 
 @dataclass(frozen=True)
 class PickRenamed:
-    """A pick got another name."""
+    """A pick was renamed."""
 
     id: int
     name: str
@@ -74,7 +74,7 @@ class PickRenamed:
 
 @dataclass(frozen=True)
 class PickDeleted:
-    """A pick was taken off the list."""
+    """A pick was removed from the list."""
 
     id: int
 
@@ -91,6 +91,9 @@ _KINDS: dict[str, type[Any]] = {
     "reopen": session.Reopen,
     "nudge": session.Nudge,
     "take part": session.TakePart,
+    "paint image": session.PaintImage,
+    "paint space": session.PaintSpace,
+    "cut cloth": session.CutCloth,
     "undo": session.Undo,
     "redo": session.Redo,
     "cancel": session.Cancel,
@@ -109,7 +112,7 @@ _ADDED: dict[type[Any], set[str]] = {
     session.Nudge: {"how"},
     session.Proposed: {"why"},
 }
-"""What journals of earlier versions do not have; it was the default then."""
+"""Fields that journals of earlier versions lack; they take the default."""
 
 _NAMES = {kind: name for name, kind in _KINDS.items()}
 _SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
@@ -117,7 +120,7 @@ _SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a journal: its number from 1, the time (UTC) at which it was written, what it says."""
+    """A line of a journal: its number from 1, the time (UTC) of writing, and its entry."""
 
     number: int
     time: str
@@ -140,7 +143,7 @@ def encode(
     Raises
     ------
     ValueError
-        If it could not be read back: a motion that is not finite, text that is no Unicode.
+        If it could not be read back: a motion that is not finite, or text that is not Unicode.
     """
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **_fields(entry)}
@@ -153,12 +156,12 @@ def encode(
 
 
 def decode(number: int, line: bytes) -> Line:
-    """Return what a line says, without regard to its checksum.
+    """Return the content of a line, without checking its checksum.
 
     Raises
     ------
     ValueError
-        If the line is damaged, or not the ``number``-th; the text says what is wrong.
+        If the line is damaged, or not the ``number``-th; the text gives the reason.
     """
     try:
         table = msgspec.json.decode(_without_lone_surrogates(line))
@@ -170,7 +173,7 @@ def decode(number: int, line: bytes) -> Line:
         names = {f.name for f in dataclasses.fields(kind)}
         if not names - _ADDED.get(kind, set()) <= table.keys():
             raise ValueError("a field is missing")
-        # Null is a number that is not known, and else what the entry says by default.
+        # Null is an unknown number; missing fields take the entry's default.
         entry: Entry = fitted({k: table[k] for k in names if table.get(k) is not None}, kind)
         for name, value in msgspec.to_builtins(entry).items():
             if isinstance(value, dict) and value.keys() != table[name].keys():
@@ -189,11 +192,11 @@ def _fields(entry: Entry) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    raise ValueError(f"{value!r} cannot be kept in a journal")
+    raise ValueError(f"{value!r} cannot be written to a journal")
 
 
 def _without_lone_surrogates(line: bytes) -> bytes:
-    """Replace what is no Unicode: earlier versions let it into the names of picks."""
+    """Replace invalid Unicode, which earlier versions allowed in the names of picks."""
     if b"\\ud" not in line:
         return line
     return json.dumps(json.loads(line), ensure_ascii=False).encode("utf-8", "replace")
@@ -204,7 +207,7 @@ def _without_lone_surrogates(line: bytes) -> bytes:
 
 @dataclass
 class Replay:
-    """A session while its lines come in, one by one: the one owner of its state and its picks."""
+    """A session that is restored line by line; the only owner of its state and its picks."""
 
     state: SessionState
     picks: dict[int, Pick] = field(default_factory=dict)
@@ -214,7 +217,7 @@ class Replay:
     sealed: bool = False
 
     def read(self, number: int, line: bytes) -> Line:
-        """Return what the next line says, its checksum compared.
+        """Return the content of the next line after comparing its checksum.
 
         Raises
         ------
@@ -230,7 +233,7 @@ class Replay:
         else:
             link = zlib.crc32(line[: seal.start()] + b"}", self.link)
             if link != int(seal[1], 16):
-                raise ValueError("its checksum is another")
+                raise ValueError("its checksum does not match")
         self.link, self.sealed = link, self.sealed or seal is not None
         return found
 
@@ -240,7 +243,7 @@ class Replay:
         Raises
         ------
         IllegalDecisionError
-            If it is not allowed now, or about a pick that is not there.
+            If it is not allowed in this state, or names a pick that does not exist.
         """
         match entry:
             case PickAdded(id=pick_id):
@@ -269,7 +272,7 @@ def _pick(added: PickAdded) -> Pick:
 
 
 def read_journal(path: Path, replay: Replay) -> Iterator[Line]:
-    """Replay the whole lines of a journal; each is yielded once it is applied.
+    """Replay the complete lines of a journal; each is yielded after it has been applied.
 
     Raises
     ------
@@ -286,7 +289,7 @@ def read_journal(path: Path, replay: Replay) -> Iterator[Line]:
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"
-                " cut the file before that line to go on from there, or begin in another folder."
+                " cut the file before that line to continue from there, or use another folder."
             ) from error
         replay.lines = number
         yield line

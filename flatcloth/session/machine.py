@@ -1,12 +1,12 @@
 """The operator's state machine: immutable state, pure commands; no threads, no files, no viser.
 
-A session is a *document* (start view, accepted alignments, refused and skipped views, the pending
-proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
+A session consists of a *document* (start view, accepted alignments, rejected and skipped views, the
+pending proposal) and its history. Decisions (accept, reject, skip, reopen, nudge, choose another view,
 restart) are undo items; the arrival of a proposal is not. Heavy work is done elsewhere: a command
-that needs some leaves a ``Request`` in the state, and its answer comes back as an event that
-carries the request's token. An answer to a request that is no longer current is ignored. Commands
-name the view they mean, so a double click or a second tab cannot decide about a view that its user
-has not seen. While later decisions wait to follow a changed one, each verdict asks for the next.
+that needs it leaves a ``Request`` in the state, and the answer comes back as an event with the
+request's token. An answer to an outdated request is ignored. Commands name the view they refer to, so
+that a double click or a second tab cannot decide about a view that its user has not seen. While later
+decisions wait for a changed one, each verdict requests the next.
 """
 
 from __future__ import annotations
@@ -17,16 +17,20 @@ from enum import StrEnum
 from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
 from flatcloth.session import document as edits
 from flatcloth.session.commands import (
     Accept,
     Cancel,
     Command,
+    CutCloth,
     Event,
     Failed,
     Followed,
     NothingMore,
     Nudge,
+    PaintImage,
+    PaintSpace,
     Propose,
     Proposed,
     Redo,
@@ -47,6 +51,7 @@ __all__ = [
     "Accepted",
     "Cancel",
     "Command",
+    "CutCloth",
     "Document",
     "Event",
     "Failed",
@@ -57,6 +62,8 @@ __all__ = [
     "MemorySession",
     "NothingMore",
     "Nudge",
+    "PaintImage",
+    "PaintSpace",
     "Pending",
     "Phase",
     "Propose",
@@ -93,8 +100,8 @@ class Phase(StrEnum):
 class Request:
     """Work that the session waits for.
 
-    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: lay a later view on
-    the changed shape. ``view_index`` None leaves the choice to the planner.
+    ``start``: choose and flatten the start view; ``propose`` a view; ``follow``: place a later view on
+    the changed shape. With ``view_index`` None the planner chooses.
     """
 
     token: int
@@ -104,7 +111,7 @@ class Request:
 
 @dataclass(frozen=True)
 class HistoryItem:
-    """A document to go back (or forward) to, and the name of the decision in between."""
+    """A document before (or after) a decision, and the name of that decision."""
 
     name: str
     document: Document
@@ -134,21 +141,21 @@ class SessionState:
 
 
 class Keeper(Protocol):
-    """Owns the state of a session: a session folder, or :class:`MemorySession`."""
+    """The owner of a session's state: a session folder, or :class:`MemorySession`."""
 
     @property
     def state(self) -> SessionState:
-        """The session as it is kept."""
+        """The session in its present state."""
         ...
 
     def record(self, command: Command | Event) -> None:
-        """Apply a command or an answer and keep it; raises ``IllegalDecisionError``."""
+        """Apply a command or an answer and save it; raises ``IllegalDecisionError``."""
         ...
 
 
 @dataclass
 class MemorySession:
-    """A session that is kept nowhere else."""
+    """A session in memory only."""
 
     state: SessionState
 
@@ -158,7 +165,7 @@ class MemorySession:
 
 
 def why_illegal(state: SessionState, command: Command) -> str | None:
-    """Say why the command is not allowed now, or None if it is."""
+    """Return why the command is not allowed now, or None if it is allowed."""
     if isinstance(command, Undo):
         return None if state.undo else "There is nothing to undo."
     if isinstance(command, Redo):
@@ -170,12 +177,14 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
             return f"View {command.view_index} does not exist; there are {state.n_views} views."
     if isinstance(command, Restart):
         return None
+    if isinstance(command, PaintImage | PaintSpace | CutCloth):
+        return _why_not_paint(state, command)
     if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
     if isinstance(command, Start):
         return None if state.document.start_view is None else "The session has started; restart it instead."
     if state.document.start_view is None:
-        return "There is no start view yet; start the session first."
+        return "There is no start view yet. Start the session first."
     if isinstance(command, Propose):
         return _why_not_propose(state.document, command.view_index)
     if isinstance(command, Reopen):
@@ -195,11 +204,19 @@ def _why_not_propose(document: Document, view_index: int | None) -> str | None:
 
 def _why_not_reopen(document: Document, view_index: int) -> str | None:
     if view_index == document.start_view:
-        return f"View {view_index} is the start view; restart the session to begin from another."
+        return f"View {view_index} is the start view; restart the session to begin with another."
     if document.pending is not None and document.pending.view_index == view_index:
         return f"View {view_index} is the proposal already."
     if view_index not in document.reopenable_views:
         return f"Nothing was decided about view {view_index} yet."
+    return None
+
+
+def _why_not_paint(state: SessionState, command: PaintImage | PaintSpace | CutCloth) -> str | None:
+    if isinstance(command, PaintImage) and not 0 <= command.stroke.view_index < state.n_views:
+        return f"View {command.stroke.view_index} does not exist; there are {state.n_views} views."
+    if len(state.document.strokes) >= MOST_DECISIONS:
+        return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
     return None
 
 
@@ -222,8 +239,8 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
     Raises
     ------
     IllegalDecisionError
-        If a command is not allowed now; the message says why. Answers never raise: stale ones
-        leave the state unchanged.
+        If a command is not allowed now; the message gives the reason. Answers never raise: stale
+        ones leave the state unchanged.
     """
     if isinstance(command, Event):
         return _answer(state, command)
@@ -258,6 +275,11 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             nudge = motion @ document.pending.proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge)
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
+        case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
+            painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
+            if document.start_view is None and state.request is not None:
+                return _ask(painted, "start", state.request.view_index)
+            return _go_on(painted)
         case Undo():
             item = state.undo[-1]
             redo = (*state.redo, HistoryItem(item.name, document))
@@ -269,7 +291,14 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Cancel():
             return replace(state, request=None)
         case Restart(view_index=view):
-            return _ask(_edit(state, "restart", Document()), "start", view)
+            return _ask(_edit(state, "restart", Document(strokes=document.strokes)), "start", view)
+
+
+def _name_of(stroke: Decision) -> str:
+    if isinstance(stroke, Cut):
+        return "cut"
+    where = f" on view {stroke.view_index}" if isinstance(stroke, ImageStroke) else ""
+    return ("stroke: this side" if stroke.side == "this" else "stroke: not this side") + where
 
 
 def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
@@ -285,7 +314,7 @@ def _ask_for(state: SessionState, view_index: int | None) -> SessionState:
 
 
 def _go_on(state: SessionState) -> SessionState:
-    """Let the later decisions follow: at once where nothing has changed for them, else by asking."""
+    """Continue with the later decisions: accept those that are unchanged, request the next otherwise."""
     document = edits.follow_unchanged(state.document)
     state = replace(state, document=document)
     if document.pending is not None or not document.later:

@@ -1,6 +1,6 @@
-"""A session on disk: every decision is appended to its journal before it counts.
+"""A session on disk: every decision is appended to its journal before it takes effect.
 
-A session folder holds ``session.json`` (what the session is about), ``journal.jsonl`` (see
+A session folder contains ``session.json`` (the subject of the session), ``journal.jsonl`` (see
 ``session.journal``) and ``session.lock`` (held by the process that writes).
 """
 
@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 class SessionFolder:
     """A session on disk, open for writing by this process only; open it with :meth:`open`.
 
-    Not thread-safe: the thread that owns the session writes.
+    Not thread-safe: only the thread that owns the session may write.
     """
 
     def __init__(self, folder: Path, lock_fd: int, state: SessionState) -> None:
@@ -56,8 +56,8 @@ class SessionFolder:
     def open(cls, folder: Path, recording: Recording, config: Config, method: str) -> SessionFolder:
         """Create a session folder, or resume the session in it.
 
-        A computation that ran when the process was killed is given up; a last line that was cut
-        short is dropped, with a warning in the log.
+        A computation that was running when the process was killed is cancelled; an incomplete last
+        line is dropped, with a warning in the log.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class SessionFolder:
             if opened is not None:
                 opened.close()
             raise JournalError(
-                f"{folder}: cannot be used as session folder ({error.strerror}). Choose a writable place."
+                f"{folder}: cannot be used as session folder ({error.strerror}). Choose a writable folder."
             ) from error
         except BaseException:
             if opened is not None:
@@ -85,12 +85,12 @@ class SessionFolder:
 
     @property
     def folder(self) -> Path:
-        """The folder itself; exports go there too."""
+        """The folder; exports go there too."""
         return self._folder
 
     @property
     def state(self) -> SessionState:
-        """The session as the journal has it."""
+        """The session as recorded in the journal."""
         return self._kept.state
 
     @property
@@ -99,16 +99,16 @@ class SessionFolder:
         return tuple(self._kept.picks.values())
 
     def record(self, command: Command | Event, score_parts: Mapping[str, float] | None = None) -> None:
-        """Append a command or an answer and wait until it is on disk; a stale answer is not kept.
+        """Append a command or an answer and wait until it is on disk; a stale answer is dropped.
 
-        ``score_parts`` go with a proposal, for whoever reads the journal; replaying ignores them.
+        ``score_parts`` are added to a proposal for readers of the journal; replaying ignores them.
 
         Raises
         ------
         IllegalDecisionError
             If the session does not allow the command; nothing is written.
         JournalError
-            If it cannot be written; the journal then is as before.
+            If it cannot be written; the journal then stays unchanged.
         """
         state = apply(self.state, command)
         if state is not self.state:
@@ -123,7 +123,7 @@ class SessionFolder:
         view_index: int,
         source_rc: tuple[float, float],
     ) -> Pick:
-        """Keep a pick and return it with its number, which is never used again.
+        """Add a pick and return it with its number, which is never reused.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class SessionFolder:
         return self._kept.picks[change.id]
 
     def rename_pick(self, pick_id: int, name: str) -> None:
-        """Give a pick another name.
+        """Rename a pick.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class SessionFolder:
         self._change_picks(PickRenamed(pick_id, name))
 
     def delete_pick(self, pick_id: int) -> None:
-        """Take a pick off the list; the journal still tells that there was one.
+        """Remove a pick from the list; the journal keeps its record.
 
         Raises
         ------
@@ -162,7 +162,7 @@ class SessionFolder:
         self._change_picks(PickDeleted(pick_id))
 
     def keep_axis(self, axis: RotationAxis) -> None:
-        """Keep a turning axis that was set by hand with the session, in its ``axis.json``.
+        """Save a turning axis that was set by hand with the session, in ``axis.json``.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class SessionFolder:
         write_axis(self._folder, axis)
 
     def close(self) -> None:
-        """Let another process have the folder; harmless when repeated."""
+        """Release the folder for other processes; may be called repeatedly."""
         for fd in (self._journal_fd, self._lock_fd):
             if fd is not None:
                 os.close(fd)
@@ -192,7 +192,7 @@ class SessionFolder:
             pass
         self._drop_torn_line(path)
         if self.state.request is not None:
-            # Nobody is computing it any more. Saying so in the journal keeps its later lines legal.
+            # The computation is lost. Recording its end in the journal keeps the later lines legal.
             self.record(Cancel())
 
     def _drop_torn_line(self, path: Path) -> None:
@@ -200,7 +200,7 @@ class SessionFolder:
         data = read_plain(path, MOST_JOURNAL_BYTES)
         whole = data.rfind(b"\n") + 1
         if whole < len(data):
-            _log.warning("%s: the last line was cut short by a crash and is dropped.", path)
+            _log.warning("%s: the last line is incomplete after a crash and is dropped.", path)
             os.ftruncate(self._journal_fd, whole)
             os.fsync(self._journal_fd)
 
@@ -211,7 +211,7 @@ class SessionFolder:
             line, link = encode(self._kept.lines + 1, entry, score_parts, self._kept.link)
         except ValueError as error:
             raise JournalError(
-                f"The decision has numbers that are not finite, or text that is no Unicode ({entry!r:.200})."
+                f"The decision has numbers that are not finite, or text that is not Unicode ({entry!r:.200})."
             ) from error
         before = os.fstat(self._journal_fd).st_size
         try:
@@ -220,11 +220,11 @@ class SessionFolder:
                 written += os.write(self._journal_fd, line[written:])
             os.fsync(self._journal_fd)
         except OSError as error:
-            with contextlib.suppress(OSError):  # half a line must not stay before the next one
+            with contextlib.suppress(OSError):  # half a line must not precede the next one
                 os.ftruncate(self._journal_fd, before)
             raise JournalError(
                 f"{self._folder / 'journal.jsonl'}: cannot be written ({error.strerror}). "
-                "The decision was not taken; make room and repeat it."
+                "The decision was not made. Free disk space and repeat it."
             ) from error
         self._kept.lines += 1
         self._kept.link, self._kept.sealed = link, True

@@ -1,1 +1,4 @@
-"""From a garment mesh to a recording: hung, turned, rendered, measured with noise, with its truth."""
+"""Synthesis of recordings with truth from a garment mesh: hang, turn, render, add sensor noise.
+
+Input: a mesh file. Output: a recording folder with the truth of each view.
+"""

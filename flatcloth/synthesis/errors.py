@@ -1,4 +1,4 @@
-"""The error of this package that a user can meet."""
+"""The errors of this package."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from flatcloth.core.errors import FlatclothError
 
 
 class SynthesisError(FlatclothError):
-    """A recording cannot be made from a mesh."""
+    """A recording cannot be synthesized from a mesh."""

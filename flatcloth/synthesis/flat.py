@@ -1,8 +1,8 @@
-"""A panel laid on the plane: the truth of a synthetic recording.
+"""A panel flattened onto the plane: the truth of a synthetic recording.
 
-The truth is what a perfect method would find from perfect data: the mesh's own edges, as long as
-they hang, laid on the plane by Eq. (2). A sewing pattern serves as its start only, because a
-hanging garment is stretched and sheared against it.
+The truth is what a perfect method would find from perfect data: the edges of the hanging mesh,
+flattened by Eq. (2). A sewing pattern is used only as the start, because a hanging garment is
+stretched and sheared compared with its pattern.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from flatcloth.flattening.minimisation import minimise
 from flatcloth.synthesis.panels import cut_to_disk, nodes_of, shared_edges, signed_areas
 
 _SIMILAR = (0.6, 1.6)
-"""Range of stretch within which texture coordinates are taken for pattern coordinates."""
+"""Range of stretch within which texture coordinates are accepted as pattern coordinates."""
 _MAJORISATIONS = 20
 _TOLERANCE = 1e-5
 _APART_M = 0.05
@@ -29,10 +29,10 @@ _APART_M = 0.05
 class FlatPanel:
     """A panel on the plane.
 
-    ``name``; ``members`` (K,) its triangles; ``corner_uv_m`` (K, 3, 2) their places, u right and v
-    down as seen from outside, centred; ``from_pattern`` whether texture coordinates were the start;
-    ``stretch`` the median relative change of an edge's length; ``flipped_share`` of the triangles
-    that came out mirrored: more than a few say that the panel is folded and its truth is none.
+    ``name``; ``members`` (K,) its triangles; ``corner_uv_m`` (K, 3, 2) their corners, u right and v
+    down as seen from outside, centred; ``from_pattern`` whether the texture coordinates were the
+    start; ``stretch`` the median relative change of an edge's length; ``flipped_share`` the share of
+    mirrored triangles: if it is more than small, the panel is folded and its truth is unreliable.
     """
 
     name: str
@@ -51,24 +51,24 @@ def flatten_panel(
     Parameters
     ----------
     name : str
-        For messages.
+        Name for messages.
     members : (K,) int32
         Its triangles.
     points_m : (N, 3) float64
         The hanging mesh.
     triangles : (T, 3) int32
-        Of the mesh, counterclockwise seen from outside.
+        Triangles of the mesh, counterclockwise seen from outside.
     corner_uv : (T, 3, 2) float64 or None
-        Texture coordinates, v up: the start unless they distort the cloth, then it is a conformal map.
+        Texture coordinates, v up: the start, unless they distort the cloth; then a conformal map.
 
     Raises
     ------
     SynthesisError
-        If the panel cannot be laid on the plane.
+        If the panel cannot be flattened.
 
     Notes
     -----
-    Parts of a panel that do not touch are flattened each on its own; their distance means nothing.
+    Parts of a panel that do not touch are flattened separately; their distance has no meaning.
     Cost: about half a second for 7000 vertices.
     """
     faces, vertex_of = _compact(triangles[members], triangles[members])
@@ -102,7 +102,7 @@ def flatten_panel(
         corner_uv_m=placed - middle,
         from_pattern=start is not None,
         stretch=float(np.median(np.abs(lengths[0] / np.maximum(lengths[1], 1e-9) - 1))),
-        # With v down, counterclockwise is negative.
+        # With v down, counterclockwise triangles have negative areas.
         flipped_share=float((signed_areas(placed) > 0).mean()),
     )
 
@@ -133,7 +133,7 @@ def _parts(nodes: Int32) -> list[Int32]:
 
 
 def _compact(nodes: Int32, vertices: Int32) -> tuple[Int32, Int32]:
-    """Return nodes (K, 3) numbered from 0, and the vertex (M,) of each."""
+    """Return nodes (K, 3) numbered from 0, and the vertex (M,) of each node."""
     own, place = np.unique(nodes, return_inverse=True)
     numbered: Int32 = place.reshape(-1, 3).astype(np.int32)
     vertex = np.zeros(len(own), dtype=np.int32)
@@ -142,7 +142,7 @@ def _compact(nodes: Int32, vertices: Int32) -> tuple[Int32, Int32]:
 
 
 def _flatten_disk(faces: Int32, points_m: Float64, start_uv_m: Float64 | None) -> Float64:
-    """Return the places (K, 3, 2) of one connected disk."""
+    """Return the corner positions (K, 3, 2) of one connected disk."""
     edges = np.unique(
         np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0
     ).astype(np.int32)
@@ -166,8 +166,8 @@ def _conformal(faces: Int32, points_m: Float64, edges: Int32, lengths_m: Float64
     one = int(dijkstra(graph, directed=False, indices=0).argmax())
     distance = dijkstra(graph, directed=False, indices=one)
     other = int(distance.argmax())
-    # Each triangle in a plane of its own, as complex numbers; the map z -> U is conformal where
-    # the sum over its corners of U times the opposite side vanishes.
+    # Each triangle lies in its own plane, as complex numbers. The map z -> U is conformal where the
+    # sum over the corners of U times the opposite side is zero.
     a, b, c = (points_m[faces[:, k]] for k in range(3))
     x = b - a
     x_length = np.maximum(np.linalg.norm(x, axis=1), 1e-12)

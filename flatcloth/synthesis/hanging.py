@@ -1,4 +1,4 @@
-"""A mesh hung in front of the camera: units, which way is up, the held point, and every view's pose."""
+"""Hanging a mesh in front of the camera: unit, upward axis, held point, and the pose of every view."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Hung:
 
 @dataclass(frozen=True, kw_only=True)
 class Looseness:
-    """How badly the turning is known: standard deviations.
+    """Errors of the recorded turning, as standard deviations.
 
     ``angle_deg`` of each recorded angle; ``axis_m`` of the recorded axis, sideways and in depth;
-    ``swing_m`` by how much the lowest point of the item swings from view to view.
+    ``swing_m`` of the lowest point of the item, which swings from view to view.
     """
 
     angle_deg: float = 0.0
@@ -39,7 +39,7 @@ class Looseness:
 
 @dataclass(frozen=True, kw_only=True)
 class Turning:
-    """The views: ``camera_from_view0`` true poses, and what the recording says of them."""
+    """The views: true poses ``camera_from_view0``, and the recorded angles and axis."""
 
     camera_from_view0: tuple[Rigid3, ...]
     recorded_angles_deg: tuple[float, ...]
@@ -55,7 +55,7 @@ def hang(
     distance_m: float,
     balanced: bool = False,
 ) -> Hung:
-    """Put the held point above the optical axis so that the item is seen in the middle.
+    """Place the held point above the optical axis so that the item is centred in the image.
 
     Parameters
     ----------
@@ -68,20 +68,20 @@ def hang(
     held : three numbers, int or None
         The held point in the file's frame, the index of a vertex, or None for the highest vertex.
     distance_m : float
-        Of the camera from the turning axis.
+        Distance of the camera from the turning axis.
     balanced : bool
-        Turn the mesh as a rigid body so that its middle hangs below the held point; else it keeps
-        the pose it has in its file.
+        Rotate the mesh rigidly so that its centroid hangs below the held point; otherwise it keeps
+        the pose of its file.
 
     Raises
     ------
     SynthesisError
-        If the size is not a garment's, the vertex does not exist, or the held point is not on top.
+        If the size is not that of a garment, the vertex does not exist, or the held point is not on top.
     """
     extent = float(np.ptp(vertices, axis=0).max()) * scale
     if not _EXTENT_M[0] <= extent <= _EXTENT_M[1]:
         raise SynthesisError(
-            f"It is {extent:g} m large, a garment has {_EXTENT_M[0]:g} to {_EXTENT_M[1]:g} m. "
+            f"The mesh is {extent:g} m large, a garment has {_EXTENT_M[0]:g} to {_EXTENT_M[1]:g} m. "
             "Give the metres per unit of the file, for example --scale 0.001 for millimetres."
         )
     camera_from_file = _camera_axes(up)
@@ -93,8 +93,8 @@ def hang(
     height = float(points[:, 1].max())  # y is down
     if height < 0.2 * extent:
         raise SynthesisError(
-            f"The item hangs only {1e3 * height:.0f} mm down from the held point. "
-            "Choose the upward axis with --up, or turn the mesh below its held point with --balance."
+            f"The item extends only {1e3 * height:.0f} mm below the held point. "
+            "Choose the upward axis with --up, or rotate the mesh below its held point with --balance."
         )
     held_m = np.array([0.0, round(-height / 2, 4), distance_m])
     return Hung(
@@ -105,7 +105,7 @@ def hang(
 
 
 def turn(hung: Hung, angles_deg: tuple[float, ...], loose: Looseness, random: np.random.Generator) -> Turning:
-    """Return the true pose of each view, and the angles and the axis as they are recorded."""
+    """Return the true pose of each view, and the recorded angles and axis."""
     length = float((hung.points_m - hung.held_point_m)[:, 1].max())
     poses, recorded = [], []
     for n, angle in enumerate(angles_deg):
@@ -128,10 +128,10 @@ def turn(hung: Hung, angles_deg: tuple[float, ...], loose: Looseness, random: np
 
 
 def share_in_image(hung: Hung, camera: Intrinsics) -> float:
-    """Return the share of the vertices that every view shows (whole turn, so by distance to the axis)."""
+    """Return the share of the vertices that are in the image in every view of a full turn."""
     offset = hung.points_m - hung.held_point_m
     radius = np.hypot(offset[:, 0], offset[:, 2])
-    depth = hung.held_point_m[2] - radius  # at its nearest
+    depth = hung.held_point_m[2] - radius  # nearest to the camera
     row = camera.fy * hung.points_m[:, 1] / np.maximum(depth, 1e-6) + camera.cy
     reach = camera.fx * radius / hung.held_point_m[2]
     inside = (depth > 0.05) & (row >= 0) & (row < camera.height)
@@ -140,9 +140,9 @@ def share_in_image(hung: Hung, camera: Intrinsics) -> float:
 
 
 def _camera_axes(up: str) -> Float64:
-    """Return (3, 3) camera-from-file: y against the upward axis, seen from the axis that follows it."""
+    """Return the rotation (3, 3) camera-from-file: y points down, against the file's upward axis."""
     if up not in UPWARD:
-        raise SynthesisError(f"--up {up}: no such axis. Choose one of {', '.join(UPWARD)}.")
+        raise SynthesisError(f"--up {up}: not an axis. Choose one of {', '.join(UPWARD)}.")
     place = "xyz".index(up[-1])
     upward, right = np.zeros(3), np.zeros(3)
     upward[place] = -1.0 if up[0] == "-" else 1.0
@@ -175,7 +175,7 @@ def _held_point(
 
 
 def _balancing(points: Float64) -> Float64:
-    """Return the least rotation about the origin that brings the middle of the points below it."""
+    """Return the smallest rotation about the origin that brings the centroid of the points below it."""
     middle = points.mean(axis=0)
     length = float(np.linalg.norm(middle))
     if length < 1e-9:
@@ -188,7 +188,7 @@ def _balancing(points: Float64) -> Float64:
 
 
 def _apart(angles_deg: list[float]) -> tuple[float, ...]:
-    """Move recorded angles that fell on another's, which a recording does not allow, by a hundredth."""
+    """Change recorded angles that coincide by a hundredth of a degree, as a recording needs distinct ones."""
     taken: list[float] = []
     for angle in angles_deg:
         moved = angle

@@ -1,6 +1,6 @@
-"""The process that reads PLY and GLB for ``meshes``: Open3D crashes over damaged ones.
+"""Main program of the worker process that reads PLY and GLB for ``meshes``: Open3D may crash.
 
-The program of a child; ``read_with_open3d`` is its work.
+``read_with_open3d`` does the work.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _MOST_PIXELS = 8192**2
 
 
 def read_with_open3d(path: Path) -> Message:
-    """Return ``vertices`` (N, 3), ``triangles`` (T, 3), and what else a mesh file has.
+    """Return ``vertices`` (N, 3), ``triangles`` (T, 3), and the other content of a mesh file.
 
-    That is ``rgb`` (N, 3) uint8, ``uv`` (T, 3, 2), and ``image`` (T,) with ``image0``, ... (H, W, 3) RGB.
+    These are ``rgb`` (N, 3) uint8, ``uv`` (T, 3, 2), and ``image`` (T,) with ``image0``, ... (H, W, 3) RGB.
 
     Raises
     ------
     SynthesisError
-        If Open3D is missing, or finds no surface.
+        If Open3D is missing, or the file has no triangles.
     """
     o3d = load_open3d()
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
@@ -49,7 +49,7 @@ def read_with_open3d(path: Path) -> Message:
 
 
 def _images(path: Path, read: Any, count: int) -> dict[str, Any]:
-    """Return the color images, and for each triangle which of them colors it (-1 none)."""
+    """Return the color images, and for each triangle the index of its image (-1 none)."""
     images: list[Uint8] = []
     image = np.full(count, -1, dtype=np.int32)
     materials = np.asarray(read.triangle_material_ids)
@@ -62,13 +62,13 @@ def _images(path: Path, read: Any, count: int) -> dict[str, Any]:
                 f"{path}: its texture is {pixels.shape[1]}x{pixels.shape[0]} px. Make it smaller."
             )
         image[materials == n if len(materials) == count else slice(None)] = len(images)
-        # Open3D turns the images of such a mesh upside down.
+        # Open3D returns the images of such a mesh upside down.
         images.append(np.ascontiguousarray(pixels[::-1, :, :3]))
     return {"image": image, **{f"image{n}": pixels for n, pixels in enumerate(images)}} if images else {}
 
 
 def _welded(vertices: Float64, triangles: Int32) -> tuple[Float64, Int32, Int32]:
-    """Make vertices one that a file doubles along texture seams; also return which of them were kept."""
+    """Merge vertices that a file duplicates along texture seams; also return which ones were kept."""
     reach = float(np.ptp(vertices, axis=0).max())
     grain = 1e-6 * max(reach, 1e-12) if np.isfinite(reach) else 1.0
     _, first, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)

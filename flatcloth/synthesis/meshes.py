@@ -1,7 +1,7 @@
-"""Garment meshes from files: OBJ is read here, PLY and GLB by Open3D.
+"""Reading garment meshes: OBJ by this module, PLY and GLB by Open3D.
 
-OBJ has a reader of its own because Open3D's loses the groups and tears the surface apart where
-texture coordinates do, and both say what the panels are.
+OBJ has its own reader because Open3D's drops the groups and splits the surface where the texture
+coordinates do; both are needed to find the panels.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _MOST_TEXTURE_PIXELS = 8192**2
 
 @dataclass(frozen=True, kw_only=True)
 class GarmentMesh:
-    """A triangle mesh as its file has it, the same place of the cloth being one vertex.
+    """A triangle mesh in which each place of the cloth is a single vertex.
 
     ``vertices`` (N, 3) in the file's unit; ``triangles`` (T, 3), counterclockwise seen from outside;
     ``group`` (T,) index into ``group_names``; ``corner_uv`` (T, 3, 2) texture coordinates, v up;
-    ``vertex_rgb`` (N, 3); ``images`` RGB, with ``image`` (T,) which of them colors a triangle (-1
-    none). What a file does not have is None or empty.
+    ``vertex_rgb`` (N, 3); ``images`` RGB, with ``image`` (T,) the image of each triangle (-1 none).
+    Data that the file does not have are None or empty.
     """
 
     vertices: Float64
@@ -54,7 +54,7 @@ def read_mesh(path: Path) -> GarmentMesh:
     Raises
     ------
     SynthesisError
-        If the file is missing, of another kind, damaged, or has no triangles.
+        If the file is missing, of another format, damaged, or has no triangles.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -71,25 +71,25 @@ def _checked(mesh: GarmentMesh, path: Path) -> GarmentMesh:
         raise SynthesisError(f"{path}: has no triangles. Export the surface, not points or lines.")
     if len(mesh.triangles) > _MOST_TRIANGLES:
         raise SynthesisError(
-            f"{path}: {len(mesh.triangles)} triangles, at most {_MOST_TRIANGLES} are read. Decimate it."
+            f"{path}: {len(mesh.triangles)} triangles, the limit is {_MOST_TRIANGLES}. Decimate it."
         )
     if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
         raise SynthesisError(f"{path}: a face names a vertex that does not exist. Export the mesh again.")
     used = mesh.vertices[mesh.triangles]
     for values in (used, mesh.corner_uv):
-        # False for what is no number, too.
+        # Also true for NaN.
         if values is not None and not np.abs(values).max() < _LARGEST_COORDINATE:
             raise SynthesisError(
                 f"{path}: a coordinate is not a number below {_LARGEST_COORDINATE:g}. Export the mesh again."
             )
-    # What no triangle uses must not count as the highest or the farthest point.
+    # Unused vertices must not count as the highest or the farthest point.
     vertices = mesh.vertices.copy()
     vertices[np.setdiff1d(np.arange(len(vertices)), mesh.triangles)] = vertices[mesh.triangles[0, 0]]
     return replace(mesh, vertices=vertices)
 
 
 def inside_out(mesh: GarmentMesh) -> GarmentMesh:
-    """Return the mesh with its faces turned over."""
+    """Return the mesh with the orientation of its faces reversed."""
     return replace(
         mesh,
         triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]),
@@ -98,7 +98,7 @@ def inside_out(mesh: GarmentMesh) -> GarmentMesh:
 
 
 def _without_slivers(mesh: GarmentMesh) -> GarmentMesh:
-    """Drop triangles of which two corners are one vertex."""
+    """Drop triangles with two equal corners."""
     t = mesh.triangles
     kept = (t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])
     return replace(
@@ -111,7 +111,7 @@ def _without_slivers(mesh: GarmentMesh) -> GarmentMesh:
 
 
 class _ObjReader:
-    """Reads one OBJ file; every complaint names the line."""
+    """Reads one OBJ file; every error names the line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -156,9 +156,9 @@ class _ObjReader:
             with open_plain(self._path) as file:
                 for number, line in enumerate(iter(lambda: file.readline(_MOST_LINE_BYTES), b"")):
                     if len(line) == _MOST_LINE_BYTES:
-                        raise ValueError(f"it is longer than {_MOST_LINE_BYTES} characters")
+                        raise ValueError(f"the line is longer than {_MOST_LINE_BYTES} characters")
                     if number == _MOST_LINES:
-                        raise ValueError(f"at most {_MOST_LINES} lines are read: decimate the mesh")
+                        raise ValueError(f"the limit is {_MOST_LINES} lines: decimate the mesh")
                     key, *words = line.decode("utf-8", errors="replace").split() or ("",)
                     yield key, words
         except OSError as error:
@@ -169,7 +169,7 @@ class _ObjReader:
     def _face(self, words: list[str], group: str, material: str) -> None:
         corners = [word.split("/") for word in words]
         if len(corners) < 3:
-            raise ValueError("a face has three corners or more")
+            raise ValueError("a face needs at least three corners")
         points = [self._index(c[0], len(self._vertices)) for c in corners]
         textures = [self._index(c[1], len(self._texture)) if len(c) > 1 and c[1] else -1 for c in corners]
         for k in range(1, len(corners) - 1):
@@ -180,7 +180,7 @@ class _ObjReader:
 
     @staticmethod
     def _index(word: str, count: int) -> int:
-        """Turn a number of the file (from 1; negative from the end) into an index."""
+        """Convert a number of the file (from 1; negative from the end) to an index."""
         number = int(word)
         index = number - 1 if number > 0 else count + number
         if number == 0 or not 0 <= index < count:
@@ -207,7 +207,7 @@ class _ObjReader:
         )
 
     def _images(self) -> tuple[tuple[Uint8, ...], Int32]:
-        """Read the color images of the materials in use; -1 for a material without one."""
+        """Read the color images of the materials in use; -1 for a material without an image."""
         files: dict[str, Path] = {}
         folder, name = self._path.parent.resolve(), ""
         for library in self._libraries:
@@ -229,18 +229,18 @@ def _words_of(path: Path) -> list[list[str]]:
     try:
         text = read_plain(path).decode("utf-8", errors="replace")
     except OSError:
-        return []  # a missing material library only costs the colors
+        return []  # without a material library only the colors are missing
     return [line.split() for line in text.splitlines() if line.split()]
 
 
 def _inside(folder: Path, name: str, mesh: Path) -> Path:
     try:
         path = (folder / name).resolve()
-    except (OSError, RuntimeError, ValueError):  # a loop of links, or no name at all
+    except (OSError, RuntimeError, ValueError):  # a loop of links, or not a valid name
         path = None
     if path is None or not path.is_relative_to(folder) or not name.isprintable():
         raise SynthesisError(
-            f"{mesh}: {shortened(name)} leads outside its folder, or nowhere. Copy the file beside the mesh."
+            f"{mesh}: {shortened(name)} is not a file inside its folder. Copy the file beside the mesh."
         )
     return path
 
@@ -253,7 +253,7 @@ def _texture(path: Path) -> Uint8:
         return decode_color(path)
     except RecordingError as error:
         raise SynthesisError(
-            f"{error} It is the mesh's texture; or choose a generated pattern with --texture."
+            f"{error} Correct this texture, or choose a generated pattern with --texture."
         ) from error
 
 

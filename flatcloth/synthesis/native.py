@@ -1,4 +1,4 @@
-"""Loads Open3D when it is first needed, with the libusb that a bare system lacks."""
+"""Loads Open3D on first use, with libusb if the system lacks it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def load_open3d() -> Any:
         except OSError:
             import libusb_package
 
-            # Open3D links to it by name, so it must be in the process before Open3D is.
+            # Open3D links to it by name, so it must be loaded before Open3D.
             ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
         import open3d
     except (ImportError, OSError) as error:

@@ -1,4 +1,4 @@
-"""The panels of a mesh: which triangles belong together, and how they are connected on the plane."""
+"""The panels of a mesh: the triangles of each, and their connectivity on the plane."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ MOST_PANELS = 15
 def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
     """Return the name and the triangles (K,) of each panel, panel 1 first.
 
-    Groups named front and back are panels 1 and 2, other groups follow. Without such groups, the
-    pieces into which the texture coordinates cut the mesh, the largest first; without texture
-    coordinates, or where they cut it into very many, the connected pieces of the mesh.
+    Groups named front and back are panels 1 and 2; other groups follow. Without such groups the
+    panels are the pieces into which the texture coordinates cut the mesh, the largest first. Without
+    texture coordinates, or if they cut it into too many pieces, the connected components are used.
     """
     names = [name.lower() for name in mesh.group_names]
     front = [i for i, n in enumerate(names) if "front" in n]
@@ -37,14 +37,14 @@ def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
 
 
 def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
-    """Return where two triangles meet.
+    """Return the edges at which two triangles meet.
 
     Returns
     -------
     edge : (M, 2) int32
-        Its vertices.
+        The vertices of each edge.
     corner : (M, 2, 2) int32
-        For each of the two triangles, the corners (numbers in ``triangles.ravel()``) at these vertices.
+        For each of the two triangles, the corners (indices into ``triangles.ravel()``) at these vertices.
     """
     k = np.arange(len(triangles), dtype=np.int32)[:, None] * 3
     first = (k + np.array([0, 1, 2], dtype=np.int32)).ravel()
@@ -61,7 +61,7 @@ def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
 
 
 def nodes_of(triangles: Int32, joined: Bool, corner: Int32) -> Int32:
-    """Return (T, 3) node numbers: corners are one node if a way over joined edges leads around to it."""
+    """Return node numbers (T, 3): corners connected around a vertex over joined edges are one node."""
     pairs = corner[joined].transpose(0, 2, 1).reshape(-1, 2)
     graph = coo_matrix(
         (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(triangles.size,) * 2
@@ -79,26 +79,26 @@ def signed_areas(corner_uv: Float64) -> Float64:
 
 
 def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
-    """Cut a connected piece along the shortest ways between its openings.
+    """Cut a connected piece along the shortest paths between its boundaries.
 
     Parameters
     ----------
     triangles : (T, 3) int32
-        Vertices of the piece.
+        Triangles of the piece.
     points_m : (N, 3) float64
-        Their places.
+        Vertices of the mesh.
     name : str
-        Of the panel, for messages.
+        Name of the panel, for messages.
 
     Returns
     -------
     (T, 3) int32
-        Nodes: a vertex on a cut is two.
+        Nodes: a vertex on a cut has two nodes.
 
     Raises
     ------
     SynthesisError
-        If it is closed or has handles, so that such cuts do not let it lie on a plane.
+        If the piece is closed or has handles, so that such cuts do not make it a disk.
     """
     edge, corner = shared_edges(triangles)
     loops = _openings(triangles, edge)
@@ -109,7 +109,7 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
     if count == 0 or euler != 2 - count:
         cause = "is closed" if count == 0 else "has handles, or more than two triangles at an edge"
         raise SynthesisError(
-            f"The surface of panel {name} {cause}, and cannot be laid on a plane. "
+            f"The surface of panel {name} {cause}, so it cannot be flattened. "
             "Give the mesh groups named front and back, or texture coordinates that cut it."
         )
     cut = np.zeros(len(edge), dtype=bool)
@@ -136,7 +136,7 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
 
 
 def _openings(triangles: Int32, inner_edges: Int32) -> Int32:
-    """Return the numbers of the openings: (N,) the opening a vertex lies on, -1 for the others."""
+    """Return the number (N,) of the boundary that each vertex lies on, -1 for inner vertices."""
     n = int(triangles.max()) + 1
     every = np.sort(
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
@@ -155,7 +155,7 @@ def _openings(triangles: Int32, inner_edges: Int32) -> Int32:
 
 
 def _pieces(mesh: GarmentMesh) -> Int32:
-    """Return the number of the piece of each triangle, by the texture coordinates' cuts if they are few."""
+    """Return the piece of each triangle, by the cuts of the texture coordinates if these are few."""
     _, corner = shared_edges(mesh.triangles)
     everywhere = np.ones(len(corner), dtype=bool)
     joins = [everywhere]
@@ -163,7 +163,7 @@ def _pieces(mesh: GarmentMesh) -> Int32:
         uv = mesh.corner_uv.reshape(-1, 2)
         grain = 1e-5 * max(float(np.ptp(uv, axis=0).max()), 1e-12)
         near = np.abs(uv[corner[:, 0]] - uv[corner[:, 1]]).max(axis=(1, 2)) < grain
-        # A back that was drawn on top of its front meets it at the seam, mirrored.
+        # A back drawn on top of its front meets it mirrored at the seam.
         side = np.sign(signed_areas(mesh.corner_uv))[corner[:, :, 0] // 3]
         joins.insert(0, near & (side[:, 0] == side[:, 1]))
     for joined in joins:

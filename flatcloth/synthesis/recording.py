@@ -1,4 +1,4 @@
-"""A mesh to a recording folder with truth."""
+"""Synthesis of a recording folder with truth from a mesh."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _FOLDED_SHARE = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What to synthesize; see the options of the command ``synthesize``.
+    """The options of a synthesis; see the command ``synthesize``.
 
-    ``up`` None takes y for GLB, z for other files; ``held`` a point in the file's frame and unit, a
-    vertex, or None for the highest vertex; ``panel`` the side of interest, by name or number from 1;
-    ``texture`` None takes the mesh's own colors if it has any, else a checker.
+    ``up`` None: y for GLB, z for other files. ``held``: a point in the file's frame and unit, a
+    vertex, or None for the highest vertex. ``panel``: the side of interest, by name or number from 1.
+    ``texture`` None: the mesh's own colors if it has any, otherwise a checker.
     """
 
     mesh: Path
@@ -56,7 +56,7 @@ class Request:
 
 @dataclass(frozen=True, kw_only=True)
 class Synthesized:
-    """What came out: ``folder``, number of ``views``, the panels, and ``warnings`` for the user."""
+    """The result: ``folder``, number of ``views``, the panels, and ``warnings`` for the user."""
 
     folder: Path
     views: int
@@ -68,37 +68,37 @@ class Synthesized:
 def camera_of(
     size_px: tuple[int, int], focal_px: float, center_px: tuple[float, float] | None = None
 ) -> Intrinsics:
-    """Return a camera; without a center its axis goes through the middle of the image.
+    """Return a camera; without a center, the principal point is the middle of the image.
 
     Raises
     ------
     SynthesisError
-        If there is no such camera.
+        If the values are not those of a camera.
     """
     width, height = size_px
     if not (64 <= width <= 4096 and 64 <= height <= 4096):
         raise SynthesisError(f"--size {width} {height}: choose 64 to 4096 pixels for each.")
     if not 0.2 * max(size_px) <= focal_px <= 20 * max(size_px):
-        raise SynthesisError(f"--focal {focal_px:g}: not the focal length of a {width}x{height} px camera.")
+        raise SynthesisError(f"--focal {focal_px:g}: impossible for {width}x{height} px. Give pixels.")
     cx, cy = center_px or ((width - 1) / 2, (height - 1) / 2)
     if not (0 <= cx < width and 0 <= cy < height):
-        raise SynthesisError(f"--center {cx:g} {cy:g}: choose a place in the {width}x{height} px image.")
+        raise SynthesisError(f"--center {cx:g} {cy:g}: choose a point in the {width}x{height} px image.")
     return Intrinsics(width=width, height=height, fx=focal_px, fy=focal_px, cx=cx, cy=cy)
 
 
 def synthesize(request: Request, progress: Progress = no_progress) -> Synthesized:
-    """Make a recording folder from a mesh.
+    """Synthesize a recording folder from a mesh.
 
     Raises
     ------
     SynthesisError
-        If the mesh cannot be read, hung or flattened, or an option does not fit it.
+        If the mesh cannot be read, hung or flattened, or an option does not match it.
     RecordingError
         If the folder is not empty or cannot be written.
 
     Notes
     -----
-    About half a second a view of 480x848 px with noise, two thirds of it noise and PNG files.
+    It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
     _check(request)
     mesh = read_mesh(request.mesh)
@@ -124,9 +124,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     turning = turn(hung, angles, request.loose, random)
     texture = request.texture or (MESH_COLORS if _has_colors(mesh) else PATTERNS[0])
     if texture == MESH_COLORS and not _has_colors(mesh):
-        raise SynthesisError(
-            f"{request.mesh}: has no colors of its own. Choose --texture {', '.join(PATTERNS)}."
-        )
+        raise SynthesisError(f"{request.mesh}: has no colors. Choose --texture {', '.join(PATTERNS)}.")
     scene = Scene(mesh, hung.points_m, panels, texture, request.seed)
     measure = _sensor(request)
     name = request.name or request.out.resolve().name
@@ -151,7 +149,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
             view = scene.view(request.camera, pose)
             if not view.depth_m.any():
                 raise SynthesisError(
-                    f"{request.mesh}: view {n} shows nothing of it. Choose another --distance or --scale."
+                    f"{request.mesh}: the item is not in view {n}. Choose another --distance or --scale."
                 )
             depth, rgb = measure(view, np.random.default_rng([request.seed, 2, n]))
             mask = (view.panel == of_interest) & view.outer & (depth > 0)
@@ -190,15 +188,15 @@ def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
     panels = []
     size_m = float(np.ptp(hung.points_m, axis=0).max())
     if size_m > _LARGEST_M:
-        raise SynthesisError(f"It is {size_m:g} m large. Check --scale.")
+        raise SynthesisError(f"The mesh is {size_m:g} m large. Check --scale.")
     for name, members in split_panels(mesh):
         if len(members) == 0:
-            raise SynthesisError(f"It has no group named {name}. Name both sides, front and back.")
+            raise SynthesisError(f"The mesh has no group named {name}. Name both sides, front and back.")
         panel = flatten_panel(name, members, hung.points_m, mesh.triangles, mesh.corner_uv)
         if np.abs(panel.corner_uv_m).max() > _MOST_FLAT_M:
             raise SynthesisError(
-                f"Panel {name} is over {2 * _MOST_FLAT_M:g} m large when flat, more than a recording's "
-                "truth can hold. Check --scale, or split the panel."
+                f"Panel {name} is over {2 * _MOST_FLAT_M:g} m large when flat, more than the truth of "
+                "a recording can store. Check --scale, or split the panel."
             )
         panels.append(panel)
     return tuple(panels)
@@ -212,7 +210,7 @@ def _panel_number(wanted: str, panels: tuple[FlatPanel, ...]) -> int:
         number = int(wanted)
     else:
         number = 0
-    if number not in (1, 2):  # all that the format allows
+    if number not in (1, 2):  # the format allows only two panels
         offered = [f"{i} ({name})" for i, name in enumerate(names[:2], start=1)]
         raise SynthesisError(f"--panel {wanted}: not a side of this mesh. Choose {' or '.join(offered)}.")
     return number
@@ -241,7 +239,7 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
             f"{1 - shown:.1%} of the item leaves the image in some views: choose a larger --distance."
         )
     found += [
-        f"{panel.name}: {panel.flipped_share:.1%} of it is folded over on the plane; its truth is doubtful "
+        f"{panel.name}: {panel.flipped_share:.1%} of it is folded on the plane; its truth is unreliable "
         "there. Give the mesh groups front and back, or pattern coordinates."
         for panel in panels
         if panel.flipped_share > _FOLDED_SHARE
@@ -251,7 +249,7 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
 
 def _description(request: Request) -> str:
     noise = "no sensor noise" if request.noise == "none" else "D435-like sensor noise"
-    loose = ", angles and axis known only roughly" if request.loose != Looseness() else ""
+    loose = ", angles and axis recorded with errors" if request.loose != Looseness() else ""
     return f"synthetic, from the mesh {request.mesh.name}, {noise}{loose}"
 
 

@@ -1,4 +1,4 @@
-"""One view of a hung mesh by ray casting: depth, color and truth, without noise."""
+"""Rendering of one view of a hung mesh by ray casting: depth, color and truth, without noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Uint16 = NDArray[np.uint16]
 MESH_COLORS = "mesh"
 _BACKGROUND = np.array([33.0, 36.0, 39.0]) / 255
 _LIGHT = np.array([-0.35, -0.45, -1.0]) / np.linalg.norm([-0.35, -0.45, -1.0])
-"""Towards the light, camera frame: above and left of the camera, and turning with it."""
+"""Direction to the light in the camera frame: above and left of the camera."""
 _AMBIENT = 0.30
 _SUBPIXELS = 2
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
@@ -28,8 +28,8 @@ _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
 
 @dataclass(frozen=True, kw_only=True)
 class Rendered:
-    """A view: ``depth_m`` (H, W), 0 beside the item; ``rgb`` (H, W, 3); ``panel`` (H, W), 0 none;
-    ``outer`` (H, W) whether its outer face is seen; ``flat_uv_m`` (H, W, 2), NaN beside the item.
+    """A view: ``depth_m`` (H, W), 0 off the item; ``rgb`` (H, W, 3); ``panel`` (H, W), 0 none;
+    ``outer`` (H, W) whether its outer face is seen; ``flat_uv_m`` (H, W, 2), NaN off the item.
     """  # fmt: skip
 
     depth_m: Float32
@@ -47,20 +47,20 @@ class Rendered:
 
 
 class Scene:
-    """A mesh ready to be rendered in any pose.
+    """A mesh that can be rendered in any pose.
 
     Parameters
     ----------
     mesh : GarmentMesh
         Its triangles and colors.
     points_m : (N, 3) float64
-        Its vertices, in the frame from which ``view`` starts.
+        Its vertices, in the source frame of ``view``.
     panels : sequence of FlatPanel
         Panel 1 first.
     texture : str
         A generated pattern, or ``"mesh"`` for the mesh's own colors.
     seed : int
-        Of the generated pattern.
+        Seed of the generated pattern.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Scene:
         self._normals = _vertex_normals(points_m, mesh.triangles)
 
     def view(self, camera: Intrinsics, camera_from_points: Rigid3) -> Rendered:
-        """Render one view; about a third of a second for 480x848 px and 25 000 triangles."""
+        """Render one view; it takes about 0.3 s for 480x848 px and 25 000 triangles."""
         points = camera_from_points.apply(self._points)
         caster = _Caster(points, self._mesh.triangles)
         rows, cols = _window(points, camera)
@@ -138,7 +138,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class _Hit:
-    """What rays met: ``depth_m`` (h, w), 0 nothing; ``triangle``, corner ``weights``, ``outer`` face."""
+    """Ray hits: ``depth_m`` (h, w), 0 for none; ``triangle``, corner ``weights``, ``outer`` face."""
 
     depth_m: Float32
     triangle: Int32
@@ -158,7 +158,7 @@ class _Caster:
 
     def cast(self, camera: Intrinsics, rows: slice, cols: slice, subpixels: int) -> _Hit:
         """Cast ``subpixels`` squared rays through each pixel of a window."""
-        # Subpixel centres lie around the pixel's, whose coordinate is an integer.
+        # Subpixel centres lie around the pixel centre, which has integer coordinates.
         y, x = (
             (np.arange((s.stop - s.start) * subpixels) + 0.5) / subpixels - 0.5 + s.start
             for s in (rows, cols)

@@ -1,8 +1,8 @@
-"""What a stereo depth camera like the D435 makes of a true depth image.
+"""Simulation of a stereo depth camera such as the D435 on a true depth image.
 
-Everything happens in disparity, as in the sensor: matching looks at windows, which widens what is
-near, joins layers across depth edges by ramps, correlates the noise of neighbours, and fails where
-a window sees two depths at once.
+The errors are simulated in disparity, where they arise: block matching widens near surfaces (edge
+fattening), joins layers across depth edges by ramps, correlates the noise of neighbouring pixels, and
+fails where its window contains two depths.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from flatcloth.core.types import Bool, Float32, Float64, Uint8
 
 @dataclass(frozen=True, kw_only=True)
 class DepthSensor:
-    """The figures of the noise; the defaults are a D435's at its 480x848 px mode, focal length 425 px.
+    """Parameters of the noise; the defaults are those of a D435 at 480x848 px, focal length 425 px.
 
-    ``disparity_noise_px`` standard deviation, of which ``grain_share`` (of the variance) is not
-    correlated; ``correlation_px`` sigma of the Gaussian that correlates the rest; ``jitter_px`` how
-    far the matched place wanders; ``fatten_px`` how far near surfaces reach over far ones, and
-    ``outline_px`` the mean and the deviation of how far the outline moves outwards; ``ramp_px``
-    sigma of the smoothing across edges, and ``join_m`` of the depth steps that are smoothed over;
-    ``unsure_m`` depth step from which the place beside it may be lost; ``hole_share`` of places
-    lost without a cause; ``unit_m`` of the depth images.
+    ``disparity_noise_px``: standard deviation, of whose variance the share ``grain_share`` is
+    uncorrelated; ``correlation_px``: sigma of the Gaussian that correlates the rest; ``jitter_px``:
+    standard deviation of the matched position; ``fatten_px``: width by which near surfaces extend
+    over far ones; ``outline_px``: mean and deviation of the outward shift of the outline;
+    ``ramp_px``: sigma of the smoothing across edges, and ``join_m`` the largest depth step that is
+    smoothed; ``unsure_m``: smallest depth step beside which pixels may be lost; ``hole_share``: share
+    of pixels lost at random; ``unit_m``: unit of the depth images.
     """
 
     baseline_m: float = 0.050
@@ -46,7 +46,7 @@ class DepthSensor:
 def measure_depth(
     depth_m: Float32, focal_px: float, random: np.random.Generator, sensor: DepthSensor
 ) -> Float32:
-    """Return what the sensor measures.
+    """Simulate the sensor's depth image.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def measure_depth(
     focal_px : float
         Focal length.
     random : Generator
-        Of the noise.
+        Source of the noise.
     sensor : DepthSensor
-        Its figures.
+        Parameters of the noise.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def measure_depth(
 
 
 def measure_color(rgb: Uint8, random: np.random.Generator, noise_levels: float = 2.0) -> Uint8:
-    """Return the color image (H, W, 3), slightly out of focus and with noise of a few grey levels."""
+    """Return the color image (H, W, 3), slightly defocused, with noise of a few grey levels."""
     blurred = cv2.GaussianBlur(rgb, (0, 0), 0.5).astype(np.float32)
     noisy = blurred + random.normal(0, noise_levels, rgb.shape).astype(np.float32)
     seen: Uint8 = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
@@ -91,7 +91,7 @@ def measure_color(rgb: Uint8, random: np.random.Generator, noise_levels: float =
 
 
 def _window(seen: Bool, margin_px: int = 12) -> tuple[slice, slice]:
-    """Return rows and columns that show something, with room for what reaches beyond it."""
+    """Return the rows and columns that contain the item, with a margin for effects beyond it."""
     spans = []
     for axis in (1, 0):
         at = np.flatnonzero(seen.any(axis=axis))
@@ -100,7 +100,7 @@ def _window(seen: Bool, margin_px: int = 12) -> tuple[slice, slice]:
 
 
 def _smooth_field(shape: tuple[int, ...], random: np.random.Generator, sigma_px: float) -> Float32:
-    """Return Gaussian noise of unit deviation, correlated over a few pixels."""
+    """Return Gaussian noise of unit standard deviation, correlated over a few pixels."""
     white = random.normal(size=shape).astype(np.float32)
     blurred = cv2.GaussianBlur(white, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT_101)
     field: Float32 = (blurred / max(float(blurred.std()), 1e-9)).astype(np.float32)
@@ -110,7 +110,7 @@ def _smooth_field(shape: tuple[int, ...], random: np.random.Generator, sigma_px:
 def _jittered(disparity: Float32, random: np.random.Generator, sensor: DepthSensor) -> Float32:
     rows, cols = np.indices(disparity.shape, dtype=np.float32)
     wander = [sensor.jitter_px * _smooth_field(disparity.shape, random, 2.0) for _ in range(2)]
-    # Linear within a surface, nearest across an edge: jitter moves an edge and does not blur it.
+    # Linear within a surface, nearest across an edge: jitter moves an edge without blurring it.
     at = cols + wander[0], rows + wander[1]
     nearest = cv2.remap(disparity, *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     linear = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -119,9 +119,9 @@ def _jittered(disparity: Float32, random: np.random.Generator, sensor: DepthSens
 
 
 def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Float32:
-    # A window follows the nearer part of what it sees: slopes come out nearer by about a pixel ...
+    # A matching window follows the nearest surface in it: slopes appear nearer by about a pixel ...
     wide = cv2.dilate(disparity, np.ones((3, 3), np.uint8)).astype(np.float32)
-    # ... and a near layer reaches over a far one, by a width that wavers.
+    # ... and a near layer extends over a far one, by a varying width (edge fattening).
     depth = scale / np.maximum(disparity, 1e-6)
     width = sensor.fatten_px + 0.6 * _smooth_field(disparity.shape, random, 2.0)
     for reach in (1, 2, 3):
@@ -129,7 +129,7 @@ def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sen
         near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
         over = (depth - scale / np.maximum(near, 1e-6) > 0.012) & (width > reach - 0.5)
         wide = np.where(over, np.maximum(wide, near), wide).astype(np.float32)
-    # The outline wavers about the true one, and is wider by about a pixel.
+    # The measured outline varies about the true one, and is wider by about a pixel.
     seen = disparity > 0
     outside = ndimage.distance_transform_edt(~seen) - ndimage.distance_transform_edt(seen)
     outline = sensor.outline_px[0] + sensor.outline_px[1] * _smooth_field(disparity.shape, random, 1.4)
@@ -140,7 +140,7 @@ def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sen
 
 
 def _ramped(disparity: Float32, scale: float, sensor: DepthSensor) -> Float32:
-    """Smooth over depth steps that are joined, not over larger ones nor into nothing."""
+    """Smooth across depth steps up to ``join_m``, but not across larger ones or the outline."""
     radius = int(np.ceil(2.5 * sensor.ramp_px))
     depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
     total, weight = np.zeros_like(disparity), np.zeros_like(disparity)
@@ -170,9 +170,9 @@ def _noise(shape: tuple[int, ...], random: np.random.Generator, sensor: DepthSen
 
 
 def _lost(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Bool:
-    """Places without a depth: between far apart layers, along the outline, and a few anywhere."""
+    """Pixels without depth: between distant layers, along the outline, and a few at random."""
     depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
-    # A far pixel beside a near layer is what only one of the two eyes sees.
+    # Only one of the two cameras sees a far pixel beside a near layer.
     far = cv2.dilate(depth, np.ones((3, 3), np.uint8))
     near = cv2.erode(np.where(depth > 0, depth, 99).astype(np.float32), np.ones((5, 5), np.uint8))
     step = np.where(depth > 0, np.maximum(depth - near, 0.75 * (far - depth)), 0)
@@ -180,7 +180,7 @@ def _lost(disparity: Float32, scale: float, random: np.random.Generator, sensor:
     field = _smooth_field(disparity.shape, random, 1.5)
     lost: Bool = (doubt > 0) & (ndimage.gaussian_filter(doubt, 0.5) * 1.6 + 0.7 * field > 1.0)
     holes = _smooth_field(disparity.shape, random, 2.8)
-    # The outermost pixel of the outline comes and goes.
+    # The outermost pixel of the outline is measured only sometimes.
     rim = (disparity > 0) & (cv2.erode((disparity > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
     lost |= rim & (_smooth_field(disparity.shape, random, 1.2) > 1.2)
     lost |= holes > np.quantile(holes, 1 - sensor.hole_share)

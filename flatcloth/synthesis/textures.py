@@ -1,4 +1,4 @@
-"""The colors of the cloth: generated patterns in metres of cloth, or what the mesh brings."""
+"""The colors of the cloth: generated patterns in metres of cloth, or the mesh's own colors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FLOWER_CELL_M = 0.026
 
 
 def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
-    """Return the colors (N, 3), 0 to 1, of a generated pattern at places (N, 2) of a panel.
+    """Return the colors (N, 3), 0 to 1, of a generated pattern at positions (N, 2) of a panel.
 
     The seed chooses the colors and the layout; every panel has its own shade.
     """
@@ -33,9 +33,9 @@ def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
 
 
 def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64 | None:
-    """Return the mesh's own colors (N, 3), 0 to 1, at places in triangles; None if it has none.
+    """Return the mesh's own colors (N, 3), 0 to 1, at points of triangles; None if it has none.
 
-    ``triangle`` (N,) and ``weights`` (N, 3) of its corners.
+    A point is given by its ``triangle`` (N,) and the ``weights`` (N, 3) of its corners.
     """
     if mesh.image is None and mesh.vertex_rgb is None:
         return None
@@ -52,7 +52,7 @@ def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64 | 
 
 
 def _looked_up(image: Uint8, uv: Float64) -> Float64:
-    """Colors (N, 3) of an image that repeats, v up."""
+    """Colors (N, 3) of a repeating image, v up."""
     if len(uv) == 0:
         return np.zeros((0, 3))
     rows, cols = image.shape[:2]
@@ -75,7 +75,7 @@ def _checker(uv_m: Float64, shade: Float64, light: Float64, square_m: float = 0.
     cell = np.floor(uv_m / square_m).astype(np.int64)
     odd = (cell.sum(axis=1) % 2).astype(bool)
     rgb = np.where(odd[:, None], shade, light)
-    # A thin line each five squares breaks the symmetry, as a seam or a weaving fault does.
+    # A thin line every five squares breaks the symmetry, like a seam or a weaving fault.
     beside = np.abs((uv_m + 0.0615) % (5 * square_m)).min(axis=1) < 0.002
     return np.where(beside[:, None], 0.12, rgb)
 
@@ -92,7 +92,7 @@ def _stripes(uv_m: Float64, shade: Float64, light: Float64, random: np.random.Ge
 
 
 def _plain(uv_m: Float64, shade: Float64, random: np.random.Generator) -> Float64:
-    """Return a weave's slight unevenness: a few per cent, over 5 to 60 mm."""
+    """Return the slight unevenness of a weave: a few per cent, over 5 to 60 mm."""
     level = np.zeros(len(uv_m))
     for wave_m in (0.06, 0.03, 0.015, 0.008):
         for _ in range(4):
@@ -103,7 +103,7 @@ def _plain(uv_m: Float64, shade: Float64, random: np.random.Generator) -> Float6
 
 
 def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
-    """Five-petalled flowers, each cell of a grid holding one at its own place, size, turn and hue."""
+    """Five-petalled flowers, one in each cell of a grid, with random position, size, rotation and hue."""
     rgb = np.tile(ground, (len(uv_m), 1))
     cell = np.floor(uv_m / _FLOWER_CELL_M).astype(np.int64)
     for i in (-1, 0, 1):
@@ -126,7 +126,7 @@ _DYES = np.array([(0.75, 0.15, 0.20), (0.20, 0.25, 0.60), (0.85, 0.55, 0.08), (0
 
 
 def _chance(cell: Int64, seed: int, number: int) -> Float64:
-    """Return a number in [0, 1) that each cell has always, the same whatever is drawn."""
+    """Return a number in [0, 1) that is fixed for each cell and independent of what is drawn."""
     x = cell[:, 0].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     x ^= cell[:, 1].astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)
     x += np.uint64((seed * 0x165667B19E3779F9 + number * 0x27D4EB2F165667C5) % 2**64)

@@ -10,6 +10,7 @@ const CLICK_PX = 4;
 const MARGIN_PX = 34;
 const SLACK_M = 0.05;
 
+/** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
 
 export class FlatCanvas {
@@ -29,7 +30,7 @@ export class FlatCanvas {
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
     this.boxes = new Map(); // of live mode: where each view lay when it was shown last
-    this.reach = null; // what all of them need together
+    this.extent = null; // what all of them need together
     this.marks = [];
     this.pick = null;
     this.scenery = SHAPE_ALONE;
@@ -76,9 +77,9 @@ export class FlatCanvas {
     this.pick = pickUv ? { uv_m: pickUv } : null;
     if (!shown) return;
     this.boxes.set(view, shown.box);
-    const reach = [...this.boxes.values()].reduce(union);
-    if (this.reach && contains(this.reach, reach) && !contains(reach, grown(this.reach, -2 * SLACK_M))) return;
-    this.reach = grown(reach, SLACK_M);
+    const extent = [...this.boxes.values()].reduce(union);
+    if (this.extent && contains(this.extent, extent) && !contains(extent, grown(this.extent, -2 * SLACK_M))) return;
+    this.extent = grown(extent, SLACK_M);
     if (this.fitted) this.fit();
   }
 
@@ -120,7 +121,7 @@ export class FlatCanvas {
 
   fit() {
     this.fitted = true;
-    const box = this.reach ?? union(this.layer.shown?.box, this.overlay.shown?.box);
+    const box = this.extent ?? union(this.layer.shown?.box, this.overlay.shown?.box);
     if (box && this.width) this.transform.fit(box, this.width, this.height, MARGIN_PX);
     this.redraw();
   }
@@ -240,14 +241,18 @@ export class FlatCanvas {
     canvas.addEventListener("pointercancel", () => (this.gesture = null));
     canvas.addEventListener("pointerleave", () => this.handlers.hover(null));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      const { x, y } = this.inPane(event);
-      const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-      this.fitted = false;
-      this.transform.zoom(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.0016)), x, y);
-      this.redraw();
-    }, { passive: false });
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        const { x, y } = this.inPane(event);
+        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
+        this.fitted = false;
+        this.transform.zoom(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.0016)), x, y);
+        this.redraw();
+      },
+      { passive: false },
+    );
   }
 
   inPane(event) {
@@ -257,16 +262,37 @@ export class FlatCanvas {
 
   overProposal(x, y) {
     const { u, v } = this.transform.toPlane(x, y);
-    return this.scenery.holds(x, y) && this.handlers.mayDrag() && this.overlay.covers(u - this.preview.u, v - this.preview.v);
+    return (
+      this.scenery.holds(x, y) &&
+      this.handlers.mayDrag() &&
+      this.overlay.covers(u - this.preview.u, v - this.preview.v)
+    );
   }
 
   press(event) {
     if (event.button > 2) return;
     const { x, y } = this.inPane(event);
-    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId); // the pointer of the keys has nothing to capture
+    // The pointer of the keys has nothing to capture.
+    if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
     const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
-    const kind = tool ? "tool" : event.button === 0 && this.overProposal(x, y) ? (event.shiftKey ? "turn" : "drag") : "pan";
-    this.gesture = { kind, tool, button: event.button, x, y, lastX: x, lastY: y, moved: false, by: { theta: 0, u: 0, v: 0 } };
+    const kind = tool
+      ? "tool"
+      : event.button === 0 && this.overProposal(x, y)
+        ? event.shiftKey
+          ? "turn"
+          : "drag"
+        : "pan";
+    this.gesture = {
+      kind,
+      tool,
+      button: event.button,
+      x,
+      y,
+      lastX: x,
+      lastY: y,
+      moved: false,
+      by: { theta: 0, u: 0, v: 0 },
+    };
   }
 
   move(event) {
@@ -289,9 +315,10 @@ export class FlatCanvas {
       this.transform.pan(dx, dy);
       this.redraw();
     } else {
-      const by = gesture.kind === "drag"
-        ? { theta: 0, ...this.transform.toPlaneVector(dx, dy) }
-        : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
+      const by =
+        gesture.kind === "drag"
+          ? { theta: 0, ...this.transform.toPlaneVector(dx, dy) }
+          : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
       if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
       if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
       for (const name of ["theta", "u", "v"]) gesture.by[name] += by[name];

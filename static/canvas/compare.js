@@ -9,18 +9,33 @@ const WIPE_STEP = 0.02;
 const PALE = 0.25;
 
 /** The actions, in the order of their buttons, and the mode that each means. */
-export const MODES = {
-  overlay: "both", compare_shape: "shape", compare_proposal: "proposal",
-  compare_wipe: "wipe", blink: "blink", compare_difference: "difference",
+const MODES = {
+  overlay: "both",
+  compare_shape: "shape",
+  compare_proposal: "proposal",
+  compare_wipe: "wipe",
+  blink: "blink",
+  compare_difference: "difference",
 };
-const LABELS = { overlay: "Both", compare_shape: "A", compare_proposal: "B", compare_wipe: "Wipe", blink: "Blink", compare_difference: "Differ" };
+const LABELS = {
+  overlay: "Both",
+  compare_shape: "A",
+  compare_proposal: "B",
+  compare_wipe: "Wipe",
+  blink: "Blink",
+  compare_difference: "Differ",
+};
 const KINDS = { color: "Color", height: "Height", position: "3D" };
 
-/** Paints the flattened view; `changed()` when another mode is chosen. */
+/** Paints the flattened view. */
 export class Comparison {
-  constructor(canvas, changed) {
+  name = "comparison";
+
+  constructor(page) {
+    const { canvas } = page;
+    this.page = page;
     this.canvas = canvas;
-    this.changed = changed;
+    this.actions = Object.fromEntries(Object.keys(MODES).map((name) => [name, () => this.choose(name)]));
     this.mode = "both";
     this.kind = "color";
     this.opacity = 0.7;
@@ -28,11 +43,22 @@ export class Comparison {
     this.showsProposal = true;
     this.legends = null;
     this.heat = new Picture(() => canvas.redraw());
-    this.handle = make("div", {
-      class: "wipe", role: "separator", tabindex: 0, hidden: true, "aria-orientation": "vertical",
-      "aria-label": "Wipe: the shape on the left, the proposal on the right", "aria-valuemin": 0, "aria-valuemax": 100,
-      on: { pointerdown: (e) => this.grab(e), pointermove: (e) => this.drag(e), keydown: (e) => this.key(e) },
-    }, make("span", {}, "A"), make("span", {}, "B"));
+    this.handle = make(
+      "div",
+      {
+        class: "wipe",
+        role: "separator",
+        tabindex: 0,
+        hidden: true,
+        "aria-orientation": "vertical",
+        "aria-label": "Wipe: the shape on the left, the proposal on the right",
+        "aria-valuemin": 0,
+        "aria-valuemax": 100,
+        on: { pointerdown: (e) => this.grab(e), pointermove: (e) => this.drag(e), keydown: (e) => this.key(e) },
+      },
+      make("span", {}, "A"),
+      make("span", {}, "B"),
+    );
     this.chip = make("p", { class: "compare-chip", hidden: true, role: "status" });
     byId("stage").append(this.handle, this.chip);
     canvas.scenery = this;
@@ -59,16 +85,25 @@ export class Comparison {
         if (this.proposal) this.canvas.redraw();
       }, BLINK_MS);
     }
-    this.changed();
+    this.page.changed();
+  }
+
+  setOpacity(value) {
+    this.opacity = value;
+    this.canvas.redraw();
+  }
+
+  get pressed() {
+    return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
   }
 
   setKind(kind) {
     this.kind = kind;
-    this.changed();
+    this.page.changed();
   }
 
   /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
-  update(state, look) {
+  show(state, look) {
     const overlay = state.pending ? state.layers?.overlay : null;
     this.legends = overlay?.differences ?? null;
     if (overlay && this.mode === "difference") {
@@ -84,6 +119,10 @@ export class Comparison {
     this.chip.hidden = !overlay || !told;
     setText(this.chip, told ?? "");
     this.canvas.redraw();
+  }
+
+  hovered(answer) {
+    showBoth(answer);
   }
 
   /** Which difference is on the canvas. */
@@ -107,12 +146,15 @@ export class Comparison {
     if (!this.proposal) return canvas.drawShape();
     const at = this.share * canvas.width;
     switch (this.mode) {
-      case "shape": return canvas.drawShape();
-      case "proposal": return canvas.drawProposal();
+      case "shape":
+        return canvas.drawShape();
+      case "proposal":
+        return canvas.drawProposal();
       case "wipe":
         this.within(0, at, () => canvas.drawShape());
         return this.within(at, canvas.width - at, () => canvas.drawProposal());
-      case "difference": return this.paintDifference(canvas);
+      case "difference":
+        return this.paintDifference(canvas);
       default:
         canvas.drawShape();
         if (this.showsProposal) canvas.drawProposal(this.mode === "blink" ? 1 : this.opacity, true);
@@ -189,16 +231,31 @@ export class Comparison {
 
   /** The buttons of all modes; `button(name, title)` makes one of an action. */
   buttons(button) {
-    return make("div", { class: "modes segmented-grid" }, ...Object.keys(MODES).map((name) => button(name, LABELS[name])));
+    return make(
+      "div",
+      { class: "modes segmented-grid" },
+      ...Object.keys(MODES).map((name) => button(name, LABELS[name])),
+    );
   }
 
   /** The choice of the difference, where it is looked at. */
   showKinds(container) {
     container.hidden = this.mode !== "difference";
-    rebuild(container, [this.kind], () => Object.entries(KINDS).map(([kind, title]) => make("button", {
-      type: "button", class: "button", "aria-pressed": String(kind === this.kind), data: { id: `difference-${kind}` },
-      on: { click: () => this.setKind(kind) },
-    }, title)));
+    rebuild(container, [this.kind], () =>
+      Object.entries(KINDS).map(([kind, title]) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button",
+            "aria-pressed": String(kind === this.kind),
+            data: { id: `difference-${kind}` },
+            on: { click: () => this.setKind(kind) },
+          },
+          title,
+        ),
+      ),
+    );
   }
 }
 
@@ -207,12 +264,14 @@ const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
 // --- both values under the pointer ---------------------------------------------------------------
 
 const COLUMNS = [
-  ["Color", "Red, green, blue; their mean absolute difference"], ["Height z", "mm along the axis"],
-  ["Z-angle", "At the present rotation, so that both can be compared"], ["x y z", "mm, held frame; the distance between both"],
+  ["Color", "Red, green, blue; their mean absolute difference"],
+  ["Height z", "mm along the axis"],
+  ["Z-angle", "At the present rotation, so that both can be compared"],
+  ["x y z", "mm, held frame; the distance between both"],
 ];
 
 /** Show the values of both under the pointer; `answer` without both hides them. */
-export function showBoth(answer) {
+function showBoth(answer) {
   const { shape: a, proposal: b } = answer ?? {};
   const box = byId("readout-both");
   const both = Boolean(a && b);
@@ -224,12 +283,32 @@ export function showBoth(answer) {
   const rows = [
     ["A", swatch(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
     ["B", swatch(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
-    ["B − A", number(colorApart(a, b)), number(change("height_mm")), degrees(turn === null ? null : ((turn + 540) % 360) - 180),
-      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`],
+    [
+      "B − A",
+      number(colorApart(a, b)),
+      number(change("height_mm")),
+      degrees(turn === null ? null : ((turn + 540) % 360) - 180),
+      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`,
+    ],
   ];
   rebuild(box, rows.map((r) => r.map(String)).concat([[a.rgb, b.rgb]]), () => [
-    make("thead", {}, make("tr", {}, make("td"), ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", data: { tip } }, title)))),
-    make("tbody", {}, ...rows.map(([name, ...cells]) => make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((c) => make("td", {}, c))))),
+    make(
+      "thead",
+      {},
+      make(
+        "tr",
+        {},
+        make("td"),
+        ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", data: { tip } }, title)),
+      ),
+    ),
+    make(
+      "tbody",
+      {},
+      ...rows.map(([name, ...cells]) =>
+        make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((c) => make("td", {}, c))),
+      ),
+    ),
   ]);
 }
 

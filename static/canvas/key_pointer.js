@@ -1,4 +1,5 @@
-// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses and lets go.
+// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
+// and lets go.
 
 import { byId, make } from "/static/page/dom.js";
 
@@ -75,7 +76,9 @@ export class KeyPointer {
     const at = this.canvas.getBoundingClientRect();
     const [clientX, clientY] = [at.left + this.place.x, at.top + this.place.y];
     const buttons = type === "pointerdown" || this.held ? 1 : 0;
-    this.canvas.dispatchEvent(new PointerEvent(type, { bubbles: true, button: 0, buttons, clientX, clientY, shiftKey }));
+    this.canvas.dispatchEvent(
+      new PointerEvent(type, { bubbles: true, button: 0, buttons, clientX, clientY, shiftKey }),
+    );
   }
 
   show() {

@@ -1,4 +1,5 @@
-// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as they are.
+// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
+// they are.
 
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
@@ -9,19 +10,36 @@ const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 const PLAIN = { map: "", low: 0, high: 1 };
 
-/** Keeps how each layer is looked at; `changed()` when pictures must be fetched anew. */
+/** Keeps how each layer is looked at. */
 export class Looking {
-  constructor(canvas, changed) {
-    this.canvas = canvas;
-    this.changed = changed;
+  name = "looking";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = {
+      look: () => this.toggle(),
+      turn_left_seen: () => this.turnBy(-1),
+      turn_right_seen: () => this.turnBy(1),
+      flip: () => this.flip(),
+      grid: () => {
+        this.grid = !this.grid;
+        this.canvas.redraw();
+        page.changed();
+      },
+    };
     this.settings = new Map(); // by layer or difference
     this.maps = {};
     this.open = false;
     this.grid = false;
-    canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
+    this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
     this.chip = make("button", {
-      type: "button", class: "button small turned", hidden: true, "aria-label": "Undo turn and flip",
-      data: { tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is" }, on: { click: () => this.turn(0, false) },
+      type: "button",
+      class: "button small turned",
+      hidden: true,
+      "aria-label": "Undo turn and flip",
+      data: { tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is" },
+      on: { click: () => this.turn(0, false) },
     });
     byId("stage").append(this.chip);
     this.loadMaps();
@@ -50,7 +68,12 @@ export class Looking {
     this.canvas.turnTo(angle, flipped);
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
-    setText(this.chip, [degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "", flipped ? "flipped" : ""].filter(Boolean).join(", "));
+    setText(
+      this.chip,
+      [degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "", flipped ? "flipped" : ""]
+        .filter(Boolean)
+        .join(", "),
+    );
   }
 
   // --- colour map and window -------------------------------------------------------------------
@@ -61,7 +84,7 @@ export class Looking {
 
   set(layer, change) {
     this.settings.set(layer, { ...this.of(layer), ...change });
-    this.changed();
+    this.page.changed();
   }
 
   /** How a layer is looked at, as part of an address. */
@@ -79,51 +102,90 @@ export class Looking {
     return { ...legend, low: at(low), high: at(high), colors: this.maps[map]?.colors ?? legend.colors };
   }
 
+  get pressed() {
+    return { look: this.open, grid: this.grid };
+  }
+
   reset() {
     this.settings.clear();
     this.grid = false;
     this.turn(0, false);
-    this.changed();
+    this.page.changed();
   }
 
   // --- the panel -------------------------------------------------------------------------------
 
   toggle() {
     this.open = !this.open;
-    this.changed();
+    this.page.changed();
     if (this.open) byId("look").querySelector("button")?.focus();
   }
 
-  /** Show the panel for a layer with its legend (null: it has no numbers); `button(name, sign)` makes that of an action. */
-  show(layer, legend, button, live) {
+  /** Show the panel for a layer with its legend (null: it has no numbers); */
+  show(layer, legend, live) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
-    rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () => [
-      make("div", { class: "looks" }, ...Object.entries(SIGNS).map(([name, sign]) => button(name, sign))),
-      make("button", {
-        type: "button", class: "button last", data: { id: "look-reset", tip: "As it is: not turned, not flipped, no grid, each layer's own colours" }, on: { click: () => this.reset() },
-      }, "Reset"),
-      ...(live ? [] : [ramp ? this.mapField(layer, setting) : null, ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : [])]),
-    ].filter(Boolean));
+    rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () =>
+      [
+        make(
+          "div",
+          { class: "looks" },
+          ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign)),
+        ),
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button last",
+            data: { id: "look-reset", tip: "As it is: not turned, not flipped, no grid, each layer's own colours" },
+            on: { click: () => this.reset() },
+          },
+          "Reset",
+        ),
+        ...(live
+          ? []
+          : [
+              ramp ? this.mapField(layer, setting) : null,
+              ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
+            ]),
+      ].filter(Boolean),
+    );
   }
 
   mapField(layer, setting) {
     const options = [["", "Own colours"], ...Object.entries(this.maps).map(([name, map]) => [name, map.title])];
-    return make("label", { class: "field" }, make("select", {
-      "aria-label": "Colours", data: { id: "look-map", tip: "Colours; equal steps of a value look equal in each" }, on: { change: (event) => this.set(layer, { map: event.target.value }) },
-    }, ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title))));
+    return make(
+      "label",
+      { class: "field" },
+      make(
+        "select",
+        {
+          "aria-label": "Colours",
+          data: { id: "look-map", tip: "Colours; equal steps of a value look equal in each" },
+          on: { change: (event) => this.set(layer, { map: event.target.value }) },
+        },
+        ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title)),
+      ),
+    );
   }
 
   windowFields(layer, setting, legend, ramp) {
-    const told = (share) => (ramp ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`);
+    const told = (share) =>
+      ramp ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`;
     const names = ramp ? { low: "From", high: "To" } : { low: "Black", high: "White" };
     return ["low", "high"].map((end) => {
       const output = make("output", {}, told(setting[end]));
       const input = make("input", {
-        type: "range", min: 0, max: 1, step: 0.01, value: setting[end], data: { id: `look-${end}` }, "aria-label": names[end],
+        type: "range",
+        min: 0,
+        max: 1,
+        step: 0.01,
+        value: setting[end],
+        data: { id: `look-${end}` },
+        "aria-label": names[end],
         on: {
           input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
           change: () => this.set(layer, { [end]: this.clamped(end, input.valueAsNumber, setting) }),
@@ -134,7 +196,9 @@ export class Looking {
   }
 
   clamped(end, value, { low, high }) {
-    return end === "low" ? Math.min(value, Math.round(100 * high - 1) / 100) : Math.max(value, Math.round(100 * low + 1) / 100);
+    return end === "low"
+      ? Math.min(value, Math.round(100 * high - 1) / 100)
+      : Math.max(value, Math.round(100 * low + 1) / 100);
   }
 
   // --- the grid --------------------------------------------------------------------------------
@@ -144,16 +208,23 @@ export class Looking {
     const { transform: at, width, height } = canvas;
     const mm = GRID_MM.find((step) => (step / 1000) * at.scale >= GRID_GAP_PX) ?? GRID_MM.at(-1);
     const gap = mm / 1000;
-    const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([x, y]) => at.toPlane(x, y));
+    const corners = [
+      [0, 0],
+      [width, 0],
+      [0, height],
+      [width, height],
+    ].map(([x, y]) => at.toPlane(x, y));
     const range = (name) => [Math.min(...corners.map((c) => c[name])), Math.max(...corners.map((c) => c[name]))];
     const [u, v] = [range("u"), range("v")];
     context.lineWidth = 1;
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "top";
-    for (const [along, from, across] of [["u", u, v], ["v", v, u]]) {
+    for (const along of ["u", "v"]) {
+      const [from, across] = along === "u" ? [u, v] : [v, u];
       const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
       const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
       for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {
+        /** @type {any} */
         const ends = across.map((c) => (along === "u" ? at.toPane(n * gap, c) : at.toPane(c, n * gap)));
         this.gridLine(context, style, ends, n === 0);
         this.gridLabel(context, style, ends, `${Math.round((n * mm) / 10)} cm`, steep);
@@ -162,7 +233,10 @@ export class Looking {
   }
 
   gridLine(context, style, [a, b], strong) {
-    for (const [color, alpha, extra] of [["#fff", 0.4, 1.5], [style.getPropertyValue("--text"), strong ? 0.8 : 0.35, 0]]) {
+    for (const [color, alpha, extra] of [
+      ["#fff", 0.4, 1.5],
+      [style.getPropertyValue("--text"), strong ? 0.8 : 0.35, 0],
+    ]) {
       context.globalAlpha = alpha;
       context.strokeStyle = color;
       context.lineWidth = (strong ? 1.5 : 1) + extra;

@@ -20,12 +20,20 @@ export function drawDot(context, { x, y }, color, radius) {
 export function drawPick(canvas, pick, style) {
   const { x, y } = canvas.transform.toPane(...pick.uv_m);
   const context = canvas.context;
-  for (const [color, width] of [["#fff", 4.5], [style.getPropertyValue("--pick"), 2]]) {
+  for (const [color, width] of [
+    ["#fff", 4.5],
+    [style.getPropertyValue("--pick"), 2],
+  ]) {
     context.strokeStyle = color;
     context.lineWidth = width;
     context.beginPath();
     context.arc(x, y, 9, 0, 2 * Math.PI);
-    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+    for (const [dx, dy] of [
+      [1, 0],
+      [-1, 0],
+      [0, 1],
+      [0, -1],
+    ]) {
       context.moveTo(x + 5 * dx, y + 5 * dy);
       context.lineTo(x + 14 * dx, y + 14 * dy);
     }
@@ -41,7 +49,10 @@ function drawGrip(canvas, x, y, grip, style) {
   const along = canvas.transform.toPaneVector(...grip.axis_uv);
   const [du, dv] = [along.x / scale, along.y / scale];
   const half = (grip.opening_m / 2) * scale;
-  for (const [color, width] of [["#fff", 5], [style.getPropertyValue("--pick"), 2.5]]) {
+  for (const [color, width] of [
+    ["#fff", 5],
+    [style.getPropertyValue("--pick"), 2.5],
+  ]) {
     context.strokeStyle = color;
     context.lineWidth = width;
     context.beginPath();
@@ -76,7 +87,17 @@ export function drawScale(canvas, style) {
 
 /** The bar of a scale, its ends turned up. */
 export function strokeScale(context, x, y, width, color) {
-  strokeLine(context, [{ x, y: y - 5 }, { x, y }, { x: x + width, y }, { x: x + width, y: y - 5 }], color, 1.5);
+  strokeLine(
+    context,
+    [
+      { x, y: y - 5 },
+      { x, y },
+      { x: x + width, y },
+      { x: x + width, y: y - 5 },
+    ],
+    color,
+    1.5,
+  );
 }
 
 /** A line through points of the pane. */

@@ -1,7 +1,12 @@
 // Keys that move the proposal: shown at once, and one gesture of many presses is one item to undo.
 
 const MOVES = {
-  left: [0, -1, 0], right: [0, 1, 0], up: [0, 0, -1], down: [0, 0, 1], turn_left: [-1, 0, 0], turn_right: [1, 0, 0],
+  left: [0, -1, 0],
+  right: [0, 1, 0],
+  up: [0, 0, -1],
+  down: [0, 0, 1],
+  turn_left: [-1, 0, 0],
+  turn_right: [1, 0, 0],
 };
 const PAUSE_MS = 250; // keys closer together than this are one gesture
 

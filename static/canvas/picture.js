@@ -35,7 +35,11 @@ export class Picture {
     }
     if (this.wanted !== address) return;
     const anew = this.shown?.revision !== revision;
-    const shape = !withOutline ? {} : anew ? outlineOf(image) : { alpha: this.shown.alpha, outline: this.shown.outline };
+    const shape = !withOutline
+      ? {}
+      : anew
+        ? outlineOf(image)
+        : { alpha: this.shown.alpha, outline: this.shown.outline };
     this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
     this.onReady(anew);
   }

@@ -15,7 +15,9 @@ export class Pyramid {
       const [width, height] = [last.width >> 1, last.height >> 1];
       if (Math.min(width, height) < 1 || Math.max(width, height) < SMALLEST_PX) return;
       try {
-        this.levels.push(await createImageBitmap(last, { resizeWidth: width, resizeHeight: height, resizeQuality: "medium" }));
+        this.levels.push(
+          await createImageBitmap(last, { resizeWidth: width, resizeHeight: height, resizeQuality: "medium" }),
+        );
       } catch {
         return; // it was closed meanwhile; what is there can be drawn
       }

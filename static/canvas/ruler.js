@@ -6,10 +6,14 @@ import { number } from "/static/page/format.js";
 
 const LEAST_PX = 3;
 
-/** `send(message)` goes to the server, `changed()` when it is switched on or off. */
 export class Ruler {
-  constructor(canvas, send, changed) {
-    Object.assign(this, { canvas, send, changed });
+  name = "ruler";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = { ruler: () => this.toggle() };
+    this.messages = { measured: (message) => this.take(message), note: () => this.disconnected() };
     this.on = false;
     this.line = null; // {from: {u, v}, to: {u, v}}
     this.measured = null;
@@ -17,14 +21,14 @@ export class Ruler {
     this.waiting = false;
     this.label = make("output", { class: "ruler-label", hidden: true });
     byId("stage").append(this.label);
-    canvas.tools.push(this);
-    canvas.drawers.push((_, context, style) => this.draw(context, style));
+    this.canvas.tools.push(this);
+    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
   toggle() {
     this.on = !this.on;
     if (!this.on) this.clear();
-    this.changed();
+    this.page.changed();
   }
 
   /** Escape clears what is measured, then puts the ruler away; whether there was anything to do. */
@@ -35,6 +39,10 @@ export class Ruler {
     return true;
   }
 
+  get pressed() {
+    return { ruler: this.on };
+  }
+
   clear() {
     this.line = this.measured = null;
     this.id += 1;
@@ -42,7 +50,9 @@ export class Ruler {
   }
 
   /** The shape at a revision is shown: what was measured on another holds no longer. */
-  update(revision) {
+  update(state) {
+    if (state.mode === "live") return;
+    const revision = state.layers?.revision;
     if (revision === this.revision) return;
     this.revision = revision;
     if (this.line) this.ask();
@@ -76,7 +86,14 @@ export class Ruler {
     const { from, to } = this.line;
     this.id += 1;
     this.asked = this.line;
-    this.waiting = this.send({ type: "measure", id: this.id, from_u_m: from.u, from_v_m: from.v, to_u_m: to.u, to_v_m: to.v });
+    this.waiting = this.page.send({
+      type: "measure",
+      id: this.id,
+      from_u_m: from.u,
+      from_v_m: from.v,
+      to_u_m: to.u,
+      to_v_m: to.v,
+    });
   }
 
   take(answer) {
@@ -88,7 +105,7 @@ export class Ruler {
   }
 
   /** The connection was lost, or something was refused: what was asked may never be answered. */
-  forget() {
+  disconnected() {
     this.waiting = false;
   }
 
@@ -112,7 +129,11 @@ export class Ruler {
     const row = (value, text) => make("span", {}, make("b", {}, value), ` ${text}`);
     const mm = (value) => (value === null || value === undefined ? "–" : `${number(value)} mm`);
     const round = measured?.path_uv_m.length > 2 ? "along the cloth, round" : "along the cloth";
-    this.label.replaceChildren(row(mm(flat), "flat"), row(mm(measured?.cloth_mm), round), row(mm(measured?.air_mm), "through the air"));
+    this.label.replaceChildren(
+      row(mm(flat), "flat"),
+      row(mm(measured?.cloth_mm), round),
+      row(mm(measured?.air_mm), "through the air"),
+    );
     const left = Math.min(canvas.width - this.label.offsetWidth - 6, Math.max(6, end.x + 14));
     const top = Math.min(canvas.height - this.label.offsetHeight - 6, Math.max(6, end.y + 10));
     this.label.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;

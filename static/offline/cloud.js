@@ -26,7 +26,10 @@ const POINTS = {
 };
 
 export class CloudView {
-  /** `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was clicked. */
+  /**
+   * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was
+   * clicked.
+   */
   constructor(canvas, marks, scene, pick) {
     this.canvas = canvas;
     this.marksCanvas = marks;
@@ -41,7 +44,10 @@ export class CloudView {
     this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
     if (this.gl) this.build();
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => { this.build(); this.redraw(); });
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.build();
+      this.redraw();
+    });
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.listen();
   }
@@ -90,12 +96,13 @@ export class CloudView {
       target: [...center],
       yaw: Math.atan2(dot(away, east), dot(away, south)),
       pitch: Math.asin(dot(away, up) / distance),
-      distance, zoom: 1,
+      distance,
+      zoom: 1,
     };
   }
 
   /** Half of what is seen along the shorter side of the view, in metres at the middle of the cloth. */
-  get reach() {
+  get extent() {
     const aspect = this.width / this.height;
     const [across, upright] = this.scene.halfExtents;
     return (1.2 * Math.max(across / Math.max(1, aspect), upright / Math.max(1, 1 / aspect))) / this.eye.zoom;
@@ -125,8 +132,10 @@ export class CloudView {
       const between = (a, b) => a + share * (b - a);
       this.aimAt({
         target: from.target.map((x, i) => between(x, goal.target[i])),
-        yaw: from.yaw + share * turn, pitch: between(from.pitch, goal.pitch),
-        distance: between(from.distance, goal.distance), zoom: between(from.zoom, goal.zoom),
+        yaw: from.yaw + share * turn,
+        pitch: between(from.pitch, goal.pitch),
+        distance: between(from.distance, goal.distance),
+        zoom: between(from.zoom, goal.zoom),
       });
       this.redraw();
       if (s < 1) this.turning = requestAnimationFrame(move);
@@ -150,7 +159,7 @@ export class CloudView {
   pan(dx, dy) {
     cancelAnimationFrame(this.turning);
     const { right, down } = this.axes();
-    const scale = (2 * this.reach) / Math.min(this.width, this.height);
+    const scale = (2 * this.extent) / Math.min(this.width, this.height);
     for (let i = 0; i < 3; i++) this.eye.target[i] -= scale * (dx * right[i] + dy * down[i]);
     this.redraw();
   }
@@ -158,7 +167,9 @@ export class CloudView {
   axes() {
     const { up, east, south } = this.basis();
     const { yaw, pitch } = this.eye;
-    const back = up.map((_, i) => Math.cos(pitch) * (Math.sin(yaw) * east[i] + Math.cos(yaw) * south[i]) + Math.sin(pitch) * up[i]);
+    const back = up.map(
+      (_, i) => Math.cos(pitch) * (Math.sin(yaw) * east[i] + Math.cos(yaw) * south[i]) + Math.sin(pitch) * up[i],
+    );
     const right = unit(cross(up, back));
     return { back, right, down: cross(right, back) };
   }
@@ -167,12 +178,15 @@ export class CloudView {
   matrix() {
     const { back, right, down } = this.axes();
     const { target, distance } = this.eye;
-    const { reach } = this;
+    const { extent } = this;
     const aspect = this.width / this.height;
     const wide = Math.max(1, aspect);
     const high = Math.max(1, 1 / aspect);
     const rows = [
-      [right, 1 / (reach * wide), 0], [down, -1 / (reach * high), 0], [back, -1 / (3 * reach + 1), 0], [back, -1 / distance, 1],
+      [right, 1 / (extent * wide), 0],
+      [down, -1 / (extent * high), 0],
+      [back, -1 / (3 * extent + 1), 0],
+      [back, -1 / distance, 1],
     ];
     const m = new Float32Array(16);
     rows.forEach(([axis, scale, more], r) => {
@@ -184,7 +198,9 @@ export class CloudView {
 
   /** Where a point appears, CSS pixels, and how far it is. */
   toScreen(point, m = this.matrix()) {
-    const [x, y, , w] = [0, 1, 2, 3].map((r) => m[r] * point[0] + m[4 + r] * point[1] + m[8 + r] * point[2] + m[12 + r]);
+    const [x, y, , w] = [0, 1, 2, 3].map(
+      (r) => m[r] * point[0] + m[4 + r] * point[1] + m[8 + r] * point[2] + m[12 + r],
+    );
     return { x: ((x / w + 1) / 2) * this.width, y: ((1 - y / w) / 2) * this.height, depth: w * this.eye.distance };
   }
 
@@ -209,7 +225,10 @@ export class CloudView {
   build() {
     const gl = this.gl;
     const program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, POINTS.vertex], [gl.FRAGMENT_SHADER, POINTS.fragment]]) {
+    for (const [kind, text] of [
+      [gl.VERTEX_SHADER, POINTS.vertex],
+      [gl.FRAGMENT_SHADER, POINTS.fragment],
+    ]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
@@ -217,7 +236,12 @@ export class CloudView {
     }
     gl.linkProgram(program);
     this.program = program;
-    this.at = Object.fromEntries(["clip_from_held", "size", "step", "tint", "lift", "wash"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    this.at = Object.fromEntries(
+      ["clip_from_held", "size", "step", "tint", "lift", "wash"].map((name) => [
+        name,
+        gl.getUniformLocation(program, name),
+      ]),
+    );
     const { cloth, around } = this.scene;
     this.cloth = this.cloud(cloth.xyz, this.colors ?? new Uint8Array(3 * cloth.count), cloth.first);
     this.around = around.map(({ xyz, rgb }) => this.cloud(xyz, rgb, null));
@@ -276,7 +300,7 @@ export class CloudView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.useProgram(this.program);
     gl.uniformMatrix4fv(this.at.clip_from_held, false, this.matrix());
-    const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.reach);
+    const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.extent);
     gl.uniform1f(this.at.step, this.step);
     const paint = (cloud, size, tint, lift, wash) => {
       gl.uniform1f(this.at.size, size * pixelsPerMetre);
@@ -315,9 +339,17 @@ export class CloudView {
     pen.globalAlpha = 1;
     if (!this.mark) return;
     const pick = style.getPropertyValue("--pick");
-    if (this.mark.gripper) for (const [color, width] of [["#fff", 5], [pick, 2.5]]) line(this.mark.gripper, color, width);
+    if (this.mark.gripper)
+      for (const [color, width] of [
+        ["#fff", 5],
+        [pick, 2.5],
+      ])
+        line(this.mark.gripper, color, width);
     const { x, y } = this.toScreen(this.mark.point, m);
-    for (const [color, radius] of [["#fff", 6.5], [pick, 5]]) {
+    for (const [color, radius] of [
+      ["#fff", 6.5],
+      [pick, 5],
+    ]) {
       pen.fillStyle = color;
       pen.beginPath();
       pen.arc(x, y, radius, 0, 2 * Math.PI);
@@ -349,10 +381,14 @@ export class CloudView {
       gesture = null;
     });
     canvas.addEventListener("pointercancel", () => (gesture = null));
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoom(Math.exp(-event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1) * 0.0016));
-    }, { passive: false });
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(Math.exp(-event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1) * 0.0016));
+      },
+      { passive: false },
+    );
     canvas.addEventListener("keydown", (event) => {
       const turns = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12] };
       if (event.key in turns) this.turn(...turns[event.key]);

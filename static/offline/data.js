@@ -4,22 +4,22 @@ import { boxOf } from "/static/canvas/geometry.js";
 
 const KINDS = { uint8: Uint8Array, int8: Int8Array, uint16: Uint16Array, int16: Int16Array };
 
-/** Unpack the page's own data: `story` (texts and numbers), its arrays and its pictures. */
-export async function unpack(storyText, packedText) {
-  const story = JSON.parse(storyText);
+/** Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures. */
+export async function unpack(historyText, packedText) {
+  const history = JSON.parse(historyText);
   const packed = Uint8Array.from(atob(packedText.trim()), (c) => c.charCodeAt(0));
   const unzipped = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = await new Response(unzipped).arrayBuffer();
   const arrays = {};
-  for (const [name, { kind, start, count }] of Object.entries(story.arrays)) {
+  for (const [name, { kind, start, count }] of Object.entries(history.arrays)) {
     arrays[name] = new KINDS[kind](bytes, start, count);
   }
   const layers = {};
-  for (const layer of story.layers) {
+  for (const layer of history.layers) {
     const png = new Blob([new Uint8Array(bytes, layer.start, layer.count)], { type: "image/png" });
     layers[layer.name] = { ...layer, pixels: await pixelsOf(png) };
   }
-  return { story, layers, cloth: new Cloth(story, arrays), around: aroundOf(story, arrays) };
+  return { history, layers, cloth: new Cloth(history, arrays), around: aroundOf(history, arrays) };
 }
 
 async function pixelsOf(png) {
@@ -30,24 +30,27 @@ async function pixelsOf(png) {
   return context.getImageData(0, 0, image.width, image.height).data;
 }
 
-/** The pixels of the flattened cloth, each with its point in space. Pixel n of the cloth is pixel `at[n]` of the grid. */
+/**
+ * The pixels of the flattened cloth, each with its point in space. Pixel n of the cloth is pixel `at[n]` of
+ * the grid.
+ */
 class Cloth {
-  constructor(story, arrays) {
-    this.grid = story.grid;
-    this.box = boxOf(story.grid);
+  constructor(history, arrays) {
+    this.grid = history.grid;
+    this.box = boxOf(history.grid);
     this.firstOfGrid = arrays.first;
-    this.at = new Uint32Array(story.count);
+    this.at = new Uint32Array(history.count);
     let n = 0;
     for (let i = 0; i < arrays.first.length; i++) if (arrays.first[i] >= 0) this.at[n++] = i;
     this.numberOfGrid = new Int32Array(arrays.first.length).fill(-1);
     this.at.forEach((i, k) => (this.numberOfGrid[i] = k));
     this.first = Float32Array.from(this.at, (i) => arrays.first[i]);
     this.source = Int16Array.from(this.at, (i) => arrays.source[i]);
-    this.xyz = metres(arrays.xyz, story.bounds);
+    this.xyz = metres(arrays.xyz, history.bounds);
     this.normals = Float32Array.from(arrays.normal, (x) => x / 127);
     this.zAngles = arrays.z_angle;
     this.sourceRc = arrays.source_rc;
-    this.views = story.steps.map((s) => s.view_index);
+    this.views = history.steps.map((s) => s.view_index);
   }
 
   get count() {
@@ -59,7 +62,10 @@ class Cloth {
     const d = this.grid.pixel_size_m;
     const [row, col] = [Math.floor(i / this.grid.cols), i % this.grid.cols];
     const [top, left] = this.grid.corner_rc; // the page holds the part of the grid that has cloth
-    return { rc: [top + row, left + col], uv: [this.grid.origin_uv_m[0] + d * col, this.grid.origin_uv_m[1] + d * row] };
+    return {
+      rc: [top + row, left + col],
+      uv: [this.grid.origin_uv_m[0] + d * col, this.grid.origin_uv_m[1] + d * row],
+    };
   }
 
   point = (n) => [...this.xyz.subarray(3 * n, 3 * n + 3)];
@@ -67,7 +73,12 @@ class Cloth {
 
   /** The pixel of cloth at a place of the plane that is there after a step; -1 if there is none. */
   pixelAt(u, v, step) {
-    const { rows, cols, pixel_size_m: d, origin_uv_m: [u0, v0] } = this.grid;
+    const {
+      rows,
+      cols,
+      pixel_size_m: d,
+      origin_uv_m: [u0, v0],
+    } = this.grid;
     const col = Math.round((u - u0) / d);
     const row = Math.round((v - v0) / d);
     if (row < 0 || col < 0 || row >= rows || col >= cols) return -1;
@@ -91,9 +102,9 @@ class Cloth {
 }
 
 /** What each view saw of the whole item, thinned: [{xyz, rgb}] by step. */
-function aroundOf(story, arrays) {
-  const xyz = metres(arrays.around_xyz, story.bounds);
-  return story.around.map(({ start, count }) => ({
+function aroundOf(history, arrays) {
+  const xyz = metres(arrays.around_xyz, history.bounds);
+  return history.around.map(({ start, count }) => ({
     xyz: xyz.subarray(3 * start, 3 * (start + count)),
     rgb: arrays.around_rgb.subarray(3 * start, 3 * (start + count)),
   }));

@@ -1,8 +1,16 @@
 // Small tools to build the page. Text always goes in as text, never as HTML.
 
+/** @returns {any} the element, of whatever kind it is */
 export const byId = (id) => document.getElementById(id);
 
-/** Make an element: attributes, `on` for listeners, `data` for data-*, then children (nodes or text). */
+/**
+ * Make an element: attributes, `on` for listeners, `data` for data-*, then children (nodes or text).
+ *
+ * @param {string} tag
+ * @param {Record<string, any>} attributes
+ * @param {...(Node | string | null)} children
+ * @returns {any}
+ */
 export function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -25,7 +33,9 @@ export function setText(element, text) {
 export function rebuild(container, key, build) {
   const text = JSON.stringify(key);
   if (container.dataset.key === text) return;
-  const focused = container.contains(document.activeElement) ? document.activeElement.dataset.id : undefined;
+  /** @type {any} */
+  const active = document.activeElement;
+  const focused = container.contains(active) ? active.dataset.id : undefined;
   container.dataset.key = text;
   container.replaceChildren(...build());
   if (focused) container.querySelector(`[data-id="${CSS.escape(focused)}"]`)?.focus();

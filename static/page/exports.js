@@ -2,8 +2,13 @@
 
 import { make, setText } from "/static/page/dom.js";
 
+/** @type {[string, string, string][]} */
 const KINDS = [
-  ["page.html", "Offline page", "3D timeline and flattened view with the picks in one HTML file; needs no server and no network."],
+  [
+    "page.html",
+    "Offline page",
+    "3D timeline and flattened view with the picks in one HTML file; needs no server and no network.",
+  ],
   ["report.html", "Report", "To print: recording, settings, each decision, picks and figures."],
   ["figures.zip", "Figures", "Every map, curve and decision as PNG and SVG."],
   ["growth.gif", "Animation, GIF", "The growth of the shape, view by view."],
@@ -24,17 +29,23 @@ export function showExports(notify, name) {
 }
 
 function build() {
-  const buttons = KINDS.map(([file, title]) => make("button", { type: "button", class: "button", data: { id: file } }, title));
+  const buttons = KINDS.map(([file, title]) =>
+    make("button", { type: "button", class: "button", data: { id: file } }, title),
+  );
   const rows = KINDS.flatMap(([, , about], i) => [make("dt", {}, buttons[i]), make("dd", {}, about)]);
-  const dialog = make("dialog", { class: "sheet", "aria-labelledby": "exports-title" },
+  const dialog = make(
+    "dialog",
+    { class: "sheet", "aria-labelledby": "exports-title" },
     make("h2", { id: "exports-title" }, "Take away"),
     make("dl", { class: "exports" }, ...rows),
-    make("form", { method: "dialog" }, make("button", { class: "button", autofocus: true }, "Close")));
+    make("form", { method: "dialog" }, make("button", { class: "button", autofocus: true }, "Close")),
+  );
   document.body.append(dialog);
   return { dialog, buttons };
 }
 
-async function save(button, [file, title], notify, name) {
+async function save(button, kind, notify, name) {
+  const [file, title] = kind;
   if (button.getAttribute("aria-busy") === "true") return;
   button.setAttribute("aria-busy", "true");
   setText(button, "Preparing …");

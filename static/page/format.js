@@ -9,13 +9,16 @@ export function number(value, decimals = 1) {
 export const vector = (values, decimals = 1, scale = 1) =>
   values.map((x) => number(x === null ? null : x * scale, decimals)).join(" ");
 
-export const degrees = (value, decimals = 1) => (value === null || value === undefined ? "–" : `${number(value, decimals)}°`);
+export const degrees = (value, decimals = 1) =>
+  value === null || value === undefined ? "–" : `${number(value, decimals)}°`;
 
 export const count = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 
 export const keyName = (key) =>
   ({ Escape: "Esc", Space: "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
-  (key.length === 1 ? [key] : key.replace("Shift+", "⇧").split("+")).map((part) => (part.length === 1 || part.startsWith("⇧") ? part.toUpperCase() : part)).join("+");
+  (key.length === 1 ? [key] : key.replace("Shift+", "⇧").split("+"))
+    .map((part) => (part.length === 1 || part.startsWith("⇧") ? part.toUpperCase() : part))
+    .join("+");
 
 export const hex = (rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
 

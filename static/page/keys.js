@@ -4,7 +4,10 @@ import { isMove } from "/static/canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
 
-/** `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that want it as well. */
+/**
+ * `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that
+ * want it as well.
+ */
 export function startKeys(page) {
   let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
 

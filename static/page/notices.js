@@ -12,10 +12,17 @@ const kept = [];
 /** Show a message and keep it in the log. */
 export function notify(level, text, timeS = Date.now() / 1000) {
   keep(level, text, timeS);
-  const toast = make("div", { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
+  const toast = make(
+    "div",
+    { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
     make("strong", {}, WORDS[level] ?? "Note"),
     make("p", {}, text),
-    make("button", { type: "button", class: "close", "aria-label": "Dismiss", on: { click: () => toast.remove() } }, "×"));
+    make(
+      "button",
+      { type: "button", class: "close", "aria-label": "Dismiss", on: { click: () => toast.remove() } },
+      "×",
+    ),
+  );
   byId("toasts").append(toast);
   while (byId("toasts").childElementCount > 4) byId("toasts").firstElementChild.remove();
   if (level in STAYS_MS) setTimeout(() => toast.remove(), STAYS_MS[level]);
@@ -45,9 +52,17 @@ export function forgetServerLog() {
 
 export function showLog() {
   const items = kept.map((n) =>
-    make("li", { class: n.level }, make("time", {}, new Date(1000 * n.timeS).toLocaleTimeString()),
-      make("strong", {}, WORDS[n.level] ?? "Note"), make("span", {}, n.text)));
-  byId("log-body").replaceChildren(...(items.length ? items.reverse() : [make("li", {}, make("span", {}, "Nothing to report so far."))]));
+    make(
+      "li",
+      { class: n.level },
+      make("time", {}, new Date(1000 * n.timeS).toLocaleTimeString()),
+      make("strong", {}, WORDS[n.level] ?? "Note"),
+      make("span", {}, n.text),
+    ),
+  );
+  byId("log-body").replaceChildren(
+    ...(items.length ? items.reverse() : [make("li", {}, make("span", {}, "Nothing to report so far."))]),
+  );
   byId("log").showModal();
 }
 

@@ -25,9 +25,18 @@ export function showPalette(actions, run) {
 
   function item(action, index) {
     const off = action.why_not !== null;
-    return make("li", { role: "option", id: `palette-${index}`, "aria-disabled": off ? "true" : null, on: { click: () => take(index), pointermove: () => choose(index) } },
-      make("strong", {}, action.title), make("span", {}, off ? `Not now: ${action.why_not}` : action.description),
-      make("kbd", {}, keyName(action.keys[0])));
+    return make(
+      "li",
+      {
+        role: "option",
+        id: `palette-${index}`,
+        "aria-disabled": off ? "true" : null,
+        on: { click: () => take(index), pointermove: () => choose(index) },
+      },
+      make("strong", {}, action.title),
+      make("span", {}, off ? `Not now: ${action.why_not}` : action.description),
+      make("kbd", {}, keyName(action.keys[0])),
+    );
   }
 
   function choose(index) {

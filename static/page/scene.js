@@ -56,7 +56,8 @@ function startDivider() {
     shield.hidden = false; // the frame would swallow the pointer
   });
   divider.addEventListener("pointermove", (event) => {
-    if (divider.hasPointerCapture(event.pointerId)) set((event.clientX - split.getBoundingClientRect().left) / split.clientWidth);
+    if (divider.hasPointerCapture(event.pointerId))
+      set((event.clientX - split.getBoundingClientRect().left) / split.clientWidth);
   });
   divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
   divider.addEventListener("dblclick", () => set(0.45));

@@ -1,16 +1,26 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
 import { byId, make, rebuild, setAllowed } from "/static/page/dom.js";
-import { MODES } from "/static/canvas/compare.js";
 import { keyName } from "/static/page/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
 const PAGE = ["teach", "export", "settings", "palette", "help"];
-const STEPS = [[0.5, 0.2], [1, 0.5], [2, 1], [5, 2]]; // of the keys that move the proposal: mm, degrees
+/** @type {[number, number][]} */
+const STEPS = [
+  [0.5, 0.2],
+  [1, 0.5],
+  [2, 1],
+  [5, 2],
+]; // of the keys that move the proposal: mm, degrees
 export const LAYERS = {
-  layer_color: "color", layer_height: "height", layer_z_angle: "z_angle", layer_source: "source",
-  layer_stretch: "stretch", layer_incidence: "incidence", layer_density: "density",
+  layer_color: "color",
+  layer_height: "height",
+  layer_z_angle: "z_angle",
+  layer_source: "source",
+  layer_stretch: "stretch",
+  layer_incidence: "incidence",
+  layer_density: "density",
   layer_place: "place",
 };
 const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_place"];
@@ -35,12 +45,11 @@ export class Toolbar {
     this.buildOverlay();
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const button of document.querySelectorAll("[data-action]")) {
-      const action = actions.get(button.dataset.action);
+      const action = actions.get(button.getAttribute("data-action"));
       setAllowed(button, action.why_not, this.tip(action));
     }
-    this.setPressed("look", this.page.looking.open);
-    this.setPressed("grid", this.page.looking.grid);
-    this.setPressed("ruler", this.page.ruler.on);
+    for (const { pressed } of this.page.panels)
+      for (const [name, on] of Object.entries(pressed ?? {})) this.setPressed(name, on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.mode === "live") this.updateLive(state.live);
     else this.updateSession(state);
@@ -53,7 +62,9 @@ export class Toolbar {
     const play = document.querySelector('[data-action="live_play"]');
     play.firstChild.textContent = live.playing ? "Pause" : "Play";
     play.classList.toggle("primary", !live.playing);
-    document.querySelector('[data-action="live_turn"]').firstChild.textContent = live.forward ? "Forward" : "Backward";
+    document.querySelector('[data-action="live_turn"]').firstChild.textContent = live.forward
+      ? "Forward"
+      : "Backward";
   }
 
   updateSession(state) {
@@ -61,12 +72,12 @@ export class Toolbar {
     auto.setAttribute("aria-pressed", String(state.auto.running));
     auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
     showSteps(byId("increment"), state.settings);
-    for (const [name, mode] of Object.entries(MODES)) this.setPressed(name, mode === this.page.comparison.mode);
     this.page.comparison.showKinds(byId("difference-kinds"));
-    this.setPressed("why", this.page.why.open);
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
-      document.querySelector(`[data-action="${name}"]`).classList.toggle("primary", name === main && !state.auto.running);
+      document
+        .querySelector(`[data-action="${name}"]`)
+        .classList.toggle("primary", name === main && !state.auto.running);
     }
   }
 
@@ -81,10 +92,18 @@ export class Toolbar {
 
   button(name, title = null) {
     const action = this.actions.get(name);
-    return make("button", {
-      type: "button", class: "button", "aria-label": title ? action.title : null,
-      data: { action: name, id: name }, on: { click: () => this.run(name) },
-    }, title ?? action.title, make("kbd", {}, keyName(action.keys[0])));
+    return make(
+      "button",
+      {
+        type: "button",
+        class: "button",
+        "aria-label": title ? action.title : null,
+        data: { action: name, id: name },
+        on: { click: () => this.run(name) },
+      },
+      title ?? action.title,
+      make("kbd", {}, keyName(action.keys[0])),
+    );
   }
 
   build(container, names, titles = {}) {
@@ -93,35 +112,82 @@ export class Toolbar {
         if (name === "|") return [make("span", { class: "gap", "aria-hidden": "true" })];
         const button = this.button(name, titles[name]);
         if (name !== "reject") return [button];
-        const more = make("button", {
-          type: "button", class: "button more", "aria-haspopup": "menu", "aria-label": "Reject with a reason",
-          data: { action: "reject_menu", id: "reject_menu" }, on: { click: () => this.run("reject_menu") },
-        }, "▾", make("kbd", {}, keyName(this.actions.get("reject_menu").keys[0])));
+        const more = make(
+          "button",
+          {
+            type: "button",
+            class: "button more",
+            "aria-haspopup": "menu",
+            "aria-label": "Reject with a reason",
+            data: { action: "reject_menu", id: "reject_menu" },
+            on: { click: () => this.run("reject_menu") },
+          },
+          "▾",
+          make("kbd", {}, keyName(this.actions.get("reject_menu").keys[0])),
+        );
         return [make("span", { class: "joined" }, button, more)];
-      }));
+      }),
+    );
   }
 
   buildLayers(live) {
     const names = Object.keys(LAYERS);
-    const quality = QUALITY.filter((name) => !live || name !== "layer_place");  // a single view has no placement
-    rebuild(byId("layers"), ["layers"], () => names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)));
+    const quality = QUALITY.filter((name) => !live || name !== "layer_place"); // a single view has no placement
+    rebuild(byId("layers"), ["layers"], () =>
+      names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)),
+    );
     rebuild(byId("quality-layers"), ["layers", live], () => quality.map((name) => this.button(name)));
     rebuild(byId("look-tools"), ["look"], () => [this.button("look")]);
   }
 
   buildOverlay() {
     const page = this.page;
+    const setStep = (mm, deg) => page.send({ type: "set", step_mm: mm, step_deg: deg });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       page.comparison.buttons((name, title) => this.button(name, title)),
-      make("div", { id: "difference-kinds", class: "segmented", role: "group", "aria-label": "Difference", hidden: true }),
-      make("div", { class: "field" }, this.button("why"), make("label", { class: "field" }, make("span", {}, "Opacity"),
-        make("input", {
-          type: "range", min: 0, max: 1, step: 0.05, value: page.comparison.opacity, data: { id: "opacity" },
-          on: { input: (event) => page.setOpacity(Number(event.target.value)) },
-        }))),
-      make("label", { class: "field", data: { tip: "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged." } },
+      make("div", {
+        id: "difference-kinds",
+        class: "segmented",
+        role: "group",
+        "aria-label": "Difference",
+        hidden: true,
+      }),
+      make(
+        "div",
+        { class: "field" },
+        this.button("diagnostics"),
+        make(
+          "label",
+          { class: "field" },
+          make("span", {}, "Opacity"),
+          make("input", {
+            type: "range",
+            min: 0,
+            max: 1,
+            step: 0.05,
+            value: page.comparison.opacity,
+            data: { id: "opacity" },
+            on: { input: (event) => page.comparison.setOpacity(Number(event.target.value)) },
+          }),
+        ),
+      ),
+      make(
+        "label",
+        {
+          class: "field",
+          data: {
+            tip:
+              "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It " +
+              "can also be dragged.",
+          },
+        },
         make("span", {}, "Arrows, [ ]"),
-        make("select", { id: "increment", data: { id: "increment" }, on: { change: (event) => page.setStep(...STEPS[event.target.value]) } })),
+        make("select", {
+          id: "increment",
+          data: { id: "increment" },
+          on: { change: (event) => setStep(...STEPS[event.target.value]) },
+        }),
+      ),
     ]);
   }
 }
@@ -131,7 +197,9 @@ function showSteps(select, { step_mm, step_deg }) {
   const told = ([mm, deg]) => `${mm} mm · ${deg}°`;
   rebuild(select, [step_mm.value, step_deg.value], () => [
     ...STEPS.map((step, i) => make("option", { value: i, selected: i === now }, told(step))),
-    ...(now < 0 ? [make("option", { value: "", selected: true, disabled: true }, told([step_mm.value, step_deg.value]))] : []),
+    ...(now < 0
+      ? [make("option", { value: "", selected: true, disabled: true }, told([step_mm.value, step_deg.value]))]
+      : []),
   ]);
 }
 
@@ -149,8 +217,16 @@ export class RejectMenu {
   open(reasons) {
     const button = document.querySelector('[data-action="reject"]');
     const at = button.getBoundingClientRect();
-    this.menu.replaceChildren(...reasons.map((reason, i) =>
-      make("button", { type: "button", role: "menuitem", on: { click: () => this.take(reason) } }, reason, make("kbd", {}, String(i + 1)))));
+    this.menu.replaceChildren(
+      ...reasons.map((reason, i) =>
+        make(
+          "button",
+          { type: "button", role: "menuitem", on: { click: () => this.take(reason) } },
+          reason,
+          make("kbd", {}, String(i + 1)),
+        ),
+      ),
+    );
     this.menu.style.left = `${at.left}px`;
     this.menu.style.top = `${at.bottom + 4}px`;
     this.menu.hidden = false;
@@ -185,22 +261,52 @@ export class RejectMenu {
 export function showHelp(actions, mode) {
   const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
   const capture = { capture: "Capture (with --camera)" };
-  const session = { session: `Session${not("session")}`, timeline: `Timeline${not("session")}`, proposal: `Proposal${not("session")}` };
+  const session = {
+    session: `Session${not("session")}`,
+    timeline: `Timeline${not("session")}`,
+    proposal: `Proposal${not("session")}`,
+  };
   const live = { live: `Live mode${not("live")}` };
   const both = { view: "Views", page: "Page", teaching: "Teaching" };
   // What works now comes first.
-  const titles = mode === "live" ? { ...live, ...capture, ...both, ...session } : { ...session, ...both, ...live, ...capture };
-  byId("help-body").replaceChildren(...Object.entries(titles).map(([group, title]) =>
-    make("section", {}, make("h3", {}, title),
-      make("dl", { class: "keys" }, ...actions.filter((a) => a.group === group).flatMap((a) => [
-        make("dt", {}, ...a.keys.slice(0, 2).map((k) => make("kbd", {}, keyName(k)))),
-        make("dd", {}, make("strong", {}, a.title), " ", a.description),
-      ])))),
-    make("section", {}, make("h3", {}, "Pointer"), make("dl", { class: "keys" },
-      make("dt", {}, "Click"), make("dd", {}, "Pick a grasp point, on the flattened view or in 3D."),
-      make("dt", {}, "Drag"), make("dd", {}, "Pan the flattened view; on the proposal: move it, with Shift turn it."),
-      make("dt", {}, "Right drag"), make("dd", {}, "Pan, also over the proposal."),
-      make("dt", {}, "Wheel"), make("dd", {}, "Zoom at the pointer."))));
+  const titles =
+    mode === "live" ? { ...live, ...capture, ...both, ...session } : { ...session, ...both, ...live, ...capture };
+  byId("help-body").replaceChildren(
+    ...Object.entries(titles).map(([group, title]) =>
+      make(
+        "section",
+        {},
+        make("h3", {}, title),
+        make(
+          "dl",
+          { class: "keys" },
+          ...actions
+            .filter((a) => a.group === group)
+            .flatMap((a) => [
+              make("dt", {}, ...a.keys.slice(0, 2).map((k) => make("kbd", {}, keyName(k)))),
+              make("dd", {}, make("strong", {}, a.title), " ", a.description),
+            ]),
+        ),
+      ),
+    ),
+    make(
+      "section",
+      {},
+      make("h3", {}, "Pointer"),
+      make(
+        "dl",
+        { class: "keys" },
+        make("dt", {}, "Click"),
+        make("dd", {}, "Pick a grasp point, on the flattened view or in 3D."),
+        make("dt", {}, "Drag"),
+        make("dd", {}, "Pan the flattened view; on the proposal: move it, with Shift turn it."),
+        make("dt", {}, "Right drag"),
+        make("dd", {}, "Pan, also over the proposal."),
+        make("dt", {}, "Wheel"),
+        make("dd", {}, "Zoom at the pointer."),
+      ),
+    ),
+  );
   byId("help").showModal();
   byId("help").scrollTop = 0; // the button that has the focus is at its end
 }

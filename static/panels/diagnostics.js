@@ -1,4 +1,4 @@
-// Why a proposal lies where it does: the paper's curves, linked to the canvas; corresponding lines; strained edges.
+// What placed a proposal: the paper's curves, linked to the canvas; corresponding lines; strained edges.
 
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
@@ -10,48 +10,68 @@ const PLOTS = ["current", "new"];
 const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
 
-/** `send(message)` goes to the server, `changed()` when it is opened or closed. */
-export class Why {
-  constructor(canvas, send, changed) {
-    Object.assign(this, { canvas, send, changed });
+export class Diagnostics {
+  name = "diagnostics";
+
+  constructor(page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = { diagnostics: () => this.toggle() };
     this.open = false;
     this.showsLines = true;
     this.showsEdges = false;
     this.known = null; // what the server told
     this.asked = null;
     this.marked = {}; // column (mm) of each plot
-    this.panel = byId("why");
+    this.panel = byId("diagnostics");
     this.build();
-    canvas.drawers.push((_, context) => this.paint(context));
+    this.canvas.drawers.push((_, context) => this.paint(context));
   }
 
   build() {
     this.plotCanvas = make("canvas", {
-      tabindex: 0, role: "img", "aria-label": "Curves over the columns. The arrow keys move the marked column.",
+      tabindex: 0,
+      role: "img",
+      "aria-label": "Curves over the columns. The arrow keys move the marked column.",
       on: { pointermove: (e) => this.point(e), pointerleave: () => this.mark({}), keydown: (e) => this.key(e) },
     });
     this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
     this.title = make("h2", {});
-    this.facts = make("p", { class: "why-facts" });
-    this.trouble = make("p", { class: "why-trouble", role: "status" });
-    this.column = make("output", { class: "why-column" });
-    this.choices = make("div", { class: "why-choices" });
+    this.facts = make("p", { class: "diagnostics-facts" });
+    this.trouble = make("p", { class: "diagnostics-trouble", role: "status" });
+    this.column = make("output", { class: "diagnostics-column" });
+    this.choices = make("div", { class: "diagnostics-choices" });
     this.panel.append(
-      make("div", { class: "heading" }, this.title, this.choices,
-        make("button", { type: "button", class: "close", "aria-label": "Close", on: { click: () => this.toggle() } }, "×")),
-      make("div", { class: "why-plots" }, this.plotCanvas, this.trouble), make("div", { class: "why-foot" }, this.facts, this.column));
+      make(
+        "div",
+        { class: "heading" },
+        this.title,
+        this.choices,
+        make(
+          "button",
+          { type: "button", class: "close", "aria-label": "Close", on: { click: () => this.toggle() } },
+          "×",
+        ),
+      ),
+      make("div", { class: "diagnostics-plots" }, this.plotCanvas, this.trouble),
+      make("div", { class: "diagnostics-foot" }, this.facts, this.column),
+    );
     new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
   }
 
   toggle() {
     this.open = !this.open;
     if (!this.open && this.showsEdges) this.setEdges(false);
-    this.changed();
+    this.page.changed();
+  }
+
+  get pressed() {
+    return { diagnostics: this.open };
   }
 
   setEdges(on) {
     this.showsEdges = on;
-    this.send({ type: "edges", show: on });
+    this.page.send({ type: "edges", show: on });
     this.canvas.redraw();
   }
 
@@ -69,8 +89,8 @@ export class Why {
 
   async ask(key, state) {
     this.asked = key;
-    setText(this.title, `Why view ${state.pending.view_index} lies here`);
-    const answer = await fetch(`/why/${key}.json`).catch(() => null);
+    setText(this.title, `What placed view ${state.pending.view_index}`);
+    const answer = await fetch(`/diagnostics/${key}.json`).catch(() => null);
     if (this.asked !== key) return;
     if (!answer?.ok) {
       this.known = null;
@@ -95,14 +115,30 @@ export class Why {
   showChoices() {
     const { shape, new: own } = this.known?.edges ?? {};
     const edges = shape ? ` (${shape.strain.length + own.strain.length} of ${shape.total + own.total})` : "";
-    const box = (label, tip, checked, change) => make("label", { data: { tip } },
-      make("input", { type: "checkbox", checked, data: { id: label }, on: { change: (e) => change(e.target.checked) } }), label);
+    const box = (label, tip, checked, change) =>
+      make(
+        "label",
+        { data: { tip } },
+        make("input", {
+          type: "checkbox",
+          checked,
+          data: { id: label },
+          on: { change: (e) => change(e.target.checked) },
+        }),
+        label,
+      );
     rebuild(this.choices, [edges, this.showsLines, this.showsEdges], () => [
       box("Lines", "The corresponding lines and points of equal Z-angle, on the canvas", this.showsLines, (on) => {
         this.showsLines = on;
         this.canvas.redraw();
       }),
-      box(`Strained edges${edges}`, "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the canvas and in 3D", this.showsEdges, (on) => this.setEdges(on)),
+      box(
+        `Strained edges${edges}`,
+        "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
+          "canvas and in 3D",
+        this.showsEdges,
+        (on) => this.setEdges(on),
+      ),
     ]);
   }
 
@@ -126,7 +162,14 @@ export class Why {
     this.plots = {};
     if (!this.known) return;
     const { limit_deg: limit, turn_deg: turn } = this.known;
-    const all = [-limit, limit, -limit - turn, limit - turn, ...this.known.current.a_z_deg, ...this.known.new.a_z_deg].filter((x) => x !== null);
+    const all = [
+      -limit,
+      limit,
+      -limit - turn,
+      limit - turn,
+      ...this.known.current.a_z_deg,
+      ...this.known.new.a_z_deg,
+    ].filter((x) => x !== null);
     this.angles = [30 * Math.floor((Math.min(...all) - 4) / 30), 30 * Math.ceil((Math.max(...all) + 4) / 30)];
     const split = rect.w > 1.3 * rect.h ? columns : rows;
     split(rect, [1, 1], 6).forEach((place, i) => this.drawPlot(PLOTS[i], place));
@@ -141,22 +184,39 @@ export class Why {
     const most = Math.max(1, ...h);
     const ends = u.length ? [u[0], u.at(-1)] : [0, 1];
     const plot = new Plot(sheet, inner, {
-      x: ends, y: this.angles, y2: [0, 1.08 * most], xLabel: "u (mm)", yLabel: turn ? "A_z − A (°)" : "A_z (°)", y2Label: "h (px)", yColor: color.mean, y2Color: color.count,
+      x: ends,
+      y: this.angles,
+      y2: [0, 1.08 * most],
+      xLabel: "u (mm)",
+      yLabel: turn ? "A_z − A (°)" : "A_z (°)",
+      y2Label: "h (px)",
+      yColor: color.mean,
+      y2Color: color.count,
     });
     this.plots[of] = plot;
     plot.area(u, h, color.count, 0, u.length - 1, plot.y2, 0.14);
     plot.curve(u, h, color.count, { scale: plot.y2, width: 1.5 });
     if (k.lines) plot.band(...k.lines.common_range_deg, color.soft, 0.18);
-    for (const limit of [-k.limit_deg, k.limit_deg]) plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
+    for (const limit of [-k.limit_deg, k.limit_deg])
+      plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
     if (turn) plot.curve(u, a, color.before, { width: 1.2, dash: [4, 3] });
-    plot.curve(u, a.map((x) => (x === null ? NaN : x - turn)), color.mean, { width: 2 });
+    plot.curve(
+      u,
+      a.map((x) => (x === null ? NaN : x - turn)),
+      color.mean,
+      { width: 2 },
+    );
     if (k.lines) plot.horizontal(k.lines.a_m_deg, color.band, "A_m", [2, 3]);
     if (of === "current" && k.u_b_mm !== null) {
       const b = nearest(u, k.u_b_mm);
       plot.area(u, h, color.accent, ...(k.side === "left" ? [0, b] : [b, u.length - 1]), plot.y2, 0.2);
       plot.vertical(k.u_b_mm, color.accent, "u_b", 1.5, [], true);
       sheet.ring(plot.at(k.u_b_mm, k.a_0_deg), 4, color.accent, 2);
-      sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, { color: color.accent, weight: 600, plate: true });
+      sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, {
+        color: color.accent,
+        weight: 600,
+        plate: true,
+      });
     }
     if (this.marked[of] >= ends[0] && this.marked[of] <= ends[1]) plot.vertical(this.marked[of], color.mark, "", 1.5);
   }
@@ -169,7 +229,8 @@ export class Why {
       const { u_mm: u, h, a_z_deg: a } = this.known[of];
       const at = nearest(u, marked[of]);
       const off = at < 0 || Math.abs(u[at] - marked[of]) > this.known[of].pixel_size_mm;
-      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`}`;
+      const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
+      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${values}`;
     });
     this.column.replaceChildren(...withSubscripts(told.join("  ·  ")));
     this.draw();
@@ -183,7 +244,10 @@ export class Why {
       return inner && x >= inner.x && x <= inner.x + inner.w && y >= inner.y && y <= inner.y + inner.h;
     });
     if (!of) return this.mark({});
-    const { inner, x: [low, high] } = this.plots[of];
+    const {
+      inner,
+      x: [low, high],
+    } = this.plots[of];
     this.mark({ [of]: low + ((x - inner.x) / inner.w) * (high - low) });
   }
 
@@ -212,7 +276,10 @@ export class Why {
   paint(context) {
     if (!this.open || this.panel.hidden || !this.known) return;
     const k = this.known;
-    const toPlane = { current: (u, v) => unapplied(k.front_from_current, u, v), new: (u, v) => applied(k.current_from_new, u, v) };
+    const toPlane = {
+      current: (u, v) => unapplied(k.front_from_current, u, v),
+      new: (u, v) => applied(k.current_from_new, u, v),
+    };
     if (this.showsEdges) this.paintEdges(context, k.edges);
     if (this.showsLines && k.lines) {
       this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
@@ -257,7 +324,8 @@ export class Why {
 }
 
 /** A text in which A_z is set as A with a small z. */
-const withSubscripts = (text) => text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", {}, part) : part));
+const withSubscripts = (text) =>
+  text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", {}, part) : part));
 
 /** The index of the value nearest to x in an even sequence, -1 if it is empty. */
 function nearest(values, x) {

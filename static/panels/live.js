@@ -11,13 +11,26 @@ const RATE_WINDOW_MS = 1000;
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  return { about, png: buffer.byteLength > 4 + length ? new Blob([new Uint8Array(buffer, 4 + length)], { type: "image/png" }) : null };
+  return {
+    about,
+    png:
+      buffer.byteLength > 4 + length ? new Blob([new Uint8Array(buffer, 4 + length)], { type: "image/png" }) : null,
+  };
 }
 
 export class LiveBar {
-  /** `handlers`: send(message), drawn(frame, image or null). */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "live";
+
+  /** `drawn(frame, image or null)` draws a frame. */
+  constructor(page, drawn) {
+    this.page = page;
+    this.drawn = drawn;
+    this.actions = {
+      live_play: () => page.send({ type: "play", playing: !page.state.live.playing }),
+      live_back: () => page.send({ type: "play", step: -1 }),
+      live_forward: () => page.send({ type: "play", step: 1 }),
+      live_turn: () => page.send({ type: "play", forward: !page.state.live.forward }),
+    };
     this.frame = null;
     this.drawnAt = [];
     this.arrived = 0;
@@ -30,13 +43,14 @@ export class LiveBar {
     this.slider.addEventListener("pointerup", () => (this.dragging = false));
     this.slider.addEventListener("input", () => {
       this.showPlace(Number(this.slider.value));
-      this.handlers.send({ type: "play", frame: Number(this.slider.value) });
+      this.page.send({ type: "play", frame: Number(this.slider.value) });
     });
-    this.rate.addEventListener("change", () => this.handlers.send({ type: "play", fps: Number(this.rate.value) }));
+    this.rate.addEventListener("change", () => this.page.send({ type: "play", fps: Number(this.rate.value) }));
   }
 
   /** Take a state: what does not change with each frame. */
   update(state) {
+    if (!state.live) return;
     this.angles = state.views.map((view) => view.angle_deg);
     this.camera = state.capture?.camera ?? "";
     this.slider.max = String(this.angles.length - 1);
@@ -44,9 +58,12 @@ export class LiveBar {
     this.playing = state.live.playing;
     const rates = [...new Set([...RATES, state.live.fps])].sort((a, b) => a - b);
     if (this.rate.childElementCount !== rates.length) {
-      this.rate.replaceChildren(...rates.map((fps) => make("option", { value: fps }, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`)));
+      this.rate.replaceChildren(
+        ...rates.map((fps) => make("option", { value: fps }, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`)),
+      );
     }
-    if (document.activeElement !== this.rate || Number(this.rate.value) !== state.live.fps) this.rate.value = String(state.live.fps);
+    if (document.activeElement !== this.rate || Number(this.rate.value) !== state.live.fps)
+      this.rate.value = String(state.live.fps);
     if (!this.playing) this.showRate();
   }
 
@@ -60,7 +77,7 @@ export class LiveBar {
       // Decoding may finish out of order: a change of layer overtakes the frame before it.
       if (arrival !== this.arrived) return;
       this.frame = about;
-      this.handlers.drawn(about, shown);
+      this.drawn(about, shown);
       this.count();
       if (!this.dragging) this.slider.value = String(about.view_index);
       this.showPlace(this.dragging ? Number(this.slider.value) : about.view_index);
@@ -79,6 +96,10 @@ export class LiveBar {
   get fps() {
     const span = this.drawnAt.at(-1) - this.drawnAt[0];
     return this.playing && span > 0 ? (1000 * (this.drawnAt.length - 1)) / span : null;
+  }
+
+  get status() {
+    return { frame: this.frame, fps: this.fps };
   }
 
   showPlace(index) {

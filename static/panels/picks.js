@@ -3,7 +3,40 @@
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { degrees, number, vector } from "/static/page/format.js";
 
-export function pickText(pick) {
+export class PicksPanel {
+  name = "picks";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { copy: () => this.copy() };
+  }
+
+  update(state) {
+    const send = (message) => this.page.send(message);
+    showPick(state, () => this.copy(), send);
+    showPicks(state, send);
+  }
+
+  async copy() {
+    const { pick } = this.page.state;
+    if (!pick) return this.page.notify("info", "There is no pick to copy; click the cloth first.");
+    const text = pickText(pick);
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch {
+      // Without https or permission there is only the old way.
+      const area = make("textarea", { class: "unseen", readonly: true }, text);
+      document.body.append(area);
+      area.select();
+      const done = document.execCommand("copy");
+      area.remove();
+      if (!done) return this.page.notify("warning", "The browser does not allow copying.");
+    }
+    this.page.notify("info", `Copied the numbers of ${pick.name}.`);
+  }
+}
+
+function pickText(pick) {
   return [
     `name\t${pick.name}`,
     `position_held_m\t${pick.position_held_m.map((x) => x.toFixed(5)).join(" ")}`,
@@ -13,18 +46,21 @@ export function pickText(pick) {
     `view\t${pick.view_index}`,
     `source_row_col\t${pick.source_rc.map((x) => x.toFixed(2)).join(" ")}`,
     `miss_m\t${pick.miss_m.toFixed(5)}`,
-    ...(pick.grip ? [
-      `approach_held\t${pick.grip.approach_held.map((x) => x.toFixed(5)).join(" ")}`,
-      `axis_held\t${pick.grip.axis_held.map((x) => x.toFixed(5)).join(" ")}\t(${AXIS_FROM[pick.grip.axis_from]})`,
-      `opening_m\t${pick.grip.opening_m.toFixed(4)}`,
-    ] : []),
+    ...(pick.grip
+      ? [
+          `approach_held\t${pick.grip.approach_held.map((x) => x.toFixed(5)).join(" ")}`,
+          `axis_held\t${pick.grip.axis_held.map((x) => x.toFixed(5)).join(" ")}\t(${AXIS_FROM[pick.grip.axis_from]})`,
+          `opening_m\t${pick.grip.opening_m.toFixed(4)}`,
+        ]
+      : []),
   ].join("\n");
 }
 
 const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level: no outline nearby" };
 const OPENING_MM = [5, 300];
 
-const stdMm = (metres) => (metres !== null && metres < 1e-4 ? "< 0.1 mm" : `${number(metres === null ? null : 1000 * metres)} mm`);
+const stdMm = (metres) =>
+  metres !== null && metres < 1e-4 ? "< 0.1 mm" : `${number(metres === null ? null : 1000 * metres)} mm`;
 
 /** The grip of a pick: axis on the plane, opening, and how surely it is known. */
 function gripTools(pick, send) {
@@ -38,60 +74,170 @@ function gripTools(pick, send) {
   const away = grip.outline_distance_m === null ? "–" : `${number(1000 * grip.outline_distance_m, 0)} mm away`;
   const noAxis = grip.axis_deg === null ? "The pick is not on the present shape." : null;
   return [
-    make("div", { class: "grip", role: "group", "aria-label": "Grip" },
-      make("label", { class: "field", data: { tip: "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers close across it" } },
+    make(
+      "div",
+      { class: "grip", role: "group", "aria-label": "Grip" },
+      make(
+        "label",
+        {
+          class: "field",
+          data: {
+            tip:
+              "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers " +
+              "close across it",
+          },
+        },
         make("span", {}, "Axis °"),
-        make("input", { type: "number", step: 5, min: -180, max: 180, value: grip.axis_deg === null ? null : Math.round(grip.axis_deg), disabled: noAxis !== null,
-          data: { id: "grip-axis" }, on: { change: change("axis_deg", 1) } })),
-      make("button", { type: "button", class: "button small", "aria-pressed": String(outline), data: { id: "grip-outline", tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}` },
-        on: { click: () => send({ type: "grip", id: pick.id, outline: true }) } }, "Outline"),
-      make("label", { class: "field", data: { tip: "Distance of the fingers" } },
+        make("input", {
+          type: "number",
+          step: 5,
+          min: -180,
+          max: 180,
+          value: grip.axis_deg === null ? null : Math.round(grip.axis_deg),
+          disabled: noAxis !== null,
+          data: { id: "grip-axis" },
+          on: { change: change("axis_deg", 1) },
+        }),
+      ),
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button small",
+          "aria-pressed": String(outline),
+          data: {
+            id: "grip-outline",
+            tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
+          },
+          on: { click: () => send({ type: "grip", id: pick.id, outline: true }) },
+        },
+        "Outline",
+      ),
+      make(
+        "label",
+        { class: "field", data: { tip: "Distance of the fingers" } },
         make("span", {}, "Open mm"),
-        make("input", { type: "number", step: 5, min: OPENING_MM[0], max: OPENING_MM[1], value: Math.round(1000 * grip.opening_m),
-          data: { id: "grip-opening" }, on: { change: change("opening_m", 0.001) } }))),
-    make("dl", { class: "values" },
+        make("input", {
+          type: "number",
+          step: 5,
+          min: OPENING_MM[0],
+          max: OPENING_MM[1],
+          value: Math.round(1000 * grip.opening_m),
+          data: { id: "grip-opening" },
+          on: { change: change("opening_m", 0.001) },
+        }),
+      ),
+    ),
+    make(
+      "dl",
+      { class: "values" },
       ...row("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
-      ...row("known to", stdMm(grip.position_std_m), "One standard deviation in space, from the scatter of depth nearby"),
-      ...row("normal, axis", `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
-        "One standard deviation of each, from the scatter of normals and outline nearby"),
-      ...(grip.placement_std_m === null ? [] : row("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane"))),
+      ...row(
+        "known to",
+        stdMm(grip.position_std_m),
+        "One standard deviation in space, from the scatter of depth nearby",
+      ),
+      ...row(
+        "normal, axis",
+        `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
+        "One standard deviation of each, from the scatter of normals and outline nearby",
+      ),
+      ...(grip.placement_std_m === null
+        ? []
+        : row("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane")),
+    ),
   ];
 }
 
-export function showPick(state, copy, send) {
+function showPick(state, copy, send) {
   const pick = state.pick;
   rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
     if (!pick) {
-      return [make("h2", {}, "Pick"), make("p", { class: "nothing" },
-        state.layers ? "Click the cloth, flat or in 3D, to get its grasp point." : "Grasp points can be picked once a view is flattened.")];
+      return [
+        make("h2", {}, "Pick"),
+        make(
+          "p",
+          { class: "nothing" },
+          state.layers
+            ? "Click the cloth, flat or in 3D, to get its grasp point."
+            : "Grasp points can be picked once a view is flattened.",
+        ),
+      ];
     }
     const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
     return [
-      make("div", { class: "heading" }, make("h2", {}, pick.name),
-        make("button", { type: "button", class: "button small", data: { id: "copy", tip: "Copy all numbers in metres" }, on: { click: copy } }, "Copy", make("kbd", {}, "C"))),
-      make("dl", { class: "values" },
+      make(
+        "div",
+        { class: "heading" },
+        make("h2", {}, pick.name),
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button small",
+            data: { id: "copy", tip: "Copy all numbers in metres" },
+            on: { click: copy },
+          },
+          "Copy",
+          make("kbd", {}, "C"),
+        ),
+      ),
+      make(
+        "dl",
+        { class: "values" },
         ...row("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
-        ...row(`camera ${number(pick.angle_deg, 0)}°`, `${vector(pick.position_camera_m, 1, 1000)} mm`, "Position x y z in the camera frame at the present rotation"),
+        ...row(
+          `camera ${number(pick.angle_deg, 0)}°`,
+          `${vector(pick.position_camera_m, 1, 1000)} mm`,
+          "Position x y z in the camera frame at the present rotation",
+        ),
         ...row("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
-        ...row("n. camera", vector(pick.normal_camera, 3), "Outward normal in the camera frame at the present rotation"),
+        ...row(
+          "n. camera",
+          vector(pick.normal_camera, 3),
+          "Outward normal in the camera frame at the present rotation",
+        ),
         ...row("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"),
-        ...row("source", `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`, "View and image pixel (row, column) it was measured in"),
+        ...row(
+          "source",
+          `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`,
+          "View and image pixel (row, column) it was measured in",
+        ),
         ...row("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
-        ...row("miss", pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth", "Distance between the click and the nearest cloth")),
+        ...row(
+          "miss",
+          pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth",
+          "Distance between the click and the nearest cloth",
+        ),
+      ),
       ...(pick.grip ? gripTools(pick, send) : []),
-      pick.in_shape ? null : make("p", { class: "why" }, "Its view is not part of the present shape."),
+      pick.in_shape ? null : make("p", { class: "note" }, "Its view is not part of the present shape."),
     ].filter(Boolean);
   });
 }
 
 /** `send` goes to the server. */
-export function showPicks(state, send) {
+function showPicks(state, send) {
   rebuild(byId("picks"), [state.picks, state.pick?.id ?? null], () => [
-    make("div", { class: "heading" }, make("h2", {}, `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
+    make(
+      "div",
+      { class: "heading" },
+      make("h2", {}, `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
       state.picks.length
-        ? make("a", { class: "button small", href: "/export/grasps.json", download: "grasps.json", data: { id: "export", tip: "Download all picks as grasps.json" } }, "Export")
-        : null),
-    state.picks.length ? make("ol", { class: "picks" }, ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
+        ? make(
+            "a",
+            {
+              class: "button small",
+              href: "/export/grasps.json",
+              download: "grasps.json",
+              data: { id: "export", tip: "Download all picks as grasps.json" },
+            },
+            "Export",
+          )
+        : null,
+    ),
+    state.picks.length
+      ? make("ol", { class: "picks" }, ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
       : make("p", { class: "nothing" }, "Every pick is kept here: name it, show it again, export it."),
   ]);
 }
@@ -102,18 +248,50 @@ function pickRow(pick, current, send) {
     if (name && name !== pick.name) send({ type: "rename_pick", id: pick.id, name });
     else event.target.value = pick.name;
   };
-  return make("li", { class: current ? "current" : "" },
-    make("button", {
-      type: "button", class: "show", "aria-label": `Show ${pick.name}`, "aria-pressed": String(current),
-      data: { id: `show-${pick.id}`, tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape" },
-      on: { click: () => send({ type: "show_pick", id: pick.id }) },
-    }, pick.uv_m ? "◎" : "○"),
+  return make(
+    "li",
+    { class: current ? "current" : "" },
+    make(
+      "button",
+      {
+        type: "button",
+        class: "show",
+        "aria-label": `Show ${pick.name}`,
+        "aria-pressed": String(current),
+        data: {
+          id: `show-${pick.id}`,
+          tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape",
+        },
+        on: { click: () => send({ type: "show_pick", id: pick.id }) },
+      },
+      pick.uv_m ? "◎" : "○",
+    ),
     make("input", {
-      value: pick.name, maxlength: 80, "aria-label": `Name of ${pick.name}`, data: { id: `name-${pick.id}` },
-      on: { change: rename, keydown: (e) => { if (e.key === "Enter") e.target.blur(); if (e.key === "Escape") { e.target.value = pick.name; e.target.blur(); } } },
+      value: pick.name,
+      maxlength: 80,
+      "aria-label": `Name of ${pick.name}`,
+      data: { id: `name-${pick.id}` },
+      on: {
+        change: rename,
+        keydown: (e) => {
+          if (e.key === "Enter") e.target.blur();
+          if (e.key === "Escape") {
+            e.target.value = pick.name;
+            e.target.blur();
+          }
+        },
+      },
     }),
-    make("button", {
-      type: "button", class: "close", "aria-label": `Delete ${pick.name}`, data: { id: `delete-${pick.id}`, tip: "Delete" },
-      on: { click: () => send({ type: "delete_pick", id: pick.id }) },
-    }, "×"));
+    make(
+      "button",
+      {
+        type: "button",
+        class: "close",
+        "aria-label": `Delete ${pick.name}`,
+        data: { id: `delete-${pick.id}`, tip: "Delete" },
+        on: { click: () => send({ type: "delete_pick", id: pick.id }) },
+      },
+      "×",
+    ),
+  );
 }

@@ -3,26 +3,48 @@
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { degrees, hex, number, vector } from "/static/page/format.js";
 
+/** @type {[string, string, (values: any) => string][]} */
 const READOUT = [
   ["Pixel", "row, column", (a) => `${a.rc[0]}, ${a.rc[1]}`],
   ["u, v", "mm on the plane", (a) => `${vector(a.uv_mm)} mm`],
   ["Color", "red, green, blue", (a) => `${a.rgb.join(" ")}`],
-  ["Source", "view @ its pixel (row, column)", (a) => `${a.view_index} @ ${a.source_rc.map((x) => number(x)).join(", ")}`],
+  [
+    "Source",
+    "view @ its pixel (row, column)",
+    (a) => `${a.view_index} @ ${a.source_rc.map((x) => number(x)).join(", ")}`,
+  ],
   ["x y z", "mm, held frame", (a) => `${vector(a.xyz_mm)} mm`],
   ["Height z", "mm along the axis", (a) => `${number(a.height_mm)} mm`],
   ["Normal", "outward, held frame", (a) => vector(a.normal, 3)],
   ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
-  ["Place ±", "mm on the plane: one standard deviation of where this pixel lies, relative to the start view's main piece",
-    (a) => a.placement_std_mm === null ? "–" : `${number(a.placement_std_mm)} mm`],
-  ["Quality", "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
-    (a) => `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`],
+  [
+    "Place ±",
+    "mm on the plane: one standard deviation of where this pixel lies, relative to the start view's main piece",
+    (a) => (a.placement_std_mm === null ? "–" : `${number(a.placement_std_mm)} mm`),
+  ],
+  [
+    "Quality",
+    "image pixels per cm² of cloth, angle between line of sight and normal, change of length by the flattening",
+    (a) =>
+      `${number(a.density_px_cm2, 0)} px/cm² · ${degrees(a.incidence_deg, 0)} incidence · ` +
+      `${number(a.stretch === null ? null : 100 * a.stretch)} % stretch`,
+  ],
 ];
 
-export function showReadout(answer) {
+export class Readout {
+  hovered(answer) {
+    showReadout(answer);
+  }
+}
+
+function showReadout(answer) {
   const list = byId("readout");
   if (!list.childElementCount) {
-    list.append(...READOUT.map(([name, about]) =>
-      make("div", {}, make("dt", { data: { tip: `${name}: ${about}` } }, name), make("dd", {}, "–"))));
+    list.append(
+      ...READOUT.map(([name, about]) =>
+        make("div", {}, make("dt", { data: { tip: `${name}: ${about}` } }, name), make("dd", {}, "–")),
+      ),
+    );
   }
   const values = answer?.shape ?? answer?.proposal ?? null;
   list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
@@ -39,16 +61,26 @@ export function showLegend(legend) {
   if (box.hidden) return;
   rebuild(box, legend, () => {
     if (legend.kind === "classes") {
-      return [make("h3", {}, legend.title), ...legend.classes.map((c) => {
-        const swatch = make("i", { class: "swatch" });
-        swatch.style.background = c.color;
-        return make("p", {}, swatch, c.label);
-      })];
+      return [
+        make("h3", {}, legend.title),
+        ...legend.classes.map((c) => {
+          const swatch = make("i", { class: "swatch" });
+          swatch.style.background = c.color;
+          return make("p", {}, swatch, c.label);
+        }),
+      ];
     }
     const ramp = make("i", { class: "ramp" });
     ramp.style.background = `linear-gradient(to top, ${legend.colors.join(", ")})`;
     const middle = (legend.low + legend.high) / 2;
-    return [make("h3", {}, legend.title), make("div", { class: "scale" }, ramp,
-      make("div", {}, ...[legend.high, middle, legend.low].map((x) => make("span", {}, number(x, 0)))))];
+    return [
+      make("h3", {}, legend.title),
+      make(
+        "div",
+        { class: "scale" },
+        ramp,
+        make("div", {}, ...[legend.high, middle, legend.low].map((x) => make("span", {}, number(x, 0)))),
+      ),
+    ];
   });
 }

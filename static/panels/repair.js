@@ -8,10 +8,24 @@ const SEEN_EVERY_MS = 60;
 const LEAST_GAIN = 0.005; // of the score
 
 export class Repair {
-  /** `handlers`: send(message), notify(level, text), button(name, title). `canvas` shows the markers. */
-  constructor(canvas, handlers) {
-    this.canvas = canvas;
-    this.handlers = handlers;
+  name = "repair";
+
+  /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not told yet. */
+  constructor(page, nudges) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.actions = {
+      pairs: () => this.toggle(),
+      fit_pairs: () => {
+        nudges.flush();
+        this.sendPairs(true);
+      },
+      refine: () => {
+        nudges.flush();
+        page.send({ type: "refine", view_index: this.view });
+      },
+    };
+    this.messages = { preview: (message) => this.takePreview(message), pairs: (message) => this.takePairs(message) };
     this.picking = false;
     this.view = null; // the view that the pairs are about
     this.pairs = []; // {own: [u, v] in the proposal's own plane, shape: [u, v] or null, weight}
@@ -20,8 +34,8 @@ export class Repair {
     this.asked = 0;
     this.answered = 0;
     this.wanted = null;
-    canvas.tools.push(this);
-    canvas.drawers.push((_, context, style) => this.draw(context, style));
+    this.canvas.tools.push(this);
+    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
   update(state) {
@@ -33,9 +47,14 @@ export class Repair {
     }
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
-    rebuild(byId("repair-tools"), ["repair"], () => [this.handlers.button("pairs"), this.handlers.button("refine", "Refine")]);
+    rebuild(byId("repair-tools"), ["repair"], () => [
+      this.page.button("pairs"),
+      this.page.button("refine", "Refine"),
+    ]);
     for (const name of ["pairs", "refine"]) {
-      byId("repair-tools").querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(name === "pairs" && this.picking));
+      byId("repair-tools")
+        .querySelector(`[data-action="${name}"]`)
+        .setAttribute("aria-pressed", String(name === "pairs" && this.picking));
     }
     this.showPieces(state.pending);
     this.showPairs();
@@ -45,30 +64,49 @@ export class Repair {
   showPieces({ pieces, view_index }) {
     const box = byId("pieces");
     box.hidden = pieces.length < 2;
-    rebuild(box, [pieces, view_index], () => pieces.map((piece) => make("button", {
-      type: "button", class: "button", "aria-pressed": String(piece.chosen),
-      data: { id: `piece-${piece.component}`, tip: piece.waits ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand." : "Place this part of the view." },
-      on: { click: () => piece.chosen || this.handlers.send({ type: "take_part", view_index, component: piece.component }) },
-    }, `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`)));
+    rebuild(box, [pieces, view_index], () =>
+      pieces.map((piece) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button",
+            "aria-pressed": String(piece.chosen),
+            data: {
+              id: `piece-${piece.component}`,
+              tip: piece.waits
+                ? "Nothing connects this part to the shape yet; it floats until something does.\n" +
+                  "Click: place it by hand."
+                : "Place this part of the view.",
+            },
+            on: {
+              click: () =>
+                piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
+            },
+          },
+          `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`,
+        ),
+      ),
+    );
   }
 
   /** The proposal is drawn anew where the server has moved it: its fit and residuals are others now. */
-  moved() {
-    this.ask({ theta: 0, u: 0, v: 0 });
+  placed() {
+    this.moving({ theta: 0, u: 0, v: 0 });
     this.askResiduals();
   }
 
   clear() {
     this.pairs = [];
     this.fit = null;
-    setText(byId("reach"), "");
+    setText(byId("fit-here"), "");
     this.canvas.redraw();
   }
 
   // --- how it fits -----------------------------------------------------------------------------
 
   /** Ask how the proposal would fit, moved by `by`; while an answer is on its way only the newest is kept. */
-  ask(by) {
+  moving(by) {
     this.wanted = { ...by };
     if (this.asked === this.answered) this.sendWanted();
   }
@@ -78,7 +116,14 @@ export class Repair {
     const { theta, u, v } = this.wanted;
     this.wanted = null;
     this.asked += 1;
-    const sent = this.handlers.send({ type: "preview", id: this.asked, view_index: this.view, theta_rad: theta, u_m: u, v_m: v });
+    const sent = this.page.send({
+      type: "preview",
+      id: this.asked,
+      view_index: this.view,
+      theta_rad: theta,
+      u_m: u,
+      v_m: v,
+    });
     if (!sent) this.answered = this.asked;
   }
 
@@ -92,11 +137,18 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const reached = fit(message.reached_score, message.reached_apart_mm);
-    setText(byId("reach"), message.why ?? `Here ${here}. ${message.reached_score - message.score < LEAST_GAIN ? "Refining gains nothing." : `Refined from here: ${reached}.`}`);
+    setText(
+      byId("fit-here"),
+      message.why ??
+        `Here ${here}. ` +
+          (message.reached_score - message.score < LEAST_GAIN
+            ? "Refining gains nothing."
+            : `Refined from here: ${reached}.`),
+    );
   }
 
   /** After a lost connection nobody answers any more. */
-  forget() {
+  reconnected() {
     this.answered = this.asked;
     this.wanted = null;
   }
@@ -106,10 +158,21 @@ export class Repair {
   toggle() {
     this.picking = !this.picking;
     this.canvas.redraw();
+    this.page.changed();
+  }
+
+  escape() {
+    if (!this.picking) return false;
+    this.toggle();
+    return true;
+  }
+
+  get status() {
+    return { ends: this.ends().map(({ x, y }) => [x, y]) };
   }
 
   /** A click on the plane; returns whether it was meant for a pair. */
-  takesClick(u, v) {
+  click(u, v) {
     if (!this.picking || this.view === null) return false;
     const open = this.pairs.at(-1);
     if (open && !open.shape) {
@@ -119,7 +182,7 @@ export class Repair {
       this.pairs.push({ own: this.toOwn(u, v), shape: null, weight: 1 });
       this.fit = null;
     } else {
-      this.handlers.notify("info", "Click a point on the proposal first, then where it belongs on the shape.");
+      this.page.notify("info", "Click a point on the proposal first, then where it belongs on the shape.");
     }
     this.showPairs();
     this.canvas.redraw();
@@ -139,10 +202,6 @@ export class Repair {
     this.canvas.redraw();
   }
 
-  fitNow() {
-    this.sendPairs(true);
-  }
-
   askResiduals() {
     if (this.whole().length > 1) this.sendPairs(false);
   }
@@ -150,8 +209,13 @@ export class Repair {
   sendPairs(fit) {
     if (this.view === null) return;
     const whole = this.whole();
-    this.handlers.send({
-      type: "pairs", view_index: this.view, fit, new_uv_m: whole.map((p) => p.own), shape_uv_m: whole.map((p) => p.shape), weights: whole.map((p) => p.weight),
+    this.page.send({
+      type: "pairs",
+      view_index: this.view,
+      fit,
+      new_uv_m: whole.map((p) => p.own),
+      shape_uv_m: whole.map((p) => p.shape),
+      weights: whole.map((p) => p.weight),
     });
   }
 
@@ -169,31 +233,69 @@ export class Repair {
     const box = byId("pairs");
     box.hidden = !this.picking && !this.pairs.length;
     const enough = this.whole().length > 1;
-    rebuild(box, [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit], () => [
-      make("p", { class: "why" }, this.nextClick()),
-      this.pairs.length ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i))) : null,
-      enough ? this.handlers.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs") : null,
-    ].filter(Boolean));
+    rebuild(
+      box,
+      [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit],
+      () =>
+        [
+          make("p", { class: "note" }, this.nextClick()),
+          this.pairs.length
+            ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i)))
+            : null,
+          enough
+            ? this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs")
+            : null,
+        ].filter(Boolean),
+    );
   }
 
   nextClick() {
     if (!this.picking) return "Press Pairs (P) to pick more.";
-    return this.pairs.at(-1) && !this.pairs.at(-1).shape ? "Now click where it belongs on the shape." : "Click a point on the proposal.";
+    return this.pairs.at(-1) && !this.pairs.at(-1).shape
+      ? "Now click where it belongs on the shape."
+      : "Click a point on the proposal.";
   }
 
   row(pair, index) {
     const residual = this.fit?.residual_mm[index];
-    const told = !pair.shape ? "…" : residual === undefined ? "–" : `${number(residual)} mm, fitted ${number(this.fit.reached_mm[index])}`;
+    const told = !pair.shape
+      ? "…"
+      : residual === undefined
+        ? "–"
+        : `${number(residual)} mm, fitted ${number(this.fit.reached_mm[index])}`;
     const weigh = (event) => {
       const weight = event.target.valueAsNumber;
       if (weight > 0) pair.weight = weight;
       else event.target.value = pair.weight;
       this.askResiduals();
     };
-    return make("li", {},
-      make("b", {}, String(index + 1)), make("span", {}, told),
-      make("input", { type: "number", min: 0.1, max: 10, step: 0.1, value: pair.weight, "aria-label": `Weight of pair ${index + 1}`, data: { id: `weight-${index}`, tip: "Weight of this pair" }, on: { change: weigh } }),
-      make("button", { type: "button", class: "close", "aria-label": `Remove pair ${index + 1}`, data: { id: `unpair-${index}`, tip: "Remove" }, on: { click: () => this.remove(index) } }, "×"));
+    return make(
+      "li",
+      {},
+      make("b", {}, String(index + 1)),
+      make("span", {}, told),
+      make("input", {
+        type: "number",
+        min: 0.1,
+        max: 10,
+        step: 0.1,
+        value: pair.weight,
+        "aria-label": `Weight of pair ${index + 1}`,
+        data: { id: `weight-${index}`, tip: "Weight of this pair" },
+        on: { change: weigh },
+      }),
+      make(
+        "button",
+        {
+          type: "button",
+          class: "close",
+          "aria-label": `Remove pair ${index + 1}`,
+          data: { id: `unpair-${index}`, tip: "Remove" },
+          on: { click: () => this.remove(index) },
+        },
+        "×",
+      ),
+    );
   }
 
   // --- the markers -----------------------------------------------------------------------------
@@ -230,7 +332,10 @@ export class Repair {
     for (const { pair, x, y, end } of ends) {
       if (end !== "own" || !pair.shape) continue;
       const to = this.canvas.transform.toPane(...pair.shape);
-      for (const [color, width] of [["#fff", 4], [style.getPropertyValue("--accent"), 2]]) {
+      for (const [color, width] of [
+        ["#fff", 4],
+        [style.getPropertyValue("--accent"), 2],
+      ]) {
         context.strokeStyle = color;
         context.lineWidth = width;
         context.beginPath();
@@ -279,6 +384,7 @@ export class Repair {
   }
 }
 
+/** @returns {[number, number]} */
 function turned(x, y, theta, u, v) {
   const [c, s] = [Math.cos(theta), Math.sin(theta)];
   return [c * x - s * y + u, s * x + c * y + v];

@@ -9,12 +9,19 @@ const LEAST_PX = 200; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.42; // of the scene's width and height
 const MARGIN = 0.12; // around the item, as a share of its size
 const IMAGES_KEPT = 8;
-const HIDDEN = { "faces away": "face away", "covered by nearer cloth": "covered", "outside the image": "outside", "nothing measured there": "not measured" };
+const HIDDEN = {
+  "faces away": "face away",
+  "covered by nearer cloth": "covered",
+  "outside the image": "outside",
+  "nothing measured there": "not measured",
+};
 
 export class SourcePanel {
-  /** `handlers`: button(action, title), tip(action). */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "sources";
+
+  constructor(page) {
+    this.page = page;
+    this.actions = { source_image: () => this.fold(), source_mask: () => this.toggleMask() };
     this.panel = byId("sources");
     this.folded = localStorage.getItem(FOLDED) === "yes";
     this.masked = localStorage.getItem(MASKED) !== "no";
@@ -33,7 +40,7 @@ export class SourcePanel {
   }
 
   /** What a hover read-out is asked for besides. */
-  get asked() {
+  asksHover() {
     return this.panel.hidden || this.folded || this.view === null ? {} : { view: this.view };
   }
 
@@ -48,8 +55,8 @@ export class SourcePanel {
   }
 
   /** Mark the pixel that shows what is under the pointer on the flattened view. */
-  mark(source) {
-    this.at = source ?? null;
+  hovered(answer) {
+    this.at = answer?.source ?? null;
     this.draw();
   }
 
@@ -89,12 +96,25 @@ export class SourcePanel {
 
   show() {
     this.panel.classList.toggle("folded", this.folded);
-    const button = this.handlers.button;
+    const button = (name, title) => this.page.button(name, title);
     rebuild(this.panel, ["frame", this.folded], () => {
       if (this.folded) return [this.tipped(button("source_image"), "source_image")];
-      const back = make("button", { type: "button", class: "button small", id: "source-back", data: { id: "source-back", tip: "Show the view that the page is at" }, on: { click: () => this.pin(this.present) } });
+      const back = make("button", {
+        type: "button",
+        class: "button small",
+        id: "source-back",
+        data: { id: "source-back", tip: "Show the view that the page is at" },
+        on: { click: () => this.pin(this.present) },
+      });
       return [
-        make("div", { class: "heading" }, make("h2", { id: "source-title" }), back, this.tipped(button("source_mask"), "source_mask"), this.tipped(button("source_image", "Fold"), "source_image")),
+        make(
+          "div",
+          { class: "heading" },
+          make("h2", { id: "source-title" }),
+          back,
+          this.tipped(button("source_mask"), "source_mask"),
+          this.tipped(button("source_image", "Fold"), "source_image"),
+        ),
         make("div", { class: "source-body" }, this.canvas, make("div", { id: "source-seen", class: "source-seen" })),
       ];
     });
@@ -110,7 +130,7 @@ export class SourcePanel {
 
   tipped(element, action) {
     element.classList.add("small");
-    element.dataset.tip = this.handlers.tip(action);
+    element.dataset.tip = this.page.tip(action);
     return element;
   }
 
@@ -120,22 +140,40 @@ export class SourcePanel {
     if (!pick) return;
     rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
       if (!seen) return [make("p", { class: "nothing" }, `Looking for ${pick.name} in every view.`)];
-      const others = Object.entries(seen.hidden).filter(([, n]) => n).map(([why, n]) => `${n} ${HIDDEN[why]}`).join(", ");
+      const others = Object.entries(seen.hidden)
+        .filter(([, n]) => n)
+        .map(([why, n]) => `${n} ${HIDDEN[why]}`)
+        .join(", ");
       const title = `${pick.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
       return [
         make("p", { data: { tip: others ? `The others: ${others}.` : "" } }, title),
-        make("div", { class: "thumbs", role: "group", "aria-label": title }, ...seen.seen.map((one) => this.thumb(one))),
+        make(
+          "div",
+          { class: "thumbs", role: "group", "aria-label": title },
+          ...seen.seen.map((one) => this.thumb(one)),
+        ),
       ];
     });
   }
 
   thumb(one) {
     const name = `View ${one.view_index}, ${number(one.angle_deg, 0)}°`;
-    return make("button", {
-      type: "button", class: "thumb", "aria-label": `${name}: show its image`, "aria-pressed": String(one.view_index === this.view),
-      data: { id: `thumb-${one.view_index}`, tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image` },
-      on: { click: () => this.pin(one.view_index) },
-    }, make("img", { src: one.thumb, alt: "", width: 44, height: 44 }), make("span", {}, `${number(one.angle_deg, 0)}°`));
+    return make(
+      "button",
+      {
+        type: "button",
+        class: "thumb",
+        "aria-label": `${name}: show its image`,
+        "aria-pressed": String(one.view_index === this.view),
+        data: {
+          id: `thumb-${one.view_index}`,
+          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image`,
+        },
+        on: { click: () => this.pin(one.view_index) },
+      },
+      make("img", { src: one.thumb, alt: "", width: 44, height: 44 }),
+      make("span", {}, `${number(one.angle_deg, 0)}°`),
+    );
   }
 
   /** Return a picture, or null while it is fetched: it is drawn when it is there. */
@@ -147,6 +185,7 @@ export class SourcePanel {
     const fetched = async () => {
       const answer = await fetch(address);
       if (!answer.ok) throw new Error(await answer.text());
+      /** @type {any} */
       const image = await createImageBitmap(await answer.blob());
       if (address.endsWith(".png")) image.box = boxOfItem(image);
       this.images.set(address, image);
@@ -159,12 +198,17 @@ export class SourcePanel {
   draw() {
     if (this.panel.hidden || this.folded || this.view === null) return;
     const color = this.image(`/source/${this.view}/color.jpg`);
-    this.canvas.setAttribute("aria-label", `Source image of view ${this.view}${this.masked ? ", what is not the item shaded" : ""}`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `Source image of view ${this.view}${this.masked ? ", what is not the item shaded" : ""}`,
+    );
     const mask = this.image(`/source/${this.view}/mask.png`);
     if (!color || !mask) return;
     const box = mask.box;
     const scene = this.panel.parentElement;
-    const [mostWide, mostHigh] = [scene.clientWidth, scene.clientHeight].map((px) => Math.max(LEAST_PX, MOST_SHARE * px));
+    const [mostWide, mostHigh] = [scene.clientWidth, scene.clientHeight].map((px) =>
+      Math.max(LEAST_PX, MOST_SHARE * px),
+    );
     const scale = Math.min(mostWide / box.width, mostHigh / box.height);
     const [width, height] = [Math.round(box.width * scale), Math.round(box.height * scale)];
     const ratio = devicePixelRatio;
@@ -181,8 +225,17 @@ export class SourcePanel {
     }
     const style = getComputedStyle(this.canvas);
     const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === this.view ? this.at.rc : null];
-    for (const [rc, name] of [[pick, "--pick"], [pointer, "--accent"]]) {
-      if (rc) cross(context, (rc[1] + 0.5 - box.left) * scale, (rc[0] + 0.5 - box.top) * scale, style.getPropertyValue(name));
+    for (const [rc, name] of [
+      [pick, "--pick"],
+      [pointer, "--accent"],
+    ]) {
+      if (rc)
+        cross(
+          context,
+          (rc[1] + 0.5 - box.left) * scale,
+          (rc[0] + 0.5 - box.top) * scale,
+          style.getPropertyValue(name),
+        );
     }
     this.drawn = { view: this.view, masked: this.masked, box, scale, pick, pointer };
   }
@@ -196,7 +249,12 @@ export class SourcePanel {
 
   /** For tests: what is drawn. */
   get status() {
-    return { view: this.view, folded: this.folded, drawn: this.drawn ?? null, seen: this.seen?.seen.map((one) => one.view_index) ?? null };
+    return {
+      view: this.view,
+      folded: this.folded,
+      drawn: this.drawn ?? null,
+      seen: this.seen?.seen.map((one) => one.view_index) ?? null,
+    };
   }
 }
 
@@ -223,11 +281,19 @@ function boxOfItem(image) {
 }
 
 function cross(context, x, y, color) {
-  for (const [stroke, width] of [["#fff", 3.5], [color, 1.75]]) {
+  for (const [stroke, width] of [
+    ["#fff", 3.5],
+    [color, 1.75],
+  ]) {
     context.strokeStyle = stroke;
     context.lineWidth = width;
     context.beginPath();
-    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+    for (const [dx, dy] of [
+      [1, 0],
+      [-1, 0],
+      [0, 1],
+      [0, -1],
+    ]) {
       context.moveTo(x + 3 * dx, y + 3 * dy);
       context.lineTo(x + 10 * dx, y + 10 * dy);
     }

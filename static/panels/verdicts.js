@@ -8,9 +8,17 @@ const ACCEPTED = ["accepted", "fixed"];
 const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 
 export class Verdicts {
-  /** `handlers`: reopen(view), propose(view), notify(level, text), action(name). */
-  constructor(handlers) {
-    this.handlers = handlers;
+  name = "verdicts";
+
+  /** `decide(action, more)` tells the server. */
+  constructor(page, decide) {
+    this.page = page;
+    this.decide = decide;
+    this.actions = {
+      reopen: () => this.reopenChosen(page.state),
+      next_undecided: () => this.nextUndecided(page.state),
+      lowest_score: () => this.lowestScore(page.state),
+    };
     this.chosen = null; // index of the view that is chosen on the timeline
     this.card = byId("view-card");
     this.card.addEventListener("keydown", (event) => this.key(event));
@@ -23,29 +31,38 @@ export class Verdicts {
   press(view) {
     this.chosen = view.index;
     if (DECIDED.includes(view.state)) this.open(view);
-    else this.handlers.propose(view);
+    else this.propose(view);
   }
 
   /** Decide again about the view that is chosen, or say how to choose one. */
-  reopen(state) {
+  reopenChosen(state) {
     const view = state.views[this.chosen];
-    if (!view) return this.handlers.notify("info", "Choose a view on the timeline first.");
+    if (!view) return this.page.notify("info", "Choose a view on the timeline first.");
     this.close();
-    if (view.why_not_reopen !== null) return this.handlers.notify("info", view.why_not_reopen);
-    this.handlers.reopen(view);
+    if (view.why_not_reopen !== null) return this.page.notify("info", view.why_not_reopen);
+    this.reopen(view);
+  }
+
+  reopen(view) {
+    this.decide("reopen", { view_index: view.index });
+  }
+
+  propose(view) {
+    if (view.why_not !== null) return this.page.notify("info", view.why_not);
+    this.decide("view", { view_index: view.index });
   }
 
   nextUndecided(state) {
     const from = this.chosen ?? state.present_view ?? -1;
     const order = [...state.views.slice(from + 1), ...state.views.slice(0, from + 1)];
     const next = order.find((v) => WAITING.includes(v.state)) ?? order.find((v) => v.state === "unused");
-    if (!next) return this.handlers.notify("info", "Every view is decided.");
+    if (!next) return this.page.notify("info", "Every view is decided.");
     this.goTo(next);
   }
 
-  leastSure(state) {
+  lowestScore(state) {
     const scored = state.views.filter((v) => ACCEPTED.includes(v.state) && v.score !== null);
-    if (!scored.length) return this.handlers.notify("info", "No accepted view has a known score.");
+    if (!scored.length) return this.page.notify("info", "No accepted view has a known score.");
     this.goTo(scored.reduce((least, v) => (v.score < least.score ? v : least)));
   }
 
@@ -58,21 +75,41 @@ export class Verdicts {
   }
 
   open(view) {
-    const reopen = this.handlers.action("reopen");
+    const reopen = this.page.action("reopen");
     const again = view.state === "skipped" ? "Propose it now" : view.state === "later" ? "Decide it now" : "Reopen";
     const why = view.why_not_reopen;
     this.card.replaceChildren(
       make("h2", { id: "view-card-title" }, `View ${view.index}, ${number(view.angle_deg, 0)}°`),
       make("p", {}, told(view)),
-      ...(view.follows && view.state !== "later" ? [make("p", { class: "why" }, followers(view.follows))] : []),
-      make("div", { class: "group" },
-        make("button", { type: "button", class: "button primary", "aria-disabled": why === null ? null : "true", data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
-          on: { click: () => why === null ? (this.close(), this.handlers.reopen(view)) : this.handlers.notify("info", why) } }, again, make("kbd", {}, keyName(reopen.keys[0]))),
-        make("button", { type: "button", class: "button", on: { click: () => this.close() } }, "Close", make("kbd", {}, "Esc"))));
+      ...(view.follows && view.state !== "later" ? [make("p", { class: "note" }, followers(view.follows))] : []),
+      make(
+        "div",
+        { class: "group" },
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button primary",
+            "aria-disabled": why === null ? null : "true",
+            data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
+            on: { click: () => (why === null ? (this.close(), this.reopen(view)) : this.page.notify("info", why)) },
+          },
+          again,
+          make("kbd", {}, keyName(reopen.keys[0])),
+        ),
+        make(
+          "button",
+          { type: "button", class: "button", on: { click: () => this.close() } },
+          "Close",
+          make("kbd", {}, "Esc"),
+        ),
+      ),
+    );
     this.card.hidden = false;
     const at = buttonOf(view).getBoundingClientRect();
     const box = this.card.getBoundingClientRect();
-    this.card.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, at.left + at.width / 2 - box.width / 2))}px`;
+    const left = at.left + at.width / 2 - box.width / 2;
+    this.card.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, left))}px`;
     this.card.style.top = `${at.top - box.height - 8}px`;
     this.card.querySelector("button").focus();
   }
@@ -81,7 +118,7 @@ export class Verdicts {
     if (this.card.hidden) return;
     const inside = this.card.contains(document.activeElement);
     this.card.hidden = true;
-    if (inside) document.querySelector(`[data-id="view-${this.chosen}"]`)?.focus();
+    if (inside) buttonOf({ index: this.chosen })?.focus();
   }
 
   key(event) {
@@ -92,19 +129,26 @@ export class Verdicts {
   }
 }
 
+/** @returns {any} */
 const buttonOf = (view) => document.querySelector(`[data-id="view-${view.index}"]`);
 
-const followers = (n) => (n === 1
-  ? "1 view was accepted after it, and follows what you decide."
-  : `${count(n, "view")} were accepted after it, and follow what you decide.`);
+const followers = (n) =>
+  n === 1
+    ? "1 view was accepted after it, and follows what you decide."
+    : `${count(n, "view")} were accepted after it, and follow what you decide.`;
 
 function told(view) {
   const score = view.score === null ? "" : `, score ${number(view.score, 2)}`;
   switch (view.state) {
-    case "accepted": return `Accepted${score}.`;
-    case "fixed": return `Accepted, placed by hand${score}.`;
-    case "rejected": return `Rejected: ${view.detail}.`;
-    case "skipped": return "Skipped. It comes again when the shape has grown or the others are done.";
-    default: return `Accepted before${score}. It follows once what comes before it is decided.`;
+    case "accepted":
+      return `Accepted${score}.`;
+    case "fixed":
+      return `Accepted, placed by hand${score}.`;
+    case "rejected":
+      return `Rejected: ${view.detail}.`;
+    case "skipped":
+      return "Skipped. It comes again when the shape has grown or the others are done.";
+    default:
+      return `Accepted before${score}. It follows once what comes before it is decided.`;
   }
 }

@@ -3,7 +3,8 @@
 import { degrees, number } from "/static/page/format.js";
 import { boxOf, union } from "/static/canvas/geometry.js";
 import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { cm2, imageBox } from "/static/teaching/fig2.js";
+import { imageBox } from "/static/teaching/detail.js";
+import { cm2 } from "/static/teaching/fig2.js";
 import { mm } from "/static/teaching/states.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
@@ -26,7 +27,15 @@ export function drawNewView(sheet, rect, { flattening, alignment: lesson }) {
     sheet.frame(map.rect);
   };
   if (before) draw("before", `View ${lesson.start_view}`, "before the turn", before, boxes[0], panes[0], false);
-  draw("after", `View ${lesson.view_index}`, "after the turn", lesson.picture.image, boxes.at(-2), panes.at(-2), false);
+  draw(
+    "after",
+    `View ${lesson.view_index}`,
+    "after the turn",
+    lesson.picture.image,
+    boxes.at(-2),
+    panes.at(-2),
+    false,
+  );
   draw("newflat", "Its flattened view", "", lesson.picture.new_color, boxes.at(-1), panes.at(-1), true);
 }
 
@@ -43,11 +52,22 @@ export function drawLines(sheet, rect, { alignment: lesson }) {
     const box = boxOf(grid);
     const view = n === 0 ? lesson.start_view : lesson.view_index;
     const inner = sheet.titled(top, n === 0 ? "Current view" : "New view", viewName(lesson, view));
-    const plot = new Plot(sheet, inner, { x: [1000 * box.left, 1000 * box.right], y: [-120, 120], yTicks: [-90, -45, 0, 45, 90], xLabel: "u (mm)", yLabel: n === 0 ? "A_z (°)" : "A_z, A_z − A (°)" });
+    const plot = new Plot(sheet, inner, {
+      x: [1000 * box.left, 1000 * box.right],
+      y: [-120, 120],
+      yTicks: [-90, -45, 0, 45, 90],
+      xLabel: "u (mm)",
+      yLabel: n === 0 ? "A_z (°)" : "A_z, A_z − A (°)",
+    });
     plot.band(...lines.common_range_deg, sheet.color.soft, 0.24);
     if (n === 1) {
       plot.curve(u, a, sheet.color.before, { width: 1.8, dash: [5, 4] });
-      plot.curve(u, a.map((x) => x - lines.rotation_deg), sheet.color.mean, { width: 2.5 });
+      plot.curve(
+        u,
+        a.map((x) => x - lines.rotation_deg),
+        sheet.color.mean,
+        { width: 2.5 },
+      );
     } else {
       plot.curve(u, a, sheet.color.mean, { width: 2.5 });
     }
@@ -81,13 +101,21 @@ function drawLine(sheet, map, line, pixels, moved = null) {
   sheet.ring(map.at(...place(line.point_uv_m)), 7, sheet.color.mark, 3);
 }
 
-const mover = ([theta, u, v]) => ([x, y]) => [Math.cos(theta) * x - Math.sin(theta) * y + u, Math.sin(theta) * x + Math.cos(theta) * y + v];
+const mover =
+  ([theta, u, v]) =>
+  ([x, y]) => [Math.cos(theta) * x - Math.sin(theta) * y + u, Math.sin(theta) * x + Math.cos(theta) * y + v];
 
 /** The outline of a picture's opaque part, one pixel wide. */
 function outline(image, color) {
   const canvas = new OffscreenCanvas(image.width + 2, image.height + 2);
   const context = canvas.getContext("2d");
-  for (const [x, y] of [[0, 1], [2, 1], [1, 0], [1, 2]]) context.drawImage(image, x, y);
+  for (const [x, y] of [
+    [0, 1],
+    [2, 1],
+    [1, 0],
+    [1, 2],
+  ])
+    context.drawImage(image, x, y);
   context.globalCompositeOperation = "source-in";
   context.fillStyle = color;
   context.fillRect(0, 0, canvas.width, canvas.height);
@@ -100,11 +128,26 @@ function outline(image, color) {
 
 function movedBox(box, motion) {
   const move = mover(motion);
-  const corners = [[box.left, box.top], [box.right, box.top], [box.left, box.bottom], [box.right, box.bottom]].map(move);
-  return { left: Math.min(...corners.map((c) => c[0])), right: Math.max(...corners.map((c) => c[0])), top: Math.min(...corners.map((c) => c[1])), bottom: Math.max(...corners.map((c) => c[1])) };
+  const corners = [
+    [box.left, box.top],
+    [box.right, box.top],
+    [box.left, box.bottom],
+    [box.right, box.bottom],
+  ].map(move);
+  return {
+    left: Math.min(...corners.map((c) => c[0])),
+    right: Math.max(...corners.map((c) => c[0])),
+    top: Math.min(...corners.map((c) => c[1])),
+    bottom: Math.max(...corners.map((c) => c[1])),
+  };
 }
 
-const grownByPixel = (box, grid) => ({ left: box.left - grid.pixel_size_m, top: box.top - grid.pixel_size_m, right: box.right + grid.pixel_size_m, bottom: box.bottom + grid.pixel_size_m });
+const grownByPixel = (box, grid) => ({
+  left: box.left - grid.pixel_size_m,
+  top: box.top - grid.pixel_size_m,
+  right: box.right + grid.pixel_size_m,
+  bottom: box.bottom + grid.pixel_size_m,
+});
 
 export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
@@ -113,8 +156,17 @@ export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   sheet.within(rect, () => {
     sheet.picture(map, lesson.picture.current_color, currentBox, 0.75);
     sheet.movedPicture(map, lesson.picture.new_color, newBox, motion, 0.6);
-    sheet.picture(map, outline(lesson.picture.current_color, sheet.color.kept), grownByPixel(currentBox, lesson.current));
-    sheet.movedPicture(map, outline(lesson.picture.new_color, sheet.color.new), grownByPixel(newBox, lesson.new), motion);
+    sheet.picture(
+      map,
+      outline(lesson.picture.current_color, sheet.color.kept),
+      grownByPixel(currentBox, lesson.current),
+    );
+    sheet.movedPicture(
+      map,
+      outline(lesson.picture.new_color, sheet.color.new),
+      grownByPixel(newBox, lesson.new),
+      motion,
+    );
     if (withLines && lesson.lines) {
       drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
       drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, mover(motion));
@@ -154,22 +206,49 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   const [top, bottom] = rows(right, [1.75, 1], 10);
   const inner = sheet.titled(top, "Cost of a shift", `turned by ${degrees(turns[slice], 1)}`);
   const size = Math.min(inner.w, inner.h);
-  const plot = new Plot(sheet, { ...inner, x: inner.x + (inner.w - size) / 2, w: size, h: size }, { x: [shifts[0], shifts.at(-1)], y: [shifts[0], shifts.at(-1)].reverse(), xLabel: "u (mm)", yLabel: "v (mm), strong color: low cost", yTicks: ticks(shifts[0], shifts.at(-1), 4) });
+  const plot = new Plot(
+    sheet,
+    { ...inner, x: inner.x + (inner.w - size) / 2, w: size, h: size },
+    {
+      x: [shifts[0], shifts.at(-1)],
+      y: [shifts[0], shifts.at(-1)].reverse(),
+      xLabel: "u (mm)",
+      yLabel: "v (mm), strong color: low cost",
+      yTicks: ticks(shifts[0], shifts.at(-1), 4),
+    },
+  );
   const step = (shifts[1] - shifts[0]) / 2;
   const map = { at: (u, v) => plot.at(u, v) };
   sheet.within(plot.inner, () => {
-    sheet.picture(map, costPicture(lesson, slice, sheet), { left: shifts[0] - step, right: shifts.at(-1) + step, top: shifts[0] - step, bottom: shifts.at(-1) + step });
-    for (let i = 0; i < lesson.array.starts.length; i += 3) sheet.ring(plot.at(lesson.array.starts[i + 1], lesson.array.starts[i + 2]), 3, sheet.color.text, 1.5);
-    for (let i = 3; i < path.length; i += 3) sheet.line(plot.at(path[i - 2], path[i - 1]), plot.at(path[i + 1], path[i + 2]), sheet.color.mark, 2);
-    const now = motionAt(Array.from({ length: path.length / 3 }, (_, i) => [...path.slice(3 * i, 3 * i + 3)]), ui.time);
+    sheet.picture(map, costPicture(lesson, slice, sheet), {
+      left: shifts[0] - step,
+      right: shifts.at(-1) + step,
+      top: shifts[0] - step,
+      bottom: shifts.at(-1) + step,
+    });
+    for (let i = 0; i < lesson.array.starts.length; i += 3)
+      sheet.ring(plot.at(lesson.array.starts[i + 1], lesson.array.starts[i + 2]), 3, sheet.color.text, 1.5);
+    for (let i = 3; i < path.length; i += 3)
+      sheet.line(plot.at(path[i - 2], path[i - 1]), plot.at(path[i + 1], path[i + 2]), sheet.color.mark, 2);
+    const now = motionAt(
+      Array.from({ length: path.length / 3 }, (_, i) => [...path.slice(3 * i, 3 * i + 3)]),
+      ui.time,
+    );
     sheet.ring(plot.at(now[1], now[2]), 6, sheet.color.mark, 3);
   });
   sheet.frame(plot.inner);
   const side = shifts.length ** 2;
-  const least = turns.map((_, t) => lesson.array.cost.subarray(t * side, (t + 1) * side).reduce((m, c) => Math.min(m, c), Infinity));
+  const least = turns.map((_, t) =>
+    lesson.array.cost.subarray(t * side, (t + 1) * side).reduce((m, c) => Math.min(m, c), Infinity),
+  );
   const span = [Math.min(...least), Math.max(...least)];
   const pad = 0.1 * (span[1] - span[0] || 1);
-  const turnPlot = new Plot(sheet, bottom, { x: [turns[0], turns.at(-1)], y: [span[0] - pad, span[1] + pad], xLabel: "turn (°)", yLabel: "lowest cost of each turn" });
+  const turnPlot = new Plot(sheet, bottom, {
+    x: [turns[0], turns.at(-1)],
+    y: [span[0] - pad, span[1] + pad],
+    xLabel: "turn (°)",
+    yLabel: "lowest cost of each turn",
+  });
   turnPlot.curve(turns, least, sheet.color.accent);
   turnPlot.vertical(last[0], sheet.color.mark, "found", 2, [], true);
 }
@@ -199,7 +278,12 @@ export function searchFacts({ alignment: lesson }) {
 function originPicture(lesson, sheet) {
   const { rows: down, cols } = lesson.renewed;
   const [kept, fresh] = [rgbOf(sheet.color.kept), rgbOf(sheet.color.new)];
-  const colors = { [KEPT]: [...kept, 255], [OLD_OF_BOTH]: [...kept, 140], [NEW]: [...fresh, 255], [NEW_OF_BOTH]: [...fresh, 140] };
+  const colors = {
+    [KEPT]: [...kept, 255],
+    [OLD_OF_BOTH]: [...kept, 140],
+    [NEW]: [...fresh, 255],
+    [NEW_OF_BOTH]: [...fresh, 140],
+  };
   return painted(down, cols, (i) => colors[lesson.array.origin[i]] ?? null);
 }
 

@@ -3,7 +3,29 @@
 import { strokeScale } from "/static/canvas/marks.js";
 import { length, niceLength } from "/static/page/format.js";
 
-const COLORS = ["panel", "raised", "line", "text", "soft", "accent", "sample", "pair", "unused", "point", "short", "even", "long", "count", "mean", "before", "limit", "mark", "band", "kept", "new"];
+const COLORS = [
+  "panel",
+  "raised",
+  "line",
+  "text",
+  "soft",
+  "accent",
+  "sample",
+  "pair",
+  "unused",
+  "point",
+  "short",
+  "even",
+  "long",
+  "count",
+  "mean",
+  "before",
+  "limit",
+  "mark",
+  "band",
+  "kept",
+  "new",
+];
 
 /** Rectangles of CSS pixels: `{x, y, w, h}`. */
 export function columns(rect, shares, gap = 16) {
@@ -23,8 +45,12 @@ export function rows(rect, shares, gap = 16) {
   return turned.map((r) => ({ x: r.y, y: r.x, w: r.h, h: r.w }));
 }
 
-export const inset = (rect, left, top = left, right = left, bottom = top) =>
-  ({ x: rect.x + left, y: rect.y + top, w: Math.max(1, rect.w - left - right), h: Math.max(1, rect.h - top - bottom) });
+export const inset = (rect, left, top = left, right = left, bottom = top) => ({
+  x: rect.x + left,
+  y: rect.y + top,
+  w: Math.max(1, rect.w - left - right),
+  h: Math.max(1, rect.h - top - bottom),
+});
 
 const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
 
@@ -58,7 +84,12 @@ export function boxOfPoints(points) {
 /** From a pane's own units to CSS pixels; both directions may have scales of their own. */
 class PaneMap {
   constructor(key, rect, scaleX, scaleY, x, y) {
-    Object.assign(this, { key, rect, scaleX, scaleY, x, y });
+    this.key = key;
+    this.rect = rect;
+    this.scaleX = scaleX;
+    this.scaleY = scaleY;
+    this.x = x;
+    this.y = y;
   }
 
   at(u, v) {
@@ -102,7 +133,19 @@ export class Sheet {
   }
 
   /** Write a text; A_w in it is set as A with a small w. */
-  text(text, x, y, { color = this.color.text, size = 0.92, weight = 400, align = "left", baseline = "alphabetic", plate = false } = {}) {
+  text(
+    text,
+    x,
+    y,
+    {
+      color = this.color.text,
+      size = 0.92,
+      weight = 400,
+      align = "left",
+      baseline = "alphabetic",
+      plate = false,
+    } = {},
+  ) {
     const context = this.context;
     const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((run, i) => ({ run, small: i % 2 === 1 }));
     context.textAlign = "left";
@@ -150,7 +193,14 @@ export class Sheet {
     let scaleY = (rect.h - 2 * margin) / down;
     if (!stretch) scaleX = scaleY = Math.max(1e-6, Math.min(scaleX, scaleY));
     const spare = rect.w - 2 * margin - scaleX * across;
-    const map = new PaneMap(key, rect, scaleX, scaleY, rect.x + margin + aligned * spare - scaleX * box.left, rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2);
+    const map = new PaneMap(
+      key,
+      rect,
+      scaleX,
+      scaleY,
+      rect.x + margin + aligned * spare - scaleX * box.left,
+      rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2,
+    );
     const zoomed = zoom ? this.zooms.get(key) : null;
     if (zoomed) {
       map.scaleX *= zoomed.factor;
@@ -175,7 +225,12 @@ export class Sheet {
   frame(rect, color = this.color.line) {
     this.context.strokeStyle = color;
     this.context.lineWidth = 1;
-    this.context.strokeRect(Math.round(rect.x) + 0.5, Math.round(rect.y) + 0.5, Math.round(rect.w) - 1, Math.round(rect.h) - 1);
+    this.context.strokeRect(
+      Math.round(rect.x) + 0.5,
+      Math.round(rect.y) + 0.5,
+      Math.round(rect.w) - 1,
+      Math.round(rect.h) - 1,
+    );
   }
 
   picture(map, image, box, alpha = 1) {
@@ -249,14 +304,18 @@ export class Sheet {
     const context = this.context;
     context.beginPath();
     context.moveTo(...to);
-    for (const side of [-0.45, 0.45]) context.lineTo(to[0] - head * Math.cos(angle + side), to[1] - head * Math.sin(angle + side));
+    for (const side of [-0.45, 0.45])
+      context.lineTo(to[0] - head * Math.cos(angle + side), to[1] - head * Math.sin(angle + side));
     context.fillStyle = color;
     context.fill();
   }
 
   ring(place, radius, color, width = 2.5) {
     const context = this.context;
-    for (const [stroke, w] of [[this.color.panel, width + 3], [color, width]]) {
+    for (const [stroke, w] of [
+      [this.color.panel, width + 3],
+      [color, width],
+    ]) {
       context.strokeStyle = stroke;
       context.lineWidth = w * this.weight;
       context.beginPath();
@@ -266,9 +325,18 @@ export class Sheet {
   }
 
   cross([x, y], color) {
-    for (const [stroke, width] of [[this.color.panel, 4.5], [color, 2]]) {
+    for (const [stroke, width] of [
+      [this.color.panel, 4.5],
+      [color, 2],
+    ]) {
       const [from, to] = [4 * this.weight, 13 * this.weight];
-      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) this.line([x + from * dx, y + from * dy], [x + to * dx, y + to * dy], stroke, width);
+      for (const [dx, dy] of [
+        [1, 0],
+        [-1, 0],
+        [0, 1],
+        [0, -1],
+      ])
+        this.line([x + from * dx, y + from * dy], [x + to * dx, y + to * dy], stroke, width);
     }
     this.ring([x, y], 8, color, 2);
   }
@@ -284,7 +352,12 @@ export class Sheet {
     context.save();
     context.globalAlpha = 0.82;
     context.fillStyle = this.color.panel;
-    context.fillRect(x - 5, y - 1.7 * this.em, Math.max(width, context.measureText(length(mm)).width) + 12, 1.7 * this.em + 5);
+    context.fillRect(
+      x - 5,
+      y - 1.7 * this.em,
+      Math.max(width, context.measureText(length(mm)).width) + 12,
+      1.7 * this.em + 5,
+    );
     context.restore();
     strokeScale(context, x, y, width, this.color.text);
     this.text(length(mm), x + 4, y - 5, { size: 0.85 });
@@ -319,20 +392,26 @@ export class Sheet {
   /** Zoom all panes about their middles, or show them whole again. */
   zoomAll(factor) {
     if (factor === null) this.zooms.clear();
-    else for (const pane of this.panes.filter((p) => p.zoom)) this.zoomBy(pane, factor, pane.map.rect.x + pane.map.rect.w / 2, pane.map.rect.y + pane.map.rect.h / 2);
+    else
+      for (const pane of this.panes.filter((p) => p.zoom))
+        this.zoomBy(pane, factor, pane.map.rect.x + pane.map.rect.w / 2, pane.map.rect.y + pane.map.rect.h / 2);
     this.handlers.redraw();
   }
 
   listen() {
     const canvas = this.canvas;
     let drag = null;
-    canvas.addEventListener("wheel", (event) => {
-      const pane = this.paneAt(event);
-      if (!pane?.zoom) return;
-      event.preventDefault();
-      const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-      this.zoomBy(pane, Math.exp(-event.deltaY * lines * 0.0016), pane.x, pane.y);
-    }, { passive: false });
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        const pane = this.paneAt(event);
+        if (!pane?.zoom) return;
+        event.preventDefault();
+        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
+        this.zoomBy(pane, Math.exp(-event.deltaY * lines * 0.0016), pane.x, pane.y);
+      },
+      { passive: false },
+    );
     canvas.addEventListener("pointerdown", (event) => {
       const pane = this.paneAt(event);
       if (!pane) return;

@@ -2,56 +2,27 @@
 
 import { number } from "/static/page/format.js";
 import { boxOf } from "/static/canvas/geometry.js";
+import { imageBox, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
 import { boxOfPoints, columns, rows } from "/static/teaching/draw.js";
 import { strains } from "/static/teaching/lesson.js";
 import { equation, root, row, sub, sum, sup, words } from "/static/teaching/math.js";
-import { drawForeshortening, drawMinimisation, histogram, minimisationFacts, mm, partsNote, planeShare, rms, statePane, threeDigits } from "/static/teaching/states.js";
-
-const DETAIL = 3.2; // how much larger the detail is drawn, at least
-
-export const imageBox = (image) => ({ left: -0.5, top: -0.5, right: image.width - 0.5, bottom: image.height - 0.5 });
-
-/** Width share of a pane that shows a box at the full height of the sheet. */
-export function shareOf(box, rect, least = 0.22, most = 0.5) {
-  const wide = (rect.h * (box.right - box.left)) / (box.bottom - box.top);
-  return Math.min(most, Math.max(least, (1.08 * wide) / rect.w));
-}
+import {
+  drawForeshortening,
+  drawMinimisation,
+  histogram,
+  minimisationFacts,
+  mm,
+  partsNote,
+  planeShare,
+  rms,
+  statePane,
+  threeDigits,
+} from "/static/teaching/states.js";
+import { fillTriangles, trianglePairs } from "/static/teaching/triangles.js";
 
 export const cm2 = (value) => `${number(value, 0)} cm²`;
 
 // --- samples and pairs on the image ----------------------------------------------------------------
-
-/** A pane with all of it, and one with a part of it larger; `draw(map, size)` draws either. */
-function withDetail(sheet, rect, key, title, box, ui, draw) {
-  const share = shareOf(box, rect);
-  const [left, right] = columns(rect, [share, 1 - share]);
-  const whole = sheet.pane(key, box, sheet.titled(left, title), { zoom: false });
-  const scale = Math.max(DETAIL, right.w / (whole.scaleX * (box.right - box.left)));
-  const inner = sheet.titled(right, "Detail", `${number(scale, 1)} times as large; move the pointer over the left`);
-  const half = [inner.w / (2 * scale * whole.scaleX), inner.h / (2 * scale * whole.scaleY)];
-  const at = [held(box.left, box.right, half[0], ui.at[0]), held(box.top, box.bottom, half[1], ui.at[1])];
-  const part = { left: at[0] - half[0], right: at[0] + half[0], top: at[1] - half[1], bottom: at[1] + half[1] };
-  const detail = sheet.pane("detail", part, inner, { margin: 0 });
-  for (const [map, size] of [[whole, 1], [detail, scale]]) {
-    sheet.within(map.rect, () => draw(map, size));
-    sheet.frame(map.rect);
-  }
-  const [x0, y0] = whole.at(part.left, part.top);
-  const [x1, y1] = whole.at(part.right, part.bottom);
-  sheet.within(whole.rect, () => sheet.frame({ x: x0, y: y0, w: x1 - x0, h: y1 - y0 }, sheet.color.text));
-}
-
-/** The middle of a part that stays within the whole. */
-const held = (low, high, half, at) => (2 * half >= high - low ? (low + high) / 2 : Math.max(low + half, Math.min(high - half, at)));
-
-function onImage(sheet, rect, lesson, ui, draw) {
-  const image = lesson.picture.image;
-  const box = imageBox(image);
-  withDetail(sheet, rect, "image", `Image of view ${lesson.view_index}`, box, ui, (map, size) => {
-    sheet.picture(map, image, box, 0.5);
-    draw(map, size);
-  });
-}
 
 const dotSize = (size) => (size === 1 ? 1.7 : 4);
 
@@ -131,7 +102,9 @@ function flattenedFacts({ flattening: lesson }, ui) {
     ["Area", cm2(lesson.area_cm2)],
     ["Pixel of F", mm(1000 * lesson.flat.pixel_size_m)],
     others.length ? ["Other parts", others.map((x) => number(x, 0)).join(", ") + " cm²"] : null,
-    lesson.folded_share > 0.03 ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`] : null,
+    lesson.folded_share > 0.03
+      ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`]
+      : null,
   ].filter(Boolean);
 }
 
@@ -140,142 +113,6 @@ function flattenedFacts({ flattening: lesson }, ui) {
 const P = (below) => sub("P", below);
 const pair = () => row(sub("n", "1"), sub("n", "2"));
 const D = ["sampling_interval_px"];
-
-export const FLATTENING_STAGES = [
-  {
-    name: "Sampling", figure: "Fig. 2b · section 3", part: "flattening", parameters: D, probe: "image", start: detailStart,
-    text: [
-      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the cloth, along rows and columns, becomes a sample.",
-      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of cloth lose their samples first.",
-    ],
-    math: () => [
-      equation(P("n"), "=", "D", "(", sub("i", "n"), ",", sub("j", "n"), ")"),
-      equation(sub("i", "n"), ",", sub("j", "n"), "∈", "{", "½", "d", ",", "1½", "d", ",", "2½", "d", ",", "…", "}"),
-    ],
-    facts: ({ flattening: f }) => [
-      ["Samples", String(f.levels[0].points)],
-      ["d on the cloth", `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`],
-      ["Cloth in the image", `${number(f.surface_px, 0)} px`],
-      ["Distance", mm(f.depth_mm, 0)],
-    ],
-    legend: [["sample", "sample"]],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      onImage(sheet, rect, lesson, ui, (map, size) => sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample));
-    },
-  },
-  {
-    name: "Pairs", figure: "Fig. 2c · section 3", part: "flattening", parameters: D, probe: "image", start: detailStart,
-    text: [
-      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible cloth (B = 1).",
-      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, would be wrong: it is not used (B = 0).",
-    ],
-    math: () => [equation(sub("E", pair()), "=", "|", P(sub("n", "1")), "−", P(sub("n", "2")), "|", words(" where "), sub("B", pair()), "=", "1")],
-    facts: ({ flattening: f }) => [
-      ["Pairs used", String(f.levels[0].pairs)],
-      ["Not used", String(f.levels[0].unused)],
-      ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
-      ["Connected", partsNote(f.levels[0])],
-    ],
-    legend: [["pair", "pair used"], ["unused", "pair not used"], ["point", "sample"]],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      const level = lesson.levels[0];
-      onImage(sheet, rect, lesson, ui, (map, size) => {
-        sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
-        sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
-        sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
-      });
-    },
-  },
-  {
-    name: "Initial state", figure: "Fig. 2c · section 3", part: "flattening", parameters: D,
-    text: [
-      "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
-      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be pushed apart.",
-    ],
-    math: () => [
-      equation("(", sub("u", "n"), ",", sub("v", "n"), ")", "=", "s", "(", sub("j", "n"), ",", sub("i", "n"), ")"),
-      equation("s", "=", words("metres per pixel")),
-    ],
-    facts: ({ flattening: f }) => {
-      const level = f.levels[0];
-      const strain = strains(level, level.states[0]);
-      const short = strain.reduce((n, s) => n + (s < -0.01), 0) / Math.max(1, strain.length);
-      return [
-        ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
-        ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
-        ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
-        ["Connected", partsNote(level)],
-      ];
-    },
-    legend: [["short", "too short"], ["even", "right"], ["long", "too long"], ["text", "sample"]],
-    draw(sheet, rect, { flattening: lesson }) {
-      const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-      const [top, bottom] = rows(right, [1.1, 1]);
-      const { strain } = statePane(sheet, sheet.titled(left, "The plane", "every sample at its pixel"), lesson.levels[0], 0, "coarse");
-      histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
-      drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
-    },
-  },
-  {
-    name: "Minimisation", figure: "Fig. 2d · Eq. (2)", part: "flattening", parameters: D, plays: ({ flattening: f }) => f.levels[0].states.length - 1,
-    text: [
-      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares of all errors of length; every iteration lowers it.",
-      "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
-    ],
-    math: () => [
-      equation("H", "=", sum(row(sub("n", "1"), "<", sub("n", "2"))), sub("B", pair()), sup(row("(", sub("ℓ", pair()), "−", sub("E", pair()), ")"), "2")),
-      equation(sub("ℓ", pair()), "=", root(sup(row("(", sub("u", sub("n", "1")), "−", sub("u", sub("n", "2")), ")"), "2"), "+", sup(row("(", sub("v", sub("n", "1")), "−", sub("v", sub("n", "2")), ")"), "2"))),
-    ],
-    facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
-    legend: [["short", "too short"], ["even", "right"], ["long", "too long"], ["mark", "now"]],
-    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
-  },
-  {
-    name: "Finer level", figure: "Fig. 2e · section 3", part: "flattening", parameters: D, plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
-    text: [
-      "Now with samples at half the interval. The coarse result carries each of them to its place, and the same minimisation goes on from there.",
-      "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
-    ],
-    math: () => [
-      equation(sup("d", "′"), "=", "d", "/", "2"),
-      equation(sub(row("(", "u", ",", "v", ")"), "n"), "=", words("as the result for d carries it")),
-    ],
-    facts: ({ flattening: f }, ui) => [["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`], ...minimisationFacts(f.levels.at(-1), ui)],
-    legend: [["short", "too short"], ["even", "right"], ["long", "too long"], ["mark", "now"]],
-    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
-  },
-  {
-    name: "Triangulation", figure: "Fig. 2f · section 3", part: "flattening", parameters: D, probe: "mesh",
-    start: ({ flattening: f }) => {
-      const box = boxOfPoints(f.levels.at(-1).states.at(-1));
-      return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
-    },
-    text: [
-      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, there is no triangle.",
-      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells where to look in the image.",
-    ],
-    math: () => [
-      equation("p", "=", sub("λ", "1"), sub("p", "1"), "+", sub("λ", "2"), sub("p", "2"), "+", sub("λ", "3"), sub("p", "3")),
-      equation(sub("λ", "1"), "+", sub("λ", "2"), "+", sub("λ", "3"), "=", "1"),
-    ],
-    facts: ({ flattening: f }) => [["Triangles", String(f.triangles)], ["Samples", String(f.levels.at(-1).main_points)], ["Area", cm2(f.area_cm2)]],
-    legend: [["accent", "triangle"], ["text", "sample"]],
-    draw: drawTriangles,
-  },
-  {
-    name: "Flattened view", figure: "Fig. 2g · section 3", part: "flattening", parameters: D, probe: "flat", start: flatStart, layers: FLAT_LAYERS,
-    text: [
-      "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
-      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same cloth in the image: this is how a click on the flat shape becomes a grasp point.",
-    ],
-    math: () => [
-      equation("F", "(", "u", ",", "v", ")", "=", "(", "r", ",", "g", ",", "b", ",", "x", ",", "y", ",", "z", ",", sub("n", "x"), ",", sub("n", "y"), ",", sub("n", "z"), ")"),
-    ],
-    facts: flattenedFacts,
-    legend: [["mark", "the same cloth"]],
-    draw: drawFlattened,
-  },
-];
 
 function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
   const level = lesson.levels.at(-1);
@@ -289,32 +126,287 @@ function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
   });
 }
 
-function trianglePairs(lesson, level) {
-  const triangles = lesson.array.triangles;
-  const pairs = new Int32Array(2 * triangles.length);
-  for (let i = 0; i < triangles.length; i += 3) {
-    const [a, b, c] = [0, 1, 2].map((k) => level.local[triangles[i + k]]);
-    pairs.set([a, b, b, c, c, a], 2 * i);
-  }
-  return pairs;
-}
-
-function fillTriangles(sheet, map, points, lesson, level) {
-  const context = sheet.context;
-  const triangles = lesson.array.triangles;
-  context.beginPath();
-  for (let i = 0; i < triangles.length; i += 3) {
-    for (let k = 0; k < 3; k++) {
-      const p = 2 * level.local[triangles[i + k]];
-      const place = map.at(points[p], points[p + 1]);
-      if (k === 0) context.moveTo(...place);
-      else context.lineTo(...place);
-    }
-    context.closePath();
-  }
-  context.save();
-  context.globalAlpha = 0.14;
-  context.fillStyle = sheet.color.accent;
-  context.fill();
-  context.restore();
-}
+export const FLATTENING_STAGES = [
+  {
+    name: "Sampling",
+    figure: "Fig. 2b · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "image",
+    start: detailStart,
+    text: [
+      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the " +
+        "cloth, along rows and columns, becomes a sample.",
+      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of " +
+        "cloth lose their samples first.",
+    ],
+    math: () => [
+      equation(P("n"), "=", "D", "(", sub("i", "n"), ",", sub("j", "n"), ")"),
+      equation(sub("i", "n"), ",", sub("j", "n"), "∈", "{", "½", "d", ",", "1½", "d", ",", "2½", "d", ",", "…", "}"),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Samples", String(f.levels[0].points)],
+      [
+        "d on the cloth",
+        `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`,
+      ],
+      ["Cloth in the image", `${number(f.surface_px, 0)} px`],
+      ["Distance", mm(f.depth_mm, 0)],
+    ],
+    legend: [["sample", "sample"]],
+    draw(sheet, rect, { flattening: lesson }, ui) {
+      onImage(sheet, rect, lesson, ui, (map, size) =>
+        sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
+      );
+    },
+  },
+  {
+    name: "Pairs",
+    figure: "Fig. 2c · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "image",
+    start: detailStart,
+    text: [
+      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible " +
+        "cloth (B = 1).",
+      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about " +
+        "the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, " +
+        "would be wrong: it is not used (B = 0).",
+    ],
+    math: () => [
+      equation(
+        sub("E", pair()),
+        "=",
+        "|",
+        P(sub("n", "1")),
+        "−",
+        P(sub("n", "2")),
+        "|",
+        words(" where "),
+        sub("B", pair()),
+        "=",
+        "1",
+      ),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Pairs used", String(f.levels[0].pairs)],
+      ["Not used", String(f.levels[0].unused)],
+      ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
+      ["Connected", partsNote(f.levels[0])],
+    ],
+    legend: [
+      ["pair", "pair used"],
+      ["unused", "pair not used"],
+      ["point", "sample"],
+    ],
+    draw(sheet, rect, { flattening: lesson }, ui) {
+      const level = lesson.levels[0];
+      onImage(sheet, rect, lesson, ui, (map, size) => {
+        sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
+        sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
+        sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
+      });
+    },
+  },
+  {
+    name: "Initial state",
+    figure: "Fig. 2c · section 3",
+    part: "flattening",
+    parameters: D,
+    text: [
+      "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
+      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be " +
+        "pushed apart.",
+    ],
+    math: () => [
+      equation("(", sub("u", "n"), ",", sub("v", "n"), ")", "=", "s", "(", sub("j", "n"), ",", sub("i", "n"), ")"),
+      equation("s", "=", words("metres per pixel")),
+    ],
+    facts: ({ flattening: f }) => {
+      const level = f.levels[0];
+      const strain = strains(level, level.states[0]);
+      const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
+      return [
+        ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
+        ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
+        ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
+        ["Connected", partsNote(level)],
+      ];
+    },
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["text", "sample"],
+    ],
+    draw(sheet, rect, { flattening: lesson }) {
+      const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
+      const [top, bottom] = rows(right, [1.1, 1]);
+      const { strain } = statePane(
+        sheet,
+        sheet.titled(left, "The plane", "every sample at its pixel"),
+        lesson.levels[0],
+        0,
+        "coarse",
+      );
+      histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
+      drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
+    },
+  },
+  {
+    name: "Minimisation",
+    figure: "Fig. 2d · Eq. (2)",
+    part: "flattening",
+    parameters: D,
+    plays: ({ flattening: f }) => f.levels[0].states.length - 1,
+    text: [
+      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares " +
+        "of all errors of length; every iteration lowers it.",
+      "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
+    ],
+    math: () => [
+      equation(
+        "H",
+        "=",
+        sum(row(sub("n", "1"), "<", sub("n", "2"))),
+        sub("B", pair()),
+        sup(row("(", sub("ℓ", pair()), "−", sub("E", pair()), ")"), "2"),
+      ),
+      equation(
+        sub("ℓ", pair()),
+        "=",
+        root(
+          sup(row("(", sub("u", sub("n", "1")), "−", sub("u", sub("n", "2")), ")"), "2"),
+          "+",
+          sup(row("(", sub("v", sub("n", "1")), "−", sub("v", sub("n", "2")), ")"), "2"),
+        ),
+      ),
+    ],
+    facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["mark", "now"],
+    ],
+    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
+  },
+  {
+    name: "Finer level",
+    figure: "Fig. 2e · section 3",
+    part: "flattening",
+    parameters: D,
+    plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
+    text: [
+      "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
+        "same minimisation goes on from there.",
+      "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
+    ],
+    math: () => [
+      equation(sup("d", "′"), "=", "d", "/", "2"),
+      equation(sub(row("(", "u", ",", "v", ")"), "n"), "=", words("as the result for d carries it")),
+    ],
+    facts: ({ flattening: f }, ui) => [
+      ["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`],
+      ...minimisationFacts(f.levels.at(-1), ui),
+    ],
+    legend: [
+      ["short", "too short"],
+      ["even", "right"],
+      ["long", "too long"],
+      ["mark", "now"],
+    ],
+    draw: (sheet, rect, { flattening: lesson }, ui) =>
+      drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
+  },
+  {
+    name: "Triangulation",
+    figure: "Fig. 2f · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "mesh",
+    start: ({ flattening: f }) => {
+      const box = boxOfPoints(f.levels.at(-1).states.at(-1));
+      return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
+    },
+    text: [
+      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
+        "there is no triangle.",
+      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells " +
+        "where to look in the image.",
+    ],
+    math: () => [
+      equation(
+        "p",
+        "=",
+        sub("λ", "1"),
+        sub("p", "1"),
+        "+",
+        sub("λ", "2"),
+        sub("p", "2"),
+        "+",
+        sub("λ", "3"),
+        sub("p", "3"),
+      ),
+      equation(sub("λ", "1"), "+", sub("λ", "2"), "+", sub("λ", "3"), "=", "1"),
+    ],
+    facts: ({ flattening: f }) => [
+      ["Triangles", String(f.triangles)],
+      ["Samples", String(f.levels.at(-1).main_points)],
+      ["Area", cm2(f.area_cm2)],
+    ],
+    legend: [
+      ["accent", "triangle"],
+      ["text", "sample"],
+    ],
+    draw: drawTriangles,
+  },
+  {
+    name: "Flattened view",
+    figure: "Fig. 2g · section 3",
+    part: "flattening",
+    parameters: D,
+    probe: "flat",
+    start: flatStart,
+    layers: FLAT_LAYERS,
+    text: [
+      "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
+      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same " +
+        "cloth in the image: this is how a click on the flat shape becomes a grasp point.",
+    ],
+    math: () => [
+      equation(
+        "F",
+        "(",
+        "u",
+        ",",
+        "v",
+        ")",
+        "=",
+        "(",
+        "r",
+        ",",
+        "g",
+        ",",
+        "b",
+        ",",
+        "x",
+        ",",
+        "y",
+        ",",
+        "z",
+        ",",
+        sub("n", "x"),
+        ",",
+        sub("n", "y"),
+        ",",
+        sub("n", "z"),
+        ")",
+      ),
+    ],
+    facts: flattenedFacts,
+    legend: [["mark", "the same cloth"]],
+    draw: drawFlattened,
+  },
+];

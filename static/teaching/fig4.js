@@ -1,11 +1,27 @@
 // The stages of Fig. 4: the next rotation, the new view, and how it is laid on.
 
 import { degrees, number } from "/static/page/format.js";
-import { drawLines, drawNewView, drawOverlay, drawRenewal, drawSearch, searchFacts } from "/static/teaching/alignment.js";
+import {
+  drawLines,
+  drawNewView,
+  drawOverlay,
+  drawRenewal,
+  drawSearch,
+  searchFacts,
+} from "/static/teaching/alignment.js";
 import { cm2 } from "/static/teaching/fig2.js";
 import { mm } from "/static/teaching/states.js";
 import { cases, equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
-import { angleStart, curvesFacts, drawCurvesStage, drawRotation, drawZAngle, rotationFacts, viewName, zAngleFacts } from "/static/teaching/rotation.js";
+import {
+  angleStart,
+  curvesFacts,
+  drawCurvesStage,
+  drawRotation,
+  drawZAngle,
+  rotationFacts,
+  viewName,
+  zAngleFacts,
+} from "/static/teaching/rotation.js";
 
 const ALL = ["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"];
 
@@ -15,84 +31,181 @@ const a = () => row("a", "(", "u", ",", "v", ")");
 
 export const EXTENDING_STAGES = [
   {
-    name: "Z-angle", figure: "Fig. 4a · section 4.1, step 1", part: "planning", parameters: ALL.slice(0, 2), probe: "z", start: angleStart,
+    name: "Z-angle",
+    figure: "Fig. 4a · section 4.1, step 1",
+    part: "planning",
+    parameters: ALL.slice(0, 2),
+    probe: "z",
+    start: angleStart,
     text: [
-      "How far is the cloth turned away from the camera, about the vertical? The Z-angle of a normal is 0° towards the camera, negative to the left, positive to the right (x points to the camera, z up).",
+      "How far is the cloth turned away from the camera, about the vertical? The Z-angle of a normal is 0° " +
+        "towards the camera, negative to the left, positive to the right (x points to the camera, z up).",
       "Steep cloth is measured badly. Pixels beyond the limit A_w are grey and do not count from here on.",
     ],
-    math: () => [equation("a", "=", sup("tan", row("−", "1")), "(", fraction(sub("n", "y"), sub("n", "x")), ")", "·", fraction("180°", "π"), words(",   "), "|", "a", "|", "<", A("w"))],
+    math: () => [
+      equation(
+        "a",
+        "=",
+        sup("tan", row("−", "1")),
+        "(",
+        fraction(sub("n", "y"), sub("n", "x")),
+        ")",
+        "·",
+        fraction("180°", "π"),
+        words(",   "),
+        "|",
+        "a",
+        "|",
+        "<",
+        A("w"),
+      ),
+    ],
     facts: zAngleFacts,
-    legend: [["limit", "limit A_w"], ["soft", "does not count"], ["mark", "at the pointer"]],
+    legend: [
+      ["limit", "limit A_w"],
+      ["soft", "does not count"],
+      ["mark", "at the pointer"],
+    ],
     draw: drawZAngle,
   },
   {
-    name: "Curves", figure: "Fig. 4a · step 2", part: "planning", parameters: ALL.slice(0, 2), probe: "columns",
+    name: "Curves",
+    figure: "Fig. 4a · step 2",
+    part: "planning",
+    parameters: ALL.slice(0, 2),
+    probe: "columns",
     start: angleStart,
     text: [
       "Column by column: h(u) counts the pixels within the limit, A_z(u) is their mean Z-angle.",
-      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z tells where around the item a column lies.",
+      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z tells where around " +
+        "the item a column lies.",
     ],
     math: () => [
       equation("h", "(", "u", ")", "=", "#", "{", "v", ":", "|", a(), "|", "<", A("w"), "}"),
       equation(Az(), "(", "u", ")", "=", fraction("1", row("h", "(", "u", ")")), sum("v"), a()),
     ],
     facts: curvesFacts,
-    legend: [["count", "h(u)"], ["mean", "A_z(u)"], ["mark", "at the pointer"]],
+    legend: [
+      ["count", "h(u)"],
+      ["mean", "A_z(u)"],
+      ["mark", "at the pointer"],
+    ],
     draw: drawCurvesStage,
   },
   {
-    name: "Rotation", figure: "Fig. 4a · steps 3 and 4", part: "planning", parameters: ALL,
+    name: "Rotation",
+    figure: "Fig. 4a · steps 3 and 4",
+    part: "planning",
+    parameters: ALL,
     text: [
-      "A larger turn shows more hidden cloth; but the next view must overlap this one by S_0. Columns are counted from the occluding edge until their area exceeds S_0: at u_b, with the Z-angle A_0.",
-      "The turn that brings u_b just to the limit is the largest that keeps this overlap; it is held to 10 to 50°. Of the recorded views, the largest turn up to A is taken.",
+      "A larger turn shows more hidden cloth; but the next view must overlap this one by S_0. Columns are " +
+        "counted from the occluding edge until their area exceeds S_0: at u_b, with the Z-angle A_0.",
+      "The turn that brings u_b just to the limit is the largest that keeps this overlap; it is held to 10 to " +
+        "50°. Of the recorded views, the largest turn up to A is taken.",
     ],
     math: ({ planning: p }) => [
-      equation(sup("p", "2"), sum(row("u", p.side === "right" ? "≥" : "≤", sub("u", "b"))), "h", "(", "u", ")", ">", sub("S", "0")),
-      equation(A("0"), "=", Az(), "(", sub("u", "b"), ")", words(",   "), "A", "=", A("w"), p.side === "right" ? "+" : "−", A("0")),
+      equation(
+        sup("p", "2"),
+        sum(row("u", p.side === "right" ? "≥" : "≤", sub("u", "b"))),
+        "h",
+        "(",
+        "u",
+        ")",
+        ">",
+        sub("S", "0"),
+      ),
+      equation(
+        A("0"),
+        "=",
+        Az(),
+        "(",
+        sub("u", "b"),
+        ")",
+        words(",   "),
+        "A",
+        "=",
+        A("w"),
+        p.side === "right" ? "+" : "−",
+        A("0"),
+      ),
     ],
     facts: rotationFacts,
-    legend: [["count", "h(u)"], ["mean", "A_z(u)"], ["accent", "S_0, u_b, A"], ["mark", "A_0, next view"]],
+    legend: [
+      ["count", "h(u)"],
+      ["mean", "A_z(u)"],
+      ["accent", "S_0, u_b, A"],
+      ["mark", "A_0, next view"],
+    ],
     draw: drawRotation,
   },
   {
-    name: "New view", figure: "Fig. 4b, c · section 3", part: "alignment", parameters: ALL,
+    name: "New view",
+    figure: "Fig. 4b, c · section 3",
+    part: "alignment",
+    parameters: ALL,
     text: [
       "The item is turned by A, and the new view is flattened by the same stages 1 to 7.",
-      "It shows cloth that was hidden, and cloth that both views show. Its place on the plane is still unknown: each view has a plane of its own.",
+      "It shows cloth that was hidden, and cloth that both views show. Its place on the plane is still " +
+        "unknown: each view has a plane of its own.",
     ],
     math: () => [
       equation(sup("x", "′"), "=", "c", "+", "R", "(", "k", ",", "A", ")", "(", "x", "−", "c", ")"),
       equation("c", ",", "k", words(": point and direction of the axis")),
     ],
-    facts: ({ alignment: a }) => [
-      ["New view", viewName(a, a.view_index)],
-      ["Turned by", a.lines ? `${degrees(Math.abs(a.lines.rotation_deg), 0)} to the ${a.lines.rotation_deg < 0 ? "left" : "right"}` : "–"],
-      ["Area", cm2(a.new_cm2)],
-      a.planned_view === a.view_index ? null : ["Passed over", `view ${a.planned_view}: it could not be laid on`],
-    ].filter(Boolean),
+    facts: ({ alignment: a }) =>
+      [
+        ["New view", viewName(a, a.view_index)],
+        [
+          "Turned by",
+          a.lines
+            ? `${degrees(Math.abs(a.lines.rotation_deg), 0)} to the ${a.lines.rotation_deg < 0 ? "left" : "right"}`
+            : "–",
+        ],
+        ["Area", cm2(a.new_cm2)],
+        a.planned_view === a.view_index ? null : ["Passed over", `view ${a.planned_view}: it could not be laid on`],
+      ].filter(Boolean),
     draw: drawNewView,
   },
   {
-    name: "Lines", figure: "Fig. 4d, e · section 4.2", part: "alignment", parameters: ALL,
+    name: "Lines",
+    figure: "Fig. 4d, e · section 4.2",
+    part: "alignment",
+    parameters: ALL,
     text: [
-      "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw the range that they share (shaded).",
-      "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the same height z on both lines gives a pair of points.",
+      "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw " +
+        "the range that they share (shaded).",
+      "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the " +
+        "same height z on both lines gives a pair of points.",
     ],
     math: () => [equation(A("m"), "=", words("middle of "), Az("0"), "∩", "(", Az("1"), "−", "A", ")")],
-    facts: ({ alignment: a }) => (a.lines ? [
-      ["A, with its sign", degrees(a.lines.rotation_deg, 0)],
-      ["Shared range", a.lines.common_range_deg.map((x) => degrees(x, 0)).join(" to ")],
-      ["A_m", degrees(a.lines.a_m_deg)],
-      ["Height of the points", mm(a.lines.height_mm, 0)],
-    ] : []),
-    legend: [["mean", "A_z, A_z − A"], ["before", "A_z after the turn"], ["soft", "shared range", 0.4], ["band", "pixels at A_m"], ["text", "line"], ["mark", "point"]],
+    facts: ({ alignment: a }) =>
+      a.lines
+        ? [
+            ["A, with its sign", degrees(a.lines.rotation_deg, 0)],
+            ["Shared range", a.lines.common_range_deg.map((x) => degrees(x, 0)).join(" to ")],
+            ["A_m", degrees(a.lines.a_m_deg)],
+            ["Height of the points", mm(a.lines.height_mm, 0)],
+          ]
+        : [],
+    legend: [
+      ["mean", "A_z, A_z − A"],
+      ["before", "A_z after the turn"],
+      ["soft", "shared range", 0.4],
+      ["band", "pixels at A_m"],
+      ["text", "line"],
+      ["mark", "point"],
+    ],
     draw: drawLines,
   },
   {
-    name: "Initial overlay", figure: "Fig. 4f · section 4.2", part: "alignment", parameters: ALL,
+    name: "Initial overlay",
+    figure: "Fig. 4f · section 4.2",
+    part: "alignment",
+    parameters: ALL,
     text: [
       "Line on line and point on point: that fixes one turn θ and one shift t, the initial estimate.",
-      "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band has no clear axis.",
+      "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band " +
+        "has no clear axis.",
     ],
     math: () => [
       equation("R", "(", "θ", ")", sup("d", "1"), "=", sup("d", "0"), words(" (directions)")),
@@ -103,41 +216,81 @@ export const EXTENDING_STAGES = [
       ["Shift t", `${mm(1000 * a.initial[1], 0)}, ${mm(1000 * a.initial[2], 0)}`],
       ["Score", number(a.initial_score, 2)],
     ],
-    legend: [["kept", "current view"], ["new", "new view"], ["band", "pixels at A_m"], ["text", "lines"], ["mark", "points"]],
-    draw: (sheet, rect, { alignment: lesson }) => drawOverlay(sheet, sheet.titled(rect, "The plane", "the new view at its initial place"), lesson, lesson.initial, "overlay", true),
+    legend: [
+      ["kept", "current view"],
+      ["new", "new view"],
+      ["band", "pixels at A_m"],
+      ["text", "lines"],
+      ["mark", "points"],
+    ],
+    draw: (sheet, rect, { alignment: lesson }) =>
+      drawOverlay(
+        sheet,
+        sheet.titled(rect, "The plane", "the new view at its initial place"),
+        lesson,
+        lesson.initial,
+        "overlay",
+        true,
+      ),
   },
   {
-    name: "Search", figure: "section 4.2", part: "alignment", parameters: ALL, plays: ({ alignment: a }) => a.search.motions.length - 1,
+    name: "Search",
+    figure: "section 4.2",
+    part: "alignment",
+    parameters: ALL,
+    plays: ({ alignment: a }) => a.search.motions.length - 1,
     text: [
-      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I and height z should agree; ρ limits what one bad pixel can do.",
-      "First a coarse grid; its best places (rings) are followed in finer and finer steps. The best one is proposed to the operator.",
+      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I " +
+        "and height z should agree; ρ limits what one bad pixel can do.",
+      "First a coarse grid; its best places (rings) are followed in finer and finer steps. The best one is " +
+        "proposed to the operator.",
     ],
     math: () => [
       equation("T", "=", words("arg min "), sum("p"), "ρ", "(", "Δ", "I", ")", "+", "ρ", "(", "Δ", "z", ")"),
       equation("Δ", "I", "=", sup("I", "0"), "(", "T", "p", ")", "−", sup("I", "1"), "(", "p", ")"),
     ],
     facts: searchFacts,
-    legend: [["kept", "current view"], ["new", "new view"], ["text", "best of the grid"], ["mark", "way to the result"]],
+    legend: [
+      ["kept", "current view"],
+      ["new", "new view"],
+      ["text", "best of the grid"],
+      ["mark", "way to the result"],
+    ],
     draw: drawSearch,
   },
   {
-    name: "Renewal", figure: "Fig. 4g · section 4.3", part: "alignment", parameters: ALL,
+    name: "Renewal",
+    figure: "Fig. 4g · section 4.3",
+    part: "alignment",
+    parameters: ALL,
     text: [
-      "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
-      "The plane is that of the new view from now on, and it begins again with stage 8, until no occluding edge is left.",
+      "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new " +
+        "view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
+      "The plane is that of the new view from now on, and it begins again with stage 8, until no occluding " +
+        "edge is left.",
     ],
     math: () => [
-      equation("F", "=", cases(
-        [sup("F", "1"), words(" in the half at the edge")],
-        [sup("F", "1"), row(words(" where "), "|", sup("a", "1"), "|", "<", "|", sup("a", "0"), "|")],
-        [sup("F", "0"), words(" elsewhere")])),
+      equation(
+        "F",
+        "=",
+        cases(
+          [sup("F", "1"), words(" in the half at the edge")],
+          [sup("F", "1"), row(words(" where "), "|", sup("a", "1"), "|", "<", "|", sup("a", "0"), "|")],
+          [sup("F", "0"), words(" elsewhere")],
+        ),
+      ),
     ],
     facts: ({ alignment: a }) => [
       ["Area", `${number(a.current_cm2, 0)} → ${cm2(a.renewed_cm2)}`],
       ["Gained", cm2(a.renewed_cm2 - a.current_cm2)],
       ["Side", a.side ?? "–"],
     ],
-    legend: [["kept", "current view only", 1], ["kept", "both: current taken", 0.55], ["new", "new view only", 1], ["new", "both: new taken", 0.55]],
+    legend: [
+      ["kept", "current view only", 1],
+      ["kept", "both: current taken", 0.55],
+      ["new", "new view only", 1],
+      ["new", "both: new taken", 0.55],
+    ],
     draw: drawRenewal,
   },
 ];

@@ -61,11 +61,13 @@ async function* records(stream, signal) {
 
 async function unpack(values, body) {
   const lesson = { ...values, array: {}, picture: {} };
-  await Promise.all(Object.entries(values.parts).map(async ([name, { kind, at, bytes }]) => {
-    const data = body.buffer.slice(at, at + bytes);
-    if (kind === "png") lesson.picture[name] = await createImageBitmap(new Blob([data], { type: "image/png" }));
-    else lesson.array[name] = new ARRAYS[kind](data);
-  }));
+  await Promise.all(
+    Object.entries(values.parts).map(async ([name, { kind, at, bytes }]) => {
+      const data = body.buffer.slice(at, at + bytes);
+      if (kind === "png") lesson.picture[name] = await createImageBitmap(new Blob([data], { type: "image/png" }));
+      else lesson.array[name] = new ARRAYS[kind](data);
+    }),
+  );
   for (const level of lesson.levels ?? []) Object.assign(level, prepared(lesson.array, level.name));
   return lesson;
 }
@@ -90,8 +92,14 @@ function prepared(array, name) {
     lengths.push(length[e] / 1000);
   }
   return {
-    xy, edges, unusedPairs: array[`${name}_unused`], members, mainEdges: Int32Array.from(main),
-    mainLength: Float32Array.from(lengths), states: statesOf(array[`${name}_states`], members.length), local,
+    xy,
+    edges,
+    unusedPairs: array[`${name}_unused`],
+    members,
+    mainEdges: Int32Array.from(main),
+    mainLength: Float32Array.from(lengths),
+    states: statesOf(array[`${name}_states`], members.length),
+    local,
   };
 }
 

@@ -15,7 +15,13 @@ function node(content) {
   const made = document.createElementNS(NAMESPACE, tag);
   made.textContent = content;
   // Brackets as high as letters: nothing here is higher than a line.
-  if (tag === "mo" && "()|{}".includes(content)) for (const [name, value] of [["stretchy", "false"], ["lspace", "0"], ["rspace", "0"]]) made.setAttribute(name, value);
+  if (tag === "mo" && "()|{}".includes(content))
+    for (const [name, value] of [
+      ["stretchy", "false"],
+      ["lspace", "0"],
+      ["rspace", "0"],
+    ])
+      made.setAttribute(name, value);
   return made;
 }
 
@@ -35,7 +41,10 @@ export function words(text) {
 
 /** Lines of a definition by cases: [value, condition]. */
 export function cases(...lines) {
-  const table = element("mtable", ...lines.map((cells) => element("mtr", ...cells.map((cell) => element("mtd", cell)))));
+  const table = element(
+    "mtable",
+    ...lines.map((cells) => element("mtr", ...cells.map((cell) => element("mtd", cell)))),
+  );
   const brace = document.createElementNS(NAMESPACE, "mo");
   brace.textContent = "{";
   return row(brace, table);

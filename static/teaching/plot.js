@@ -9,7 +9,8 @@ export function ticks(low, high, count = 5) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough);
   const found = [];
-  for (let t = Math.ceil(low / step - 1e-9) * step; t <= high + 1e-9 * step; t += step) found.push(Math.abs(t) < 1e-9 * step ? 0 : t);
+  for (let t = Math.ceil(low / step - 1e-9) * step; t <= high + 1e-9 * step; t += step)
+    found.push(Math.abs(t) < 1e-9 * step ? 0 : t);
   return found;
 }
 
@@ -17,12 +18,31 @@ const decimals = (values) => (values.length > 1 && values[1] - values[0] < 1 ? 1
 
 /** One plot: two axes, y up. `y2` is a second scale at the right. */
 export class Plot {
-  constructor(sheet, rect, { x, y, y2 = null, log = false, xLabel = "", yLabel = "", y2Label = "", yColor = null, y2Color = null, xTicks = null, yTicks = null, xAxis = true }) {
+  constructor(
+    sheet,
+    rect,
+    {
+      x,
+      y,
+      y2 = null,
+      log = false,
+      xLabel = "",
+      yLabel = "",
+      y2Label = "",
+      yColor = null,
+      y2Color = null,
+      xTicks = null,
+      yTicks = null,
+      xAxis = true,
+    },
+  ) {
     const em = sheet.em;
     this.sheet = sheet;
     this.log = log;
     this.inner = inset(rect, 3.9 * em, 1.9 * em, y2 ? 3.7 * em : 0.8 * em, (xAxis ? 3.1 : 0.6) * em);
-    Object.assign(this, { x, y, y2 });
+    this.x = x;
+    this.y = y;
+    this.y2 = y2;
     this.axes({ xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis });
   }
 
@@ -51,19 +71,43 @@ export class Plot {
     for (const t of yt) {
       const y = this.py(t);
       sheet.line([inner.x, y], [inner.x + inner.w, y], line, 1);
-      sheet.text(this.log ? power(t) : number(t, decimals(yt)), inner.x - 6, y, { ...small, color: yColor ?? soft, align: "right", baseline: "middle" });
+      sheet.text(this.log ? power(t) : number(t, decimals(yt)), inner.x - 6, y, {
+        ...small,
+        color: yColor ?? soft,
+        align: "right",
+        baseline: "middle",
+      });
     }
     if (this.y2) {
       const y2t = ticks(...this.y2);
-      for (const t of y2t) sheet.text(number(t, decimals(y2t)), inner.x + inner.w + 6, this.py(t, this.y2), { ...small, color: y2Color ?? soft, baseline: "middle" });
+      for (const t of y2t)
+        sheet.text(number(t, decimals(y2t)), inner.x + inner.w + 6, this.py(t, this.y2), {
+          ...small,
+          color: y2Color ?? soft,
+          baseline: "middle",
+        });
     }
     if (xAxis) {
       const xt = xTicks ?? ticks(...this.x, Math.max(2, Math.round(inner.w / (7 * em))));
-      for (const t of xt) sheet.text(number(t, decimals(xt)), this.px(t), inner.y + inner.h + 0.4 * em, { ...small, align: "center", baseline: "top" });
-      sheet.text(xLabel, inner.x + inner.w / 2, inner.y + inner.h + 1.75 * em, { ...small, align: "center", baseline: "top" });
+      for (const t of xt)
+        sheet.text(number(t, decimals(xt)), this.px(t), inner.y + inner.h + 0.4 * em, {
+          ...small,
+          align: "center",
+          baseline: "top",
+        });
+      sheet.text(xLabel, inner.x + inner.w / 2, inner.y + inner.h + 1.75 * em, {
+        ...small,
+        align: "center",
+        baseline: "top",
+      });
     }
     sheet.text(yLabel, inner.x, inner.y - 0.55 * em, { ...small, color: yColor ?? soft });
-    if (y2Label) sheet.text(y2Label, inner.x + inner.w, inner.y - 0.55 * em, { ...small, color: y2Color ?? soft, align: "right" });
+    if (y2Label)
+      sheet.text(y2Label, inner.x + inner.w, inner.y - 0.55 * em, {
+        ...small,
+        color: y2Color ?? soft,
+        align: "right",
+      });
   }
 
   /** A curve over arrays; NaN makes a gap. */
@@ -116,13 +160,26 @@ export class Plot {
   vertical(x, color, label = "", width = 2, dash = [], above = false) {
     const { inner, sheet } = this;
     sheet.line([this.px(x), inner.y], [this.px(x), inner.y + inner.h], color, width, dash);
-    if (label) sheet.text(label, this.px(x), above ? inner.y + 1.2 * sheet.em : inner.y + inner.h - 6, { color, weight: 600, align: "center", plate: true });
+    if (label)
+      sheet.text(label, this.px(x), above ? inner.y + 1.2 * sheet.em : inner.y + inner.h - 6, {
+        color,
+        weight: 600,
+        align: "center",
+        plate: true,
+      });
   }
 
   horizontal(y, color, label = "", dash = [5, 4]) {
     const { inner, sheet } = this;
     sheet.line([inner.x, this.py(y)], [inner.x + inner.w, this.py(y)], color, 1.5, dash);
-    if (label) sheet.text(label, inner.x + inner.w - 5, this.py(y) - 5, { color, align: "right", weight: 600, size: 0.85, plate: true });
+    if (label)
+      sheet.text(label, inner.x + inner.w - 5, this.py(y) - 5, {
+        color,
+        align: "right",
+        weight: 600,
+        size: 0.85,
+        plate: true,
+      });
   }
 
   bars(edges, counts, colorOf) {

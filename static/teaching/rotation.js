@@ -3,7 +3,8 @@
 import { degrees, number } from "/static/page/format.js";
 import { boxOf } from "/static/canvas/geometry.js";
 import { columns, inset, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { cm2, shareOf } from "/static/teaching/fig2.js";
+import { shareOf } from "/static/teaching/detail.js";
+import { cm2 } from "/static/teaching/fig2.js";
 import { mm } from "/static/teaching/states.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 
@@ -39,8 +40,15 @@ function zRamp(sheet, rect, lesson, limit) {
     context.fillStyle = Math.abs(deg) < limit ? `rgb(${color.join(" ")})` : sheet.color.line;
     context.fillRect(inner.x + (inner.w * i) / colors.length, inner.y, inner.w / colors.length + 0.6, high);
   });
-  for (const t of ticks(-span, span, 4)) sheet.text(number(t, 0), px(t), inner.y + high + 4, { align: "center", baseline: "top", color: sheet.color.soft, size: 0.85 });
-  for (const t of [-limit, limit]) sheet.line([px(t), inner.y - 4], [px(t), inner.y + high + 3], sheet.color.limit, 2);
+  for (const t of ticks(-span, span, 4))
+    sheet.text(number(t, 0), px(t), inner.y + high + 4, {
+      align: "center",
+      baseline: "top",
+      color: sheet.color.soft,
+      size: 0.85,
+    });
+  for (const t of [-limit, limit])
+    sheet.line([px(t), inner.y - 4], [px(t), inner.y + high + 3], sheet.color.limit, 2);
 }
 
 // --- seen from above -------------------------------------------------------------------------------
@@ -63,7 +71,13 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
   for (const deg of [-limit, limit]) {
     sheet.line([x, y], at(deg, radius), sheet.color.limit, 1.5, [5, 4]);
     const [tx, ty] = at(deg, radius + 0.8 * sheet.em);
-    sheet.text(degrees(deg, 0), tx, ty, { color: sheet.color.limit, align: "center", baseline: "middle", size: 0.85, weight: 600 });
+    sheet.text(degrees(deg, 0), tx, ty, {
+      color: sheet.color.limit,
+      align: "center",
+      baseline: "middle",
+      size: 0.85,
+      weight: 600,
+    });
   }
   context.beginPath();
   context.ellipse(x, y, 0.3 * radius, 0.2 * radius, 0.2, 0, 2 * Math.PI);
@@ -92,7 +106,13 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
     const back = at(to - 8 * Math.sign(to - from), 0.66 * radius);
     sheet.arrow(back, at(to, 0.66 * radius), sheet.color.accent, 2);
     const [lx, ly] = at((from + to) / 2, 0.66 * radius + 0.9 * sheet.em);
-    sheet.text("A", lx, ly, { color: sheet.color.accent, weight: 700, align: "center", baseline: "middle", plate: true });
+    sheet.text("A", lx, ly, {
+      color: sheet.color.accent,
+      weight: 700,
+      align: "center",
+      baseline: "middle",
+      plate: true,
+    });
   }
   for (const { deg, label, color, dash } of arrows) {
     const tip = at(deg, 0.94 * radius);
@@ -161,7 +181,7 @@ export function zAngleFacts(lessons, ui) {
     if (a === UNKNOWN_ANGLE) continue;
     [low, high] = [Math.min(low, a), Math.max(high, a)];
     known += 1;
-    within += Math.abs(a) < limit;
+    if (Math.abs(a) < limit) within += 1;
   }
   return [
     ["Z-angles", `${degrees(low, 0)} to ${degrees(high, 0)}`],
@@ -177,8 +197,15 @@ function drawCurves(sheet, rect, { planning: lesson }, ui) {
   const { current_u_mm: u, current_h: h, current_a_z_deg: a } = lesson.array;
   const most = h.reduce((m, x) => Math.max(m, x), 1);
   const plot = new Plot(sheet, top, {
-    x: [1000 * box.left, 1000 * box.right], y: [0, 1.08 * most], y2: [-90, 90], xLabel: "", yLabel: "h(u), pixels of the column", y2Label: "A_z(u) (°)",
-    yColor: sheet.color.count, y2Color: sheet.color.mean, xAxis: false,
+    x: [1000 * box.left, 1000 * box.right],
+    y: [0, 1.08 * most],
+    y2: [-90, 90],
+    xLabel: "",
+    yLabel: "h(u), pixels of the column",
+    y2Label: "A_z(u) (°)",
+    yColor: sheet.color.count,
+    y2Color: sheet.color.mean,
+    xAxis: false,
   });
   plot.area(u, h, sheet.color.count, 0, u.length - 1, plot.y, 0.18);
   plot.curve(u, h, sheet.color.count);
@@ -188,8 +215,14 @@ function drawCurves(sheet, rect, { planning: lesson }, ui) {
   sheet.within(strip, () => sheet.picture(map, zAnglePicture(lesson, ui.parameters.z_angle_limit_deg, sheet), box));
   sheet.frame(strip);
   const low = { color: sheet.color.soft, size: 0.85, align: "center", baseline: "top" };
-  for (const t of ticks(...plot.x, Math.max(2, Math.round(strip.w / (7 * sheet.em))))) sheet.text(number(t, 0), plot.px(t), strip.y + strip.h + 0.3 * sheet.em, low);
-  sheet.text("u (mm); the flattened view is drawn wide", strip.x + strip.w / 2, strip.y + strip.h + 1.6 * sheet.em, low);
+  for (const t of ticks(...plot.x, Math.max(2, Math.round(strip.w / (7 * sheet.em)))))
+    sheet.text(number(t, 0), plot.px(t), strip.y + strip.h + 0.3 * sheet.em, low);
+  sheet.text(
+    "u (mm); the flattened view is drawn wide",
+    strip.x + strip.w / 2,
+    strip.y + strip.h + 1.6 * sheet.em,
+    low,
+  );
   return { plot, strip, map };
 }
 
@@ -209,7 +242,8 @@ export function drawCurvesStage(sheet, rect, lessons, ui) {
   plot.vertical(u, sheet.color.mark, "", 1.5);
   sheet.line([plot.px(u), strip.y], [plot.px(u), strip.y + strip.h], sheet.color.mark, 1.5);
   sheet.ring(plot.at(u, lesson.array.current_h[at]), 4, sheet.color.count, 2);
-  if (Number.isFinite(lesson.array.current_a_z_deg[at])) sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
+  if (Number.isFinite(lesson.array.current_a_z_deg[at]))
+    sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
 }
 
 export function curvesFacts({ planning: lesson }, ui) {
@@ -238,9 +272,18 @@ export function drawRotation(sheet, rect, lessons, ui) {
   const known = side.a_0_deg !== null && side.rotation_deg !== null;
   const after = known ? side.a_0_deg + sign * side.rotation_deg : 0;
   const arrows = known
-    ? [{ deg: side.a_0_deg, label: "A_0", color: sheet.color.mark }, { deg: after, label: "", color: sheet.color.mark, dash: [4, 4] }]
+    ? [
+        { deg: side.a_0_deg, label: "A_0", color: sheet.color.mark },
+        { deg: after, label: "", color: sheet.color.mark, dash: [4, 4] },
+      ]
     : [];
-  fromAbove(sheet, sheet.titled(dial, "Seen from above"), ui.parameters.z_angle_limit_deg, arrows, known ? [side.a_0_deg, after] : null);
+  fromAbove(
+    sheet,
+    sheet.titled(dial, "Seen from above"),
+    ui.parameters.z_angle_limit_deg,
+    arrows,
+    known ? [side.a_0_deg, after] : null,
+  );
   drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
   const { plot, strip } = drawCurves(sheet, right, lessons, ui);
   if (side.u_b_mm === null) return;
@@ -251,9 +294,19 @@ export function drawRotation(sheet, rect, lessons, ui) {
   plot.vertical(side.u_b_mm, sheet.color.accent, "u_b", 2);
   sheet.line([x, strip.y], [x, strip.y + strip.h], sheet.color.accent, 2);
   const middleOf = (plot.px(u[sign > 0 ? 0 : u.length - 1]) + x) / 2;
-  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, { color: sheet.color.accent, weight: 700, align: "center", plate: true });
+  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, {
+    color: sheet.color.accent,
+    weight: 700,
+    align: "center",
+    plate: true,
+  });
   sheet.ring([x, plot.py(side.a_0_deg, plot.y2)], 7, sheet.color.mark, 3);
-  sheet.text("A_0", x + sign * 14, plot.py(side.a_0_deg, plot.y2) - 8, { color: sheet.color.mark, weight: 700, align: sign > 0 ? "left" : "right", plate: true });
+  sheet.text("A_0", x + sign * 14, plot.py(side.a_0_deg, plot.y2) - 8, {
+    color: sheet.color.mark,
+    weight: 700,
+    align: sign > 0 ? "left" : "right",
+    plate: true,
+  });
 }
 
 /** The turns to the views on the chosen side, with A and the one that is taken. */
@@ -266,16 +319,38 @@ function drawViews(sheet, rect, lesson, side, sign) {
   const y = rect.y + Math.min(rect.h * 0.4, 3 * sheet.em);
   const px = (turn) => rect.x + 12 + ((rect.w - 24) * turn) / 60;
   sheet.line([px(0), y], [px(60), y], sheet.color.soft, 1);
-  for (const t of [0, 10, 20, 30, 40, 50, 60]) sheet.text(number(t, 0), px(t), y + 0.9 * sheet.em, { align: "center", baseline: "top", size: 0.85, color: sheet.color.soft });
-  sheet.text("turn (°)", rect.x + rect.w / 2, y + 2.3 * sheet.em, { align: "center", baseline: "top", size: 0.85, color: sheet.color.soft });
+  for (const t of [0, 10, 20, 30, 40, 50, 60])
+    sheet.text(number(t, 0), px(t), y + 0.9 * sheet.em, {
+      align: "center",
+      baseline: "top",
+      size: 0.85,
+      color: sheet.color.soft,
+    });
+  sheet.text("turn (°)", rect.x + rect.w / 2, y + 2.3 * sheet.em, {
+    align: "center",
+    baseline: "top",
+    size: 0.85,
+    color: sheet.color.soft,
+  });
   for (const { view, turn } of turns) {
     const taken = view === side.view_index;
     sheet.ring([px(turn), y], taken ? 6 : 3.5, taken ? sheet.color.mark : sheet.color.soft, taken ? 3 : 1.5);
-    if (taken) sheet.text(`view ${view}`, px(turn), y - 1.1 * sheet.em, { align: turn > 45 ? "right" : "center", color: sheet.color.mark, weight: 600 });
+    if (taken)
+      sheet.text(`view ${view}`, px(turn), y - 1.1 * sheet.em, {
+        align: turn > 45 ? "right" : "center",
+        color: sheet.color.mark,
+        weight: 600,
+      });
   }
   if (side.rotation_deg !== null) {
     sheet.line([px(side.rotation_deg), y - 10], [px(side.rotation_deg), y + 10], sheet.color.accent, 3);
-    sheet.text("A", px(side.rotation_deg), y + 10, { align: "center", baseline: "top", weight: 700, color: sheet.color.accent, plate: true });
+    sheet.text("A", px(side.rotation_deg), y + 10, {
+      align: "center",
+      baseline: "top",
+      weight: 700,
+      color: sheet.color.accent,
+      plate: true,
+    });
   }
 }
 
@@ -286,7 +361,15 @@ export function rotationFacts({ planning: lesson }, ui) {
     ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
     ["Side taken", lesson.side ?? "none left"],
     ["u_b, A_0", side.u_b_mm === null ? "–" : `${mm(side.u_b_mm, 0)}, ${degrees(side.a_0_deg)}`],
-    [`A_w ${side.side === "right" ? "+" : "−"} A_0`, degrees(side.a_0_deg === null ? null : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg, 0)],
+    [
+      `A_w ${side.side === "right" ? "+" : "−"} A_0`,
+      degrees(
+        side.a_0_deg === null
+          ? null
+          : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg,
+        0,
+      ),
+    ],
     ["A, held to 10–50°", degrees(side.rotation_deg, 0)],
     ["Next view", lesson.next_view === null ? lesson.reason : viewName(lesson, lesson.next_view)],
   ];

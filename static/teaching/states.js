@@ -35,7 +35,12 @@ export function histogram(sheet, rect, strain, most = 60) {
   const counts = new Array(BARS).fill(0);
   for (const s of strain) counts[Math.max(0, Math.min(BARS - 1, Math.floor(((s / span + 1) / 2) * BARS)))] += 1;
   const shares = counts.map((n) => (100 * n) / Math.max(1, strain.length));
-  const plot = new Plot(sheet, rect, { x: [-100 * span, 100 * span], y: [0, most], xLabel: "error of length (%)", yLabel: "share of the pairs (%)" });
+  const plot = new Plot(sheet, rect, {
+    x: [-100 * span, 100 * span],
+    y: [0, most],
+    xLabel: "error of length (%)",
+    yLabel: "share of the pairs (%)",
+  });
   plot.bars(edges, shares, (percent) => strainColor(sheet, percent / 100));
   plot.vertical(0, sheet.color.soft, "", 1, [3, 3]);
 }
@@ -45,7 +50,13 @@ function energyPlot(sheet, rect, level, time, now) {
   const low = 10 ** Math.floor(Math.log10(Math.max(1e-3, Math.min(...all)) * 0.8));
   const high = 10 ** Math.ceil(Math.log10(Math.max(...all, 10 * low) * 1.2));
   const iterations = all.length - 1;
-  const plot = new Plot(sheet, rect, { x: [0, Math.max(1, iterations)], y: [low, high], log: true, xLabel: "iteration", yLabel: "H (mm²)" });
+  const plot = new Plot(sheet, rect, {
+    x: [0, Math.max(1, iterations)],
+    y: [low, high],
+    log: true,
+    xLabel: "iteration",
+    yLabel: "H (mm²)",
+  });
   const xs = all.map((_, i) => i);
   plot.curve(xs, all, sheet.color.accent);
   for (const x of xs) sheet.ring(plot.at(x, all[x]), 2, sheet.color.accent, 2);
@@ -56,8 +67,10 @@ export function statePane(sheet, rect, level, time, key) {
   // All states in one frame, so that nothing jumps while they are played.
   const boxes = [level.states[0], level.states.at(-1)].map(boxOfPoints);
   const box = {
-    left: Math.min(...boxes.map((b) => b.left)), right: Math.max(...boxes.map((b) => b.right)),
-    top: Math.min(...boxes.map((b) => b.top)), bottom: Math.max(...boxes.map((b) => b.bottom)),
+    left: Math.min(...boxes.map((b) => b.left)),
+    right: Math.max(...boxes.map((b) => b.right)),
+    top: Math.min(...boxes.map((b) => b.top)),
+    bottom: Math.max(...boxes.map((b) => b.bottom)),
   };
   const points = stateAt(level, time);
   const strain = strains(level, points);
@@ -90,7 +103,13 @@ export function drawForeshortening(sheet, rect) {
   const along = (r * Math.PI * 0.92) / steps;
   samples.forEach((p, i) => {
     sheet.line([p[0], p[1] + 6], [p[0], ground], sheet.color.line, 1, [3, 3]);
-    if (i) sheet.line([samples[i - 1][0], ground], [p[0], ground], strainColor(sheet, (p[0] - samples[i - 1][0]) / along - 1), 6);
+    if (i)
+      sheet.line(
+        [samples[i - 1][0], ground],
+        [p[0], ground],
+        strainColor(sheet, (p[0] - samples[i - 1][0]) / along - 1),
+        6,
+      );
   });
   for (const [px, py] of samples) {
     sheet.ring([px, py], 3, sheet.color.text, 2);
@@ -107,7 +126,13 @@ export const planeShare = 0.46;
 export function drawMinimisation(sheet, rect, level, ui, key) {
   const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
   const iteration = iterationAt(level, ui.time);
-  const { strain, now } = statePane(sheet, sheet.titled(left, "The plane", `iteration ${number(iteration, 0)}`), level, ui.time, key);
+  const { strain, now } = statePane(
+    sheet,
+    sheet.titled(left, "The plane", `iteration ${number(iteration, 0)}`),
+    level,
+    ui.time,
+    key,
+  );
   const [top, bottom] = rows(right, [1.1, 1]);
   energyPlot(sheet, sheet.titled(top, "Energy"), level, ui.time, now);
   histogram(sheet, sheet.titled(bottom, "Lengths"), strain);
@@ -124,4 +149,5 @@ export function minimisationFacts(level, ui) {
   ];
 }
 
-export const partsNote = (level) => (level.parts > 1 ? `${count(level.parts, "part")}; the largest is shown` : "1 part");
+export const partsNote = (level) =>
+  level.parts > 1 ? `${count(level.parts, "part")}; the largest is shown` : "1 part";

@@ -3,14 +3,14 @@
 import { byId, make, setAllowed, setText } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
-import { action, makeFrame, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { action, makeFrame, showLayers, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
 const PARTS = ["flattening", "planning", "alignment"];
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
-const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
@@ -26,6 +26,10 @@ export class Teaching {
     this.probe = null; // where the learner points: {at, moved, lesson}
     this.drawn = 0;
     this.root = null;
+    /** @type {any[]} what lies behind it */
+    this.behind = [];
+    /** @type {any} what had the focus */
+    this.opener = null;
   }
 
   get open() {
@@ -35,8 +39,15 @@ export class Teaching {
   /** What tests want to know. */
   get status() {
     return {
-      open: this.open, stage: this.at + 1, name: STAGES[this.at].name, drawn: this.drawn, time: this.ui.time, playing: Boolean(this.playing),
-      busy: PARTS.some((p) => this.lessons[p]?.abort), parameters: this.parameters(), shown: this.shown ?? null,
+      open: this.open,
+      stage: this.at + 1,
+      name: STAGES[this.at].name,
+      drawn: this.drawn,
+      time: this.ui.time,
+      playing: Boolean(this.playing),
+      busy: PARTS.some((p) => this.lessons[p]?.abort),
+      parameters: this.parameters(),
+      shown: this.shown ?? null,
       error: this.lessons[STAGES[this.at].part]?.error ?? null,
     };
   }
@@ -45,7 +56,7 @@ export class Teaching {
   takes(name) {
     if (!this.open) {
       if (name === "teach" && action(this, name).why_not !== null) return false; // the page says why
-      if (name === "teach") return this.enter(), true;
+      if (name === "teach") return (this.enter(), true);
       if (!name.startsWith("teach_")) return false;
       this.session.notify("info", `Open the teaching mode first (${keyName(action(this, "teach").keys[0])}).`);
       return true;
@@ -66,7 +77,10 @@ export class Teaching {
   enter() {
     if (!this.root) this.build();
     this.opener = document.activeElement;
-    this.behind = [...document.body.children].filter((e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG");
+    this.behind = [...document.body.children].filter(
+      (/** @type {any} */ e) =>
+        e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+    );
     for (const element of this.behind) element.inert = true;
     this.root.hidden = false;
     setText(byId("teaching-recording"), this.session.name());
@@ -94,7 +108,9 @@ export class Teaching {
     const part = STAGES[this.at].part;
     const shown = this.lessons[part]?.lesson;
     if (shown) {
-      this.changed = Object.fromEntries(Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]));
+      this.changed = Object.fromEntries(
+        Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]),
+      );
       this.lessons[part].key = JSON.stringify(this.query(part));
     } else {
       this.lessons[part] = { key: null, lesson: null, error: "Cancelled: this stage has not been computed." };
@@ -129,7 +145,8 @@ export class Teaching {
   query(part) {
     const start = this.session.startView();
     const query = start === null ? {} : { start_view: start };
-    for (const [name, value] of Object.entries(this.changed)) if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
+    for (const [name, value] of Object.entries(this.changed))
+      if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
     return query;
   }
 
@@ -150,6 +167,7 @@ export class Teaching {
     if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
     this.abort(part);
     const abort = new AbortController();
+    /** @type {any} */
     const entry = (this.lessons[part] = { key, lesson: before?.lesson ?? null, error: null, abort, progress: null });
     entry.promise = (async () => {
       try {
@@ -236,7 +254,7 @@ export class Teaching {
     });
     this.root = makeFrame(this);
     document.body.append(this.root);
-    this.root.addEventListener("keydown", (event) => this.onKey(event));
+    this.root.addEventListener("keydown", (event) => onKey(this, event));
     new ResizeObserver(() => this.open && this.draw()).observe(this.canvas.parentElement);
     onTheme(() => this.open && this.redraw());
   }
@@ -255,32 +273,26 @@ export class Teaching {
     setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
     byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", {}, ...symbols(text))));
-    byId("teaching-legend").replaceChildren(...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
-      const swatch = make("i", { class: "swatch" });
-      swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
-      return make("li", {}, swatch, make("span", {}, ...symbols(label)));
-    }));
+    byId("teaching-legend").replaceChildren(
+      ...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
+        const swatch = make("i", { class: "swatch" });
+        swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
+        return make("li", {}, swatch, make("span", {}, ...symbols(label)));
+      }),
+    );
     byId("teaching-legend").hidden = !stage.legend;
     this.root.querySelector(".teaching-text").scrollTop = 0;
-    const ends = { "teaching-back": this.at === 0 ? "This is the first stage." : null, "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null };
+    const ends = {
+      "teaching-back": this.at === 0 ? "This is the first stage." : null,
+      "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null,
+    };
     for (const [id, why] of Object.entries(ends)) {
       const name = id === "teaching-back" ? "teach_back" : "teach_next";
       setAllowed(byId(id), why, this.session.tip(action(this, name)));
     }
     byId("teaching-next").classList.toggle("primary", this.at < STAGES.length - 1);
     this.canvas.tabIndex = stage.probe ? 0 : -1;
-    this.showLayers(stage);
-  }
-
-  showLayers(stage) {
-    const box = byId("teaching-layers");
-    box.hidden = !stage.layers;
-    box.replaceChildren(...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
-      make("button", { type: "button", class: "button", "aria-pressed": String(layer === this.ui.layer), on: { click: () => {
-        this.ui.layer = layer;
-        for (const other of box.children) other.setAttribute("aria-pressed", String(other.textContent === title));
-        this.update();
-      } } }, title)));
+    showLayers(this, stage);
   }
 
   /** What changes with the lessons, the parameters, the time and the probe. */
@@ -326,22 +338,34 @@ export class Teaching {
     const lessons = this.all();
     if (!this.open || !lessons[stage.part]) return;
     const lesson = lessons[stage.part];
-    if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson) this.probe = { at: stage.start(lessons), moved: false, lesson };
+    if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson)
+      this.probe = { at: stage.start(lessons), moved: false, lesson };
     this.ui.at = this.probe?.at ?? null;
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
     this.showFacts(stage.facts(lessons, this.ui));
-    this.shown = { stage: this.at + 1, key: this.lessons[stage.part].key, parameters: lessons[stage.part].parameters };
+    this.shown = {
+      stage: this.at + 1,
+      key: this.lessons[stage.part].key,
+      parameters: lessons[stage.part].parameters,
+    };
     this.drawn += 1;
   }
 
   showFacts(facts) {
     const list = byId("teaching-facts");
-    if (list.childElementCount !== 2 * facts.length || facts.some(([name], i) => list.children[2 * i].dataset.name !== name)) {
-      list.replaceChildren(...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]));
+    if (
+      list.childElementCount !== 2 * facts.length ||
+      facts.some(([name], i) => list.children[2 * i].dataset.name !== name)
+    ) {
+      list.replaceChildren(
+        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]),
+      );
     }
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
-    this.canvas.setAttribute("aria-label", `${STAGES[this.at].name}. ${facts.map(([name, value]) => `${name}: ${value}`).join("; ")}.${STAGES[this.at].probe ? " The arrow keys move the pointer." : ""}`);
+    const { name: title, probe } = STAGES[this.at];
+    const told = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
+    this.canvas.setAttribute("aria-label", `${title}. ${told}.${probe ? " The arrow keys move the pointer." : ""}`);
   }
 
   showSliders(stage) {
@@ -354,14 +378,19 @@ export class Teaching {
       const { low, high, step } = lesson.sliders[name];
       const input = label.querySelector("input");
       label.hidden = !stage.parameters.includes(name);
-      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step) Object.assign(input, { min: low, max: high, step });
+      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step)
+        Object.assign(input, { min: low, max: high, step });
       if (Number(input.value) !== values[name]) input.value = values[name];
       const text = SLIDERS[name][2](values[name]);
       setText(label.querySelector("output"), text);
       input.setAttribute("aria-valuetext", text);
     }
     const same = Object.entries(this.changed).every(([name, value]) => value === lesson.defaults[name]);
-    setAllowed(byId("teaching-reset"), same ? "These are the session's values." : null, "Back to the session's values.");
+    setAllowed(
+      byId("teaching-reset"),
+      same ? "These are the session's values." : null,
+      "Back to the session's values.",
+    );
   }
 
   showPlayer() {
@@ -398,37 +427,5 @@ export class Teaching {
     this.lessons[part] = { ...this.lessons[part], key: null, error: null };
     this.load();
     this.update();
-  }
-
-  // --- keys that belong to a part of the page rather than to an action ---------------------------
-
-  onKey(event) {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input")) return;
-    const side = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-    if (!side) return;
-    const stage = STAGES[this.at];
-    if (event.target === this.canvas && stage.probe) this.moveProbe(side, event.shiftKey ? 5 : 1);
-    else if (event.target.matches(".teaching-text") && side[1]) return; // it scrolls
-    else if (side[0]) this.takes(side[0] > 0 ? "teach_next" : "teach_back");
-    else if (event.target.matches(".teaching-stage")) this.moveInList(event.target, side[1]);
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
-  }
-
-  moveProbe([right, down], times) {
-    const pane = this.sheet.panes.find((p) => p.map.key === STAGES[this.at].probe);
-    if (!pane) return;
-    const { rect, scaleX, scaleY } = pane.map;
-    const step = times * PROBE_STEP * Math.min(rect.w, rect.h);
-    const [u, v] = this.ui.at;
-    this.probe = { at: [u + (right * step) / scaleX, v + (down * step) / scaleY], moved: true };
-    this.update();
-  }
-
-  moveInList(button, by) {
-    const all = [...this.root.querySelectorAll(".teaching-stage")];
-    const next = all[Math.min(all.length - 1, Math.max(0, all.indexOf(button) + by))];
-    next.focus();
   }
 }

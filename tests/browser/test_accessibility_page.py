@@ -45,7 +45,7 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     keys.press("d")
     keys.press("i")
     keys.press("Shift+L")
-    tab.until("flatcloth.why.known !== null && flatcloth.differenceShown !== null")
+    tab.until("flatcloth.diagnostics.known !== null && flatcloth.differenceShown !== null")
     found["difference, why, looking"] = findings(tab)
     keys.press("2")
     keys.press("0")

@@ -14,7 +14,7 @@ sys.path.append(str(Path(__file__).parents[1]))
 from scene_camera import SceneCamera, opened
 
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 from flatcloth.viewer.server.app import PageServer
 
 pytestmark = pytest.mark.browser
@@ -29,8 +29,8 @@ def camera() -> SceneCamera:
 def tab(chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Tab]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
-    desk = capture_desk(integration, session, feed, settings)
-    with PageServer(integration, session, port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, settings)
+    with PageServer(integration, session, port=0, controller=controller) as server:
         page = chromium.new_page(viewport={"width": 1280, "height": 720})
         tab = Tab(page, server.url, has_scene=True)
         yield tab
@@ -81,13 +81,13 @@ def test_warnings_and_the_end_of_the_camera_are_shown(tab: Tab, camera: SceneCam
     tab.until("flatcloth.frame !== null && flatcloth.frame.grid !== null")
     camera.empty = True
     tab.until("flatcloth.capture.warnings.length === 1")
-    tab.page.locator("#capture-warnings li", has_text="Nothing is measured").wait_for()
+    tab.page.locator("#capture-warnings li", has_text="No depth is measured").wait_for()
     camera.empty = False
     tab.until("flatcloth.capture.warnings.length === 0")
     camera.unplug()
     toast = tab.page.locator(".toast.error")
     toast.wait_for()
-    assert "gives no pictures any more" in toast.inner_text()
+    assert "delivers no images any more" in toast.inner_text()
     assert "The camera has ended." in tab.page.locator("#capture-task").inner_text()
     assert not tab.page.get_by_role("button", name="Begin capture").is_visible()
     tab.shoot("capture-ended")

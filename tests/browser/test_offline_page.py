@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from conftest import SCREENSHOTS, WAIT_MS, Tab
+from exported_sessions import NAME, cylinder_session
 from playwright.sync_api import Browser, Page, expect
-from takeaway_sessions import NAME, cylinder_session
 
 from flatcloth.export.page import page as page_of
 from flatcloth.export.report import report as report_of
@@ -29,7 +29,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
 
 @pytest.fixture(scope="module")
 def file(session: OpenedSession) -> Path:
-    path = session.story.folder / "page.html"
+    path = session.history.folder / "page.html"
     path.write_text(page_of(session), encoding="utf-8")
     return path
 
@@ -161,9 +161,9 @@ def test_a_kept_pick_shows_its_gripper_on_both_sides(open_page, session: OpenedS
     tab.page.get_by_role("button", name="Show edge <b>").click()
     expect(tab.page.locator("#pick h2")).to_have_text("edge <b>")
     assert tab.values()["opening"] == "40 mm"
-    assert math.dist(tab.held_m(), session.story.picks[1].position_held_m) < 1e-4
+    assert math.dist(tab.held_m(), session.history.picks[1].position_held_m) < 1e-4
     (gripper,) = [
-        p["gripper_m"] for p in tab.page.evaluate("flatcloth.story.picks") if p["name"] == "edge <b>"
+        p["gripper_m"] for p in tab.page.evaluate("flatcloth.history.picks") if p["name"] == "edge <b>"
     ]
     bar = [(a + b) / 2 for a, b in zip(*gripper[2], strict=True)]
     tab.marked("#cloud-marks", *tab.on_cloud(bar), 10)

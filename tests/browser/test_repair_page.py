@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-APART = "document.getElementById('reach').textContent.match(/Here [0-9.]+, ([0-9.]+) mm/)?.[1]"
+APART = "document.getElementById('fit-here').textContent.match(/Here [0-9.]+, ([0-9.]+) mm/)?.[1]"
 
 
 def on_proposal(tab, step_px=24):
@@ -56,7 +56,7 @@ def test_the_fit_follows_while_the_proposal_is_dragged(open_tab):
     # Still held: nothing is decided, and the page tells how it would fit, and what refining reaches.
     tab.until(f"Number({APART}) > {apart} + 5")
     assert tab.state()["undo"] is None or not tab.state()["undo"].startswith("move")
-    told = tab.page.locator("#reach").inner_text()
+    told = tab.page.locator("#fit-here").inner_text()
     reached = float(re.search(r"Refined from here: [0-9.]+, ([0-9.]+) mm", told)[1])
     assert reached < float(tab.page.evaluate(APART))
     tab.shoot("dragging")

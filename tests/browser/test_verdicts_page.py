@@ -91,7 +91,7 @@ def test_an_accepted_view_is_reopened_on_the_timeline_and_undo_brings_all_back(o
     assert tab.state()["views"] == before
 
 
-def test_jumps_lead_to_what_waits_and_to_the_least_sure_by_keys_alone(open_tab):
+def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab):
     tab = open_tab().ready()
     skipped = step_and_skip(tab)
     tab.step()

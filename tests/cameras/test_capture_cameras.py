@@ -32,7 +32,7 @@ def test_a_file_plays_in_the_place_of_a_camera(file: Path) -> None:
     camera = open_camera(str(file))
     assert isinstance(camera, PlaybackCamera)
     assert (camera.name, camera.intrinsics, camera.fps) == ("still.db3", CAMERA, 15.0)
-    assert "in the place of a camera" in camera.notes[0]
+    assert "in place of a camera" in camera.notes[0]
     began = time.monotonic()
     frames = [camera.read() for _ in range(8)]
     assert time.monotonic() - began > 0.4  # at its own pace: 7 periods of 1/15 s
@@ -149,7 +149,7 @@ def test_a_camera_gives_registered_frames(
     seen = camera.read()
     assert seen.color.shape == (HEIGHT, WIDTH, 3)
     assert seen.depth_units.dtype == np.uint16
-    with pytest.raises(CameraError, match=r"728612070259: gives no pictures any more\. Was it unplugged"):
+    with pytest.raises(CameraError, match=r"728612070259: delivers no images any more\. Check its cable"):
         all_of(camera)
     camera.close()
     camera.close()
@@ -192,7 +192,7 @@ def board(half_px: tuple[int, int], depth_m: float, center: tuple[int, int] = (1
         (board((140, 70), 0.8), ("The garment is cut by the left and right borders",)),
         (board((50, 140), 0.8), ("The garment is cut by the lower border",)),
         (board((50, 70), 0.8, (220, 120)), ("The garment is cut by the right border",)),
-        (frame(np.zeros((HEIGHT, WIDTH)), None), ("Nothing is measured",)),
+        (frame(np.zeros((HEIGHT, WIDTH)), None), ("No depth is measured",)),
     ],
 )
 def test_what_is_wrong_with_a_view_is_said(seen: RgbdFrame, warnings: tuple[str, ...]) -> None:
@@ -200,7 +200,7 @@ def test_what_is_wrong_with_a_view_is_said(seen: RgbdFrame, warnings: tuple[str,
     assert len(sight.warnings) == len(warnings)
     for said, expected in zip(sight.warnings, warnings, strict=True):
         assert said.startswith(expected)
-    assert sight.item.any() == (not warnings or "Nothing" not in warnings[0])
+    assert sight.item.any() == (not warnings or "No depth" not in warnings[0])
 
 
 def test_the_scene_of_these_tests_is_seen_well() -> None:

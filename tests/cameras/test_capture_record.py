@@ -160,7 +160,7 @@ def test_without_a_terminal_it_must_be_told_to_keep_everything(
     [
         (["--step", "0.5"], "step of 0.5"),
         (["--step", "nan"], "step of nan"),
-        (["--frames", "3"], "3 frames a view: take 8"),
+        (["--frames", "3"], "3 frames per view is out of range: give 8"),
         (["--camera", "none.db3"], "no such file"),
     ],
 )
@@ -186,14 +186,14 @@ def test_a_camera_that_stops_leaves_what_was_kept(
     def unplugged(self: PlaybackCamera) -> cameras.CameraFrame:
         seen.append(0.0)
         if len(seen) == 60:
-            raise cameras.CameraError("D435 1: gives no pictures any more.")
+            raise cameras.CameraError("D435 1: delivers no images any more.")
         return read(self)
 
     monkeypatch.setattr(PlaybackCamera, "read", unplugged)
     assert main(["record", "--out", str(out), "--camera", str(file), "--yes"]) == 2
     said = capsys.readouterr()
     assert "1 view is in" in said.out
-    assert "gives no pictures" in said.err
+    assert "delivers no images" in said.err
     assert np.count_nonzero(open_recording(out)[0].depth_m) > 0
 
 

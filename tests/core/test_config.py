@@ -36,8 +36,8 @@ def test_the_paper_s_numbers_are_the_defaults() -> None:
 
 
 def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
-    read = Config.from_dict({"flattening": {"majorisations": 50.0, "pixel_size_m": 1}})
-    assert (type(read.flattening.majorisations), type(read.flattening.pixel_size_m)) == (int, float)
+    read = Config.from_dict({"flattening": {"least_core_samples": 50.0, "pixel_size_m": 1}})
+    assert (type(read.flattening.least_core_samples), type(read.flattening.pixel_size_m)) == (int, float)
 
 
 @pytest.mark.parametrize(
@@ -52,8 +52,8 @@ def test_whole_numbers_are_read_into_the_type_of_the_setting() -> None:
         ({"planning": {"overlap_area_m2": True}}, r"overlap_area_m2: True does not fit"),
         ({"planning": {"overlap_area_m2": math.nan}}, r"overlap_area_m2: nan does not fit"),
         ({"planning": {"overlap_area_m2": None}}, r"overlap_area_m2: None does not fit"),
-        ({"flattening": {"majorisations": 1.5}}, r"majorisations: 1\.5 does not fit"),
-        ({"flattening": {"majorisations": math.inf}}, r"majorisations: inf does not fit"),
+        ({"flattening": {"least_core_samples": 1.5}}, r"least_core_samples: 1\.5 does not fit"),
+        ({"flattening": {"least_core_samples": math.inf}}, r"least_core_samples: inf does not fit"),
         ({"flattening": {"sampling_intervals_px": []}}, r"sampling_intervals_px: \[\] does not fit"),
         ({"flattening": {"sampling_intervals_px": 12}}, r"sampling_intervals_px: 12 does not fit"),
         ({"flattening": {"sampling_intervals_px": [12, "6"]}}, r"sampling_intervals_px: '6' does not fit"),
@@ -67,3 +67,21 @@ def test_what_does_not_fit_is_named(values: Any, complaint: str) -> None:
 def test_settings_cannot_be_changed_behind_the_session_s_back() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         Config().alignment = AlignmentConfig()  # type: ignore[misc]
+
+
+def test_settings_that_became_constants_are_dropped_and_moved_ones_are_found() -> None:
+    former = Config().to_former_dict()
+    assert sum(len(own) for own in former.values()) > 100
+    assert Config.from_dict(former) == Config()
+    former["outlook"]["most_views"] = 9
+    assert Config.from_dict(former).robust.most_views == 9
+
+
+def test_a_former_setting_with_another_value_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"planning\.edge_width_px: 5 was set, .* fixed to 4"):
+        Config.from_dict({"planning": {"edge_width_px": 5}})
+
+
+def test_few_settings_are_exposed_each_with_its_meaning() -> None:
+    """The dialog of the page shows them all; what they mean stands under each."""
+    assert sum(len(own) for own in Config().to_dict().values()) <= 15

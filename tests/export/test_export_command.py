@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from takeaway_sessions import write_cylinder, write_session
+from exported_sessions import write_cylinder, write_session
 
 from flatcloth.cli import main
 
@@ -106,7 +106,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 def test_a_folder_that_is_no_session_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(tmp_path), "--html", str(tmp_path / "page.html")]) == 2
-    assert "no session folder" in capsys.readouterr().err
+    assert "not a session folder" in capsys.readouterr().err
     assert not (tmp_path / "page.html").exists()
 
 

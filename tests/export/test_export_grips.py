@@ -10,17 +10,17 @@ import pytest
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.grasping.grasps import Grip
-from flatcloth.grasping.grips import GripBook, read_grips
+from flatcloth.grasping.grips import GripStore, read_grips
 
 SIDEWAYS = Grip(axis_held=(0.6, 0.8, 0.0), opening_m=0.05)
 
 
 def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
-    book = GripBook(tmp_path)
+    book = GripStore(tmp_path)
     assert book.get(3) == Grip()
     book.set(3, SIDEWAYS)
     book.set(10, Grip(opening_m=0.02))
-    again = GripBook(tmp_path)
+    again = GripStore(tmp_path)
     assert dict(again.grips) == {3: SIDEWAYS, 10: Grip(opening_m=0.02)}
     again.forget(3)
     again.forget(99)  # of a pick that never had one
@@ -29,7 +29,7 @@ def test_a_grip_comes_back_with_the_session(tmp_path: Path) -> None:
 
 def test_in_memory_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    book = GripBook()
+    book = GripStore()
     book.set(1, SIDEWAYS)
     assert book.get(1) == SIDEWAYS
     assert list(tmp_path.iterdir()) == []
@@ -39,7 +39,7 @@ def test_in_memory_nothing_is_written(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_an_opening_that_no_gripper_has_is_refused_and_changes_nothing(
     tmp_path: Path, opening_m: float
 ) -> None:
-    book = GripBook(tmp_path)
+    book = GripStore(tmp_path)
     with pytest.raises(FlatclothError, match="A gripper opens 5 to 300 mm"):
         book.set(1, Grip(opening_m=opening_m))
     assert book.get(1) == Grip()
@@ -47,10 +47,10 @@ def test_an_opening_that_no_gripper_has_is_refused_and_changes_nothing(
 
 
 def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
-    book = GripBook(tmp_path)
+    book = GripStore(tmp_path)
     book.set(1, SIDEWAYS)
     (tmp_path / ".grips.json.partial").mkdir()  # where the draft would be written
-    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*was not changed"):
+    with pytest.raises(FlatclothError, match=r"grips\.json: cannot be written .*is unchanged"):
         book.set(1, Grip())
     assert book.get(1) == SIDEWAYS
     assert read_grips(tmp_path) == {1: SIDEWAYS}
@@ -74,12 +74,12 @@ def test_a_disk_that_fails_leaves_the_grip_as_it_was(tmp_path: Path) -> None:
 def test_a_damaged_file_is_one_clear_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "grips.json").write_text(text)
     with pytest.raises(FlatclothError, match=r"grips\.json: is damaged .*Delete it") as caught:
-        GripBook(tmp_path)
+        GripStore(tmp_path)
     assert "\n" not in str(caught.value)
 
 
 def test_the_file_is_plain_and_in_order(tmp_path: Path) -> None:
-    book = GripBook(tmp_path)
+    book = GripStore(tmp_path)
     book.set(10, Grip())
     book.set(3, SIDEWAYS)
     content = json.loads((tmp_path / "grips.json").read_text())

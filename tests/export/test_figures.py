@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from exported_sessions import cylinder_session
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from takeaway_sessions import cylinder_session
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
@@ -217,7 +217,7 @@ def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:
 
 
 def test_a_decision_by_hand_has_its_picture_only(session: OpenedSession) -> None:
-    kinds = [[f.name.rsplit("-", 1)[1] for f in of_decision(session, d)] for d in session.story.decisions]
+    kinds = [[f.name.rsplit("-", 1)[1] for f in of_decision(session, d)] for d in session.history.decisions]
     assert kinds == [["overlay"], ["overlay"], ["overlay", "plan"]]
 
 
@@ -231,8 +231,10 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
         def plan(self, document: Document) -> Plan:
             return replace(session.integration.plan(document), sides=(), reason="967 cm2 new")
 
-    other = OpenedSession(session.story, Otherwise())  # type: ignore[arg-type]
-    assert [f.name for f in of_decision(other, session.story.decisions[2])] == ["decision-03-view-2-overlay"]
+    other = OpenedSession(session.history, Otherwise())  # type: ignore[arg-type]
+    assert [f.name for f in of_decision(other, session.history.decisions[2])] == [
+        "decision-03-view-2-overlay"
+    ]
     text = report(other)
     assert "967 cm2 new" in text
     assert "h(u) and A_z(u) of view 2" in text
@@ -243,9 +245,9 @@ def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session:
         def plan(self, _document: Document) -> Plan:
             raise FlatclothError("nothing to plan")
 
-    stuck = OpenedSession(session.story, Stuck())  # type: ignore[arg-type]
-    assert plan_of(stuck, session.story.decisions[2]) is None
-    assert side_of(None, session.story.decisions[2]) is None
+    stuck = OpenedSession(session.history, Stuck())  # type: ignore[arg-type]
+    assert plan_of(stuck, session.history.decisions[2]) is None
+    assert side_of(None, session.history.decisions[2]) is None
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_line(session: OpenedSession, tmp_path: Path) -> None:

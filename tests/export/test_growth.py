@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_sessions import cylinder_session, write_cylinder
 from scenes import Cylinder, sheet
-from takeaway_sessions import cylinder_session, write_cylinder
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.types import FlattenedView
@@ -31,7 +31,7 @@ def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
     assert [s.order for s in growth.steps] == [0, 1, 2]
     pixel_m2 = growth.view.pixel_size_m**2
     for step in growth.steps:
-        exact = session.integration.canonical(at_step(session.story.document, step.order)).view
+        exact = session.integration.canonical(at_step(session.history.document, step.order)).view
         assert step.area_m2 == pytest.approx(exact.area_m2)
         # On the grid of the whole shape it is the same area, but for a pixel at the rim here and there.
         assert growth.shown_after(step.order).sum() * pixel_m2 == pytest.approx(exact.area_m2, rel=0.02)
@@ -77,7 +77,7 @@ def test_shapes_that_share_too_little_have_no_motion() -> None:
 
 def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:
     with pytest.raises(FlatclothError, match="no start view yet; there is nothing to export"):
-        grow(session.integration, replace(session.story, document=Document()))
+        grow(session.integration, replace(session.history, document=Document()))
 
 
 # --- opening --------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ def test_a_recording_that_moved_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="nowhere"):
         open_session(tmp_path / "session", tmp_path / "nowhere")
     other = write_cylinder(tmp_path / "other", name="another")
-    with pytest.raises(JournalError, match="about another recording"):
+    with pytest.raises(JournalError, match="belongs to another recording"):
         open_session(tmp_path / "session", other)
 
 
@@ -108,12 +108,12 @@ def test_a_method_of_another_version_is_told(tmp_path: Path) -> None:
 def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) -> None:
     made = cylinder_session(tmp_path)
     own = made.integration.axis
-    write_axis(made.story.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
-    before = {p.name: p.read_bytes() for p in made.story.folder.iterdir()}
-    opened = open_session(made.story.folder)
+    write_axis(made.history.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
+    before = {p.name: p.read_bytes() for p in made.history.folder.iterdir()}
+    opened = open_session(made.history.folder)
     np.testing.assert_allclose(opened.frames().axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
-    assert {p.name: p.read_bytes() for p in made.story.folder.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
 
 
 def test_a_session_in_memory_cannot_be_exported(session: OpenedSession) -> None:

@@ -1,4 +1,4 @@
-"""A session's story is read from its folder, without touching it."""
+"""A session's history is read from its folder, without touching it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from tiny_recordings import MemoryRecording
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.types import Rigid2
-from flatcloth.export.history import Decision, Story, read_story
+from flatcloth.export.history import Decision, SessionHistory, read_history
 from flatcloth.grasping.grasps import Grip
-from flatcloth.grasping.grips import GripBook
+from flatcloth.grasping.grips import GripStore
 from flatcloth.session.machine import (
     Accept,
     Followed,
@@ -72,8 +72,8 @@ class Play:
             self.folder.record(Proposed(request.token, view, Rigid2(), score=0.1 * view))
 
 
-def told(story: Story) -> list[tuple[int, str, bool]]:
-    return [(d.view_index, d.verdict, d.stands) for d in story.decisions]
+def told(history: SessionHistory) -> list[tuple[int, str, bool]]:
+    return [(d.view_index, d.verdict, d.stands) for d in history.decisions]
 
 
 def test_the_decisions_are_told_in_their_order(place: Path) -> None:
@@ -88,20 +88,20 @@ def test_the_decisions_are_told_in_their_order(place: Path) -> None:
     folder.record(Nudge(2, Rigid2(0.1)))
     folder.record(Accept(2))
     folder.close()
-    story = read_story(place)
-    assert told(story) == [(1, "accepted", True), (3, "rejected", True), (2, "accepted", True)]
-    first, second, third = story.decisions
-    assert [d.number for d in story.decisions] == [1, 2, 3]
+    history = read_history(place)
+    assert told(history) == [(1, "accepted", True), (3, "rejected", True), (2, "accepted", True)]
+    first, second, third = history.decisions
+    assert [d.number for d in history.decisions] == [1, 2, 3]
     assert (first.reason, second.reason) == ("", "bad depth")
-    assert [d.score for d in story.decisions] == pytest.approx([0.1, 0.3, 0.2])
-    assert [d.by_hand for d in story.decisions] == [False, True, False]
-    assert [d.moved for d in story.decisions] == [False, False, True]
-    assert all(isinstance(d, Decision) and d.time.startswith("20") for d in story.decisions)
+    assert [d.score for d in history.decisions] == pytest.approx([0.1, 0.3, 0.2])
+    assert [d.by_hand for d in history.decisions] == [False, True, False]
+    assert [d.moved for d in history.decisions] == [False, False, True]
+    assert all(isinstance(d, Decision) and d.time.startswith("20") for d in history.decisions)
     assert third.before.pending is not None
     assert third.before.pending.view_index == 2
     assert [a.view_index for a in third.before.accepted] == [1]
-    assert [a.view_index for a in story.document.accepted] == [1, 2]
-    assert (story.recording_name, story.n_views, story.method) == ("a <b>", len(RECORDING), "paper")
+    assert [a.view_index for a in history.document.accepted] == [1, 2]
+    assert (history.recording_name, history.n_views, history.method) == ("a <b>", len(RECORDING), "paper")
 
 
 def test_what_was_taken_back_does_not_stand_until_it_is_done_again(place: Path) -> None:
@@ -115,14 +115,18 @@ def test_what_was_taken_back_does_not_stand_until_it_is_done_again(place: Path) 
     play.propose(2)
     folder.record(Accept(2))
     folder.record(Undo())
-    assert told(read_story(place)) == [(1, "rejected", False), (1, "accepted", True), (2, "accepted", False)]
-    assert read_story(place).decisions[1].by_hand
+    assert told(read_history(place)) == [
+        (1, "rejected", False),
+        (1, "accepted", True),
+        (2, "accepted", False),
+    ]
+    assert read_history(place).decisions[1].by_hand
     folder.record(Redo())
-    assert told(read_story(place))[-1] == (2, "accepted", True)
+    assert told(read_history(place))[-1] == (2, "accepted", True)
     play.restart()
-    assert not any(d.stands for d in read_story(place).decisions)
+    assert not any(d.stands for d in read_history(place).decisions)
     folder.record(Undo())
-    assert [d.stands for d in read_story(place).decisions] == [False, True, True]
+    assert [d.stands for d in read_history(place).decisions] == [False, True, True]
     folder.close()
 
 
@@ -133,12 +137,12 @@ def test_picks_are_as_the_operator_left_them(place: Path) -> None:
     folder.rename_pick(3, "collar")
     folder.delete_pick(1)
     folder.close()
-    GripBook(place).set(3, Grip(opening_m=0.1))
-    story = read_story(place)
-    assert [(p.id, p.name) for p in story.picks] == [(2, "two"), (3, "collar")]
-    assert story.picks[0].source_rc == (3.0, 4.5)
-    assert np.isnan(story.picks[0].normal_held[2])
-    assert story.grips == {3: Grip(opening_m=0.1)}
+    GripStore(place).set(3, Grip(opening_m=0.1))
+    history = read_history(place)
+    assert [(p.id, p.name) for p in history.picks] == [(2, "two"), (3, "collar")]
+    assert history.picks[0].source_rc == (3.0, 4.5)
+    assert np.isnan(history.picks[0].normal_held[2])
+    assert history.grips == {3: Grip(opening_m=0.1)}
 
 
 def test_reading_neither_locks_nor_changes_a_session_that_is_open(place: Path) -> None:
@@ -148,8 +152,8 @@ def test_reading_neither_locks_nor_changes_a_session_that_is_open(place: Path) -
     with (place / "journal.jsonl").open("ab") as file:
         file.write(b'{"line": 4, "half')  # as if read while a line is being written
     before = {p.name: (p.read_bytes(), os.stat(p).st_mtime_ns) for p in place.iterdir()}
-    story = read_story(place)
-    assert story.document.start_view == 0
+    history = read_history(place)
+    assert history.document.start_view == 0
     assert {p.name: (p.read_bytes(), os.stat(p).st_mtime_ns) for p in place.iterdir()} == before
     folder.close()
 
@@ -157,9 +161,9 @@ def test_reading_neither_locks_nor_changes_a_session_that_is_open(place: Path) -
 def test_a_session_without_a_journal_has_not_begun(place: Path) -> None:
     opened(place).close()
     (place / "journal.jsonl").unlink()
-    story = read_story(place)
-    assert story.document.start_view is None
-    assert story.decisions == ()
+    history = read_history(place)
+    assert history.document.start_view is None
+    assert history.decisions == ()
 
 
 def test_a_damaged_journal_names_its_line(place: Path) -> None:
@@ -175,17 +179,17 @@ def test_a_damaged_journal_names_its_line(place: Path) -> None:
         text = journal.read_bytes()
         journal.write_bytes(text + bad)
         with pytest.raises(JournalError, match=r"journal\.jsonl: line 3 is damaged") as caught:
-            read_story(place)
+            read_history(place)
         assert "\n" not in str(caught.value)
         journal.write_bytes(text)
 
 
 def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
-    with pytest.raises(JournalError, match=r"no session folder.*--out or --session"):
-        read_story(tmp_path / "nowhere")
+    with pytest.raises(JournalError, match=r"not a session folder.*--out or --session"):
+        read_history(tmp_path / "nowhere")
     (tmp_path / "session.json").mkdir()
     with pytest.raises(JournalError, match="cannot be read"):
-        read_story(tmp_path)
+        read_history(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +199,7 @@ def test_a_header_that_cannot_be_understood_is_one_clear_line(place: Path, text:
     opened(place).close()
     (place / "session.json").write_text(text)
     with pytest.raises(JournalError, match=r"session\.json") as caught:
-        read_story(place)
+        read_history(place)
     assert "\n" not in str(caught.value)
 
 
@@ -208,15 +212,15 @@ def test_a_header_with_wrong_parts_is_one_clear_line(place: Path, key: str, valu
     header = json.loads((place / "session.json").read_text())
     header[key] = value
     (place / "session.json").write_text(json.dumps(header))
-    with pytest.raises(JournalError, match="cannot be understood"):
-        read_story(place)
+    with pytest.raises(JournalError, match="not valid"):
+        read_history(place)
 
 
 def test_damaged_grips_are_told(place: Path) -> None:
     opened(place).close()
     (place / "grips.json").write_text("{}")
     with pytest.raises(FlatclothError, match=r"grips\.json: is damaged"):
-        read_story(place)
+        read_history(place)
 
 
 def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None:
@@ -235,7 +239,7 @@ def test_a_decision_that_is_made_again_later_does_not_stand(place: Path) -> None
     folder.record(Followed(request.token, 2, Rigid2(), 0.1, holds=False, why="It does not fit."))
     folder.record(Accept(2))
     folder.close()
-    decisions = read_story(place).decisions
+    decisions = read_history(place).decisions
     told = [(d.view_index, d.verdict, d.stands, d.by_hand) for d in decisions]
     assert told == [
         (1, "accepted", False, False),

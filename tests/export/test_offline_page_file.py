@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_sessions import NAME, PICKS, cylinder_session
 from PIL import Image
-from takeaway_sessions import NAME, PICKS, cylinder_session
 
 from flatcloth.core.resources import static_folder
 from flatcloth.export.bundle import BundleError, bundle
@@ -66,8 +66,8 @@ def parts(text: str) -> Parts:
 
 
 @pytest.fixture(scope="module")
-def story(parts: Parts) -> dict:
-    return json.loads(parts.one("script", id="story")[1])
+def history(parts: Parts) -> dict:
+    return json.loads(parts.one("script", id="history")[1])
 
 
 @pytest.fixture(scope="module")
@@ -75,15 +75,15 @@ def data(parts: Parts) -> bytes:
     return zlib.decompress(base64.b64decode(parts.one("script", id="arrays")[1]), 31)
 
 
-def array(story: dict, data: bytes, name: str) -> np.ndarray:
-    where = story["arrays"][name]
+def array(history: dict, data: bytes, name: str) -> np.ndarray:
+    where = history["arrays"][name]
     dtype = np.dtype(where["kind"]).newbyteorder("<")
     assert where["start"] % dtype.itemsize == 0  # a browser's arrays begin at multiples of their element
     return np.frombuffer(data, dtype, where["count"], where["start"])
 
 
 def test_the_same_session_gives_the_same_page(session: OpenedSession, text: str) -> None:
-    assert page(OpenedSession(session.story, session.integration)) == text
+    assert page(OpenedSession(session.history, session.integration)) == text
 
 
 def test_nothing_is_loaded_from_anywhere(parts: Parts, text: str) -> None:
@@ -109,51 +109,51 @@ def test_the_policy_allows_the_pages_own_script_and_style_and_nothing_else(parts
     assert "unsafe" not in policy
 
 
-def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text: str, story: dict) -> None:
-    assert story["recording"]["name"] == NAME
-    assert [p["name"] for p in story["picks"]] == list(PICKS)
+def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text: str, history: dict) -> None:
+    assert history["recording"]["name"] == NAME
+    assert [p["name"] for p in history["picks"]] == list(PICKS)
     assert parts.one("title")[1] == f"{NAME} \u00b7 flatcloth"
     assert "<b>" not in text
     assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 3
 
 
-def test_the_cloth_comes_back_as_it_was(session: OpenedSession, story: dict, data: bytes) -> None:
+def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, data: bytes) -> None:
     growth = session.growth
-    grid, view = story["grid"], growth.view
-    first = array(story, data, "first").reshape(grid["rows"], grid["cols"])
+    grid, view = history["grid"], growth.view
+    first = array(history, data, "first").reshape(grid["rows"], grid["cols"])
     row, col = grid["corner_rc"]
     window = np.s_[row : row + grid["rows"], col : col + grid["cols"]]
     np.testing.assert_array_equal(first, growth.first_step[window])
-    assert (first >= 0).sum() == view.valid.sum() == story["count"]
+    assert (first >= 0).sum() == view.valid.sum() == history["count"]
     cloth = first >= 0
-    xyz = np.array(story["bounds"]["low"]) + story["bounds"]["step"] * array(story, data, "xyz").reshape(
-        -1, 3
-    )
+    xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * array(
+        history, data, "xyz"
+    ).reshape(-1, 3)
     np.testing.assert_allclose(xyz, view.xyz_m[window][cloth], atol=1e-5)
-    normal = array(story, data, "normal").reshape(-1, 3) / 127
+    normal = array(history, data, "normal").reshape(-1, 3) / 127
     np.testing.assert_allclose(normal, view.normal[window][cloth], atol=0.005)
     np.testing.assert_allclose(
-        array(story, data, "z_angle") / 10, view.z_angle_deg[window][cloth], atol=0.051
+        array(history, data, "z_angle") / 10, view.z_angle_deg[window][cloth], atol=0.051
     )
-    rc = array(story, data, "source_rc").reshape(-1, 2) / 10
+    rc = array(history, data, "source_rc").reshape(-1, 2) / 10
     np.testing.assert_allclose(rc, view.source_rc[window][cloth], atol=0.051)
     np.testing.assert_allclose(grid["origin_uv_m"], view.uv_from_rc(np.array([row, col])))
-    around = array(story, data, "around_xyz").reshape(-1, 3)
-    assert len(around) == sum(a["count"] for a in story["around"])
-    assert len(array(story, data, "around_rgb")) == around.size
-    color = next(layer for layer in story["layers"] if layer["name"] == "color")
+    around = array(history, data, "around_xyz").reshape(-1, 3)
+    assert len(around) == sum(a["count"] for a in history["around"])
+    assert len(array(history, data, "around_rgb")) == around.size
+    color = next(layer for layer in history["layers"] if layer["name"] == "color")
     image = np.asarray(Image.open(io.BytesIO(data[color["start"] : color["start"] + color["count"]])))
     np.testing.assert_array_equal(image[..., :3][cloth], view.rgb[window][cloth])
 
 
-def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession, story: dict) -> None:
-    assert [s["view_index"] for s in story["steps"]] == [0, 1, 2]
-    assert story["steps"][0]["told"] == "the start view"
-    assert sum(s["added_cm2"] for s in story["steps"]) == pytest.approx(story["steps"][-1]["area_cm2"])
-    assert [(d["verdict"], d["stands"], d["step"]) for d in story["decisions"]] == [
+def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession, history: dict) -> None:
+    assert [s["view_index"] for s in history["steps"]] == [0, 1, 2]
+    assert history["steps"][0]["told"] == "the start view"
+    assert sum(s["added_cm2"] for s in history["steps"]) == pytest.approx(history["steps"][-1]["area_cm2"])
+    assert [(d["verdict"], d["stands"], d["step"]) for d in history["decisions"]] == [
         ("rejected", False, None), ("accepted", True, 1), ("accepted", True, 2),
     ]  # fmt: skip
-    middle, edge, gone = story["picks"]
+    middle, edge, gone = history["picks"]
     assert middle["grip"]["opening_m"] == 0.06
     assert np.array(middle["gripper_m"]).shape == (6, 2, 3)
     assert middle["uv_m"] is not None
@@ -164,7 +164,7 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
 def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> None:
     script = parts.one("script", type="module")[1]
     ids = {attributes.get("id") for _, attributes, _ in parts.found}
-    asked = set(re.findall(r'\$\("([\w-]+)"\)', script))
+    asked = set(re.findall(r'byId\("([\w-]+)"\)', script[script.index("module_offline") :]))
     assert asked
     assert asked <= ids
     assert {"canvas", "stage"} <= ids  # asked for by the canvas that the operator page has too

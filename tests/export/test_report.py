@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from exported_sessions import NAME, PICKS, cylinder_session
 from PIL import Image, ImageSequence
 from scenes import AXIS
-from takeaway_sessions import NAME, PICKS, cylinder_session
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
@@ -73,21 +73,21 @@ def test_texts_stay_texts_and_nothing_is_loaded(text: str) -> None:
 def test_it_is_laid_out_for_paper_and_the_same_each_time(session: OpenedSession, text: str) -> None:
     assert "@page { size: A4" in text
     assert "break-inside: avoid" in text
-    assert report(OpenedSession(session.story, session.integration)) == text
+    assert report(OpenedSession(session.history, session.integration)) == text
 
 
 def test_settings_that_differ_are_listed_with_their_defaults(session: OpenedSession) -> None:
     assert differences(Config()) == []
     changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
     assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.03)]
-    story = replace(session.story, config=changed)
-    assert "planning.overlap_area_m2 0.05 0.03" in words(report(OpenedSession(story, session.integration)))
+    history = replace(session.history, config=changed)
+    assert "planning.overlap_area_m2 0.05 0.03" in words(report(OpenedSession(history, session.integration)))
 
 
 def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
     document = Document(start_view=0, finished="One view <only>.")
-    story = replace(session.story, document=document, decisions=(), picks=(), config=Config())
-    seen = words(report(OpenedSession(story, session.integration)))
+    history = replace(session.history, document=document, decisions=(), picks=(), config=Config())
+    seen = words(report(OpenedSession(history, session.integration)))
     assert "Nothing was decided" in seen
     assert "No grasp point was picked" in seen
     assert "One view <only>." in seen
@@ -158,7 +158,7 @@ def test_what_a_step_adds_is_tinted_while_it_is_held(session: OpenedSession) -> 
 
 def test_an_mp4_plays_as_long_as_the_gif(session: OpenedSession, tmp_path: Path) -> None:
     path = tmp_path / "growth.MP4"
-    session = OpenedSession(replace(session.story, document=Document(start_view=0)), session.integration)
+    session = OpenedSession(replace(session.history, document=Document(start_view=0)), session.integration)
     write_animation(session, path)
     video = cv2.VideoCapture(str(path))
     count = 0

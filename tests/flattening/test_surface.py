@@ -78,12 +78,12 @@ def test_layers_are_never_joined_by_a_step_or_a_sensor_ramp(gap_m: float, ramp_p
 def test_a_turning_outline_is_no_ramp() -> None:
     shown = Cylinder()[0]
     inverse = np.where(shown.mask, 1.0 / np.where(shown.mask, shown.depth_m, 1.0), 0.0)
-    assert not find_ramps(inverse, CAMERA, CONFIG).any()
+    assert not find_ramps(inverse, CAMERA).any()
 
 
 def test_a_plane_seen_steeply_is_no_ramp() -> None:
     depth = plane(1.4, 0.0)
-    assert not find_ramps(np.where(box(0.1, depth), 1.0 / depth, 0.0), CAMERA, CONFIG).any()
+    assert not find_ramps(np.where(box(0.1, depth), 1.0 / depth, 0.0), CAMERA).any()
 
 
 def test_a_small_dropout_is_bridged_exactly_and_a_large_one_stays_open() -> None:

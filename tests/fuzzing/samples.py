@@ -13,10 +13,10 @@ import cv2
 import foreign_folders
 import numpy as np
 import ros_bags
+from exported_sessions import write_cylinder, write_session
 from garment_meshes import arc, write_glb, write_obj, write_ply
 from pcd_files import cloud_points, write_pcd
 from realsense_files import stop_and_go, turning, write_realsense
-from takeaway_sessions import write_cylinder, write_session
 from tiny_recordings import write_recording
 
 SMALL_CAMERA = ("--size", "64", "64", "--focal", "40", "--step", "90")

@@ -74,7 +74,7 @@ def test_a_format_of_another_package_may_fail_but_not_the_program(added: None, t
 def test_a_format_can_be_named(added: None, tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "in")
     assert open_recording(folder, SourceOptions(format="mine")).name == "in"
-    with pytest.raises(RecordingError, match="no such format"):
+    with pytest.raises(RecordingError, match="unknown format"):
         open_recording(folder, SourceOptions(format="nobody's"))
 
 
@@ -89,14 +89,14 @@ def test_a_field_of_view_makes_a_rough_camera_and_says_so(tmp_path: Path) -> Non
         pytest.approx(60)
     )
     assert math.degrees(2 * math.atan(HEIGHT / 2 / k.fy)) == pytest.approx(50)
-    assert "rough" in made.notes[0]  # type: ignore[attr-defined]
+    assert "approximate" in made.notes[0]  # type: ignore[attr-defined]
     assert json.loads(file.read_text())["rough"] is True
     again = open_recording(folder, SourceOptions(step_deg=10, camera_file=file))
     assert again.intrinsics.fx == pytest.approx(k.fx, abs=1e-4)
-    assert "rough" in again.notes[0]  # type: ignore[attr-defined]
+    assert "approximate" in again.notes[0]  # type: ignore[attr-defined]
     with pytest.raises(RecordingError, match="together with --fov"):
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 50), camera_file=file))
-    with pytest.raises(RecordingError, match="no field of view"):
+    with pytest.raises(RecordingError, match="not a field of view"):
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(0, 200)))
 
 
@@ -120,11 +120,11 @@ def test_options_survive_a_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "cause"),
     [
-        ({"speed": 1}, "no option is called 'speed'"),
+        ({"speed": 1}, "unknown option 'speed'"),
         ({"step_deg": "fast"}, "step_deg is not a number"),
         ({"step_deg": True}, "not a number"),
         ({"fov_deg": "60"}, "not a pair"),
-        ({"sweep": "up"}, "is not known"),
+        ({"sweep": "up"}, "is unknown"),
         ({"angles": 3}, "is not a text"),
     ],
 )

@@ -84,7 +84,7 @@ def test_images_without_clouds_need_a_camera_and_one_size(tmp_path: Path) -> Non
     refused(plain, "does not describe its camera")
     recording = opened(plain, fov_deg=(31.5, 31.5))
     assert recording.name == "01-02-03"
-    assert "rough" in recording.notes[0]
+    assert "approximate" in recording.notes[0]
     assert recording[2].depth_m.max() == pytest.approx(Cylinder()[0].depth_m.max(), abs=0.001)
     for file in plain.glob("*_rgb.png"):
         cv2.imwrite(str(file), cv2.imread(str(file))[::2])
@@ -94,7 +94,7 @@ def test_images_without_clouds_need_a_camera_and_one_size(tmp_path: Path) -> Non
 def test_what_is_not_known_is_asked_for(area: Path, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="--turning DEG"):
         open_recording(area)
-    refused(area, "--turning was given together with --step", step_deg=10.0)
+    refused(area, "--turning given together with --step", step_deg=10.0)
     refused(area, "1 to 720", turning_deg=0.0)
     assert len(open_recording(area, step_deg=7.0)) == 25
     assert len(opened(area, turning_deg=360.0)) == 24  # the last shows the first again
@@ -130,7 +130,7 @@ def test_options_that_a_format_has_no_use_for_are_refused(tmp_path: Path) -> Non
     from foreign_folders import write_open3d
     from tiny_recordings import write_recording
 
-    with pytest.raises(RecordingError, match=r"describes its camera itself. Leave out --fov"):
+    with pytest.raises(RecordingError, match=r"contains its camera. Leave out --fov"):
         open_recording(write_recording(tmp_path / "a"), SourceOptions(fov_deg=(60, 40)))
     with pytest.raises(RecordingError, match=r"Leave out --turning"):
         open_recording(write_open3d(tmp_path / "b"), SourceOptions(turning_deg=60))

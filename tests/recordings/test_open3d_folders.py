@@ -112,15 +112,15 @@ def test_depth_scale_and_distortion_of_the_camera_file_are_used(tmp_path: Path) 
     [
         ([1], "not a JSON object"),
         ({"fx": 20}, "fy is null"),
-        ({"intrinsic_matrix": [1, 2]}, "no camera's"),
-        ({"intrinsic_matrix": 5}, "no camera's"),
-        ({"intrinsic_matrix": [*MATRIX[:8], 2]}, "no camera's"),
+        ({"intrinsic_matrix": [1, 2]}, "not a camera matrix"),
+        ({"intrinsic_matrix": 5}, "not a camera matrix"),
+        ({"intrinsic_matrix": [*MATRIX[:8], 2]}, "not a camera matrix"),
         ({"intrinsic_matrix": ["x"] * 9}, "intrinsic_matrix is x"),
         ({"width": 32, "height": 12, "intrinsic_matrix": MATRIX}, "32x12 px, but they have 16x12"),
         ({"intrinsic_matrix": MATRIX, "depth_scale": 1}, "depth_scale is 1"),
         ({"intrinsic_matrix": MATRIX, "distortion": [1]}, "4, 5 or 8 numbers"),
         ({"intrinsic_matrix": MATRIX, "distortion": [9, -90, 0, 0]}, "folds"),
-        ({"fx": 1e6, "fy": 20, "cx": 8, "cy": 6}, "No camera of 16x12 px"),
+        ({"fx": 1e6, "fy": 20, "cx": 8, "cy": 6}, "Give pixels of a 16x12 image"),
         ({"fx": float("nan"), "fy": 20, "cx": 8, "cy": 6}, "fx is NaN"),
     ],
 )
@@ -134,12 +134,12 @@ def test_images_that_do_not_pair_are_told(tmp_path: Path) -> None:
     assert len(read(folder)) == 3  # all color images have a partner by name
     shutil.copy(folder / "color" / "00000.png", folder / "color" / "more.png")
     shutil.copy(folder / "color" / "00000.png", folder / "color" / "others.png")
-    refused(folder, "has 5 images, but depth has 4, of other names")
+    refused(folder, "has 5 images, but depth has 4, with other names")
     shutil.copy(folder / "depth" / "00000.png", folder / "depth" / "00000.tif")
-    refused(folder, "depth: has one image in two kinds of file")
+    refused(folder, "depth: has one image in two file formats")
     (folder / "depth" / "00000.tif").unlink()
     shutil.copy(folder / "color" / "00000.png", folder / "color" / "00000.jpg")
-    refused(folder, "color: has one image in two kinds of file")
+    refused(folder, "color: has one image in two file formats")
     shutil.rmtree(folder / "depth")
     (folder / "depth").mkdir()
     refused(folder, "depth: has no images")
@@ -166,7 +166,7 @@ def test_infinity_not_a_number_and_the_far_plane_are_not_measured(tmp_path: Path
 def test_floating_depth_in_millimetres_is_refused_but_a_far_background_is_not(tmp_path: Path) -> None:
     folder = write_open3d(tmp_path / "scan", 1, suffix=".npy", dtype=np.float32)
     np.save(folder / "depth" / "00000.npy", 1000 * depth_m(0))
-    refused(folder, "floating-point depth is in metres")
+    refused(folder, "floating-point values exceed 100 m")
     rendered = np.full((HEIGHT, WIDTH), 1e10, dtype=np.float32)
     rendered[2, 2] = 0.8
     np.save(folder / "depth" / "00000.npy", rendered)
@@ -209,11 +209,11 @@ def test_depth_files_that_are_wrong_are_one_line(tmp_path: Path) -> None:
         whole = saved(name, pixels)
         put(f"00000{Path(name).suffix}", whole[:-20], "truncated|damaged")
         put(f"00000{Path(name).suffix}", whole[:40], "truncated|damaged|not a readable")
-    put("00000.npy", saved("a.npy", np.ones((HEIGHT, WIDTH, 3))), "unusual kind")
-    put("00000.npy", saved("a.npy", np.asfortranarray(units)), "unusual kind")
-    put("00000.npy", saved("a.npy", np.array([{"a": 1}], dtype=object)), "unusual kind")
-    put("00000.npy", saved("a.npy", units[:5]), "16x5 px, but the intrinsics say 16x12")
-    put("00000.npy", saved("a.npy", 0 * units), "no depth at all")
+    put("00000.npy", saved("a.npy", np.ones((HEIGHT, WIDTH, 3))), "not supported")
+    put("00000.npy", saved("a.npy", np.asfortranarray(units)), "not supported")
+    put("00000.npy", saved("a.npy", np.array([{"a": 1}], dtype=object)), "not supported")
+    put("00000.npy", saved("a.npy", units[:5]), "16x5 px, but the intrinsics are for 16x12")
+    put("00000.npy", saved("a.npy", 0 * units), "no depth, every pixel is 0")
     put("00000.npy", b"\x93NUMPY\x01\x00", "damaged")
     put("00000.tif", saved("a.tif", np.ones((HEIGHT, WIDTH, 3), dtype=np.uint16)), "with 3 channels")
     put("00000.png", saved("a.png", units.astype(np.uint8)), "8-bit PNG")

@@ -77,7 +77,7 @@ def test_damage_is_told_in_one_line(tmp_path: Path) -> None:
             binary.replace(b"HEIGHT 48", b"HEIGHT 1").replace(b"WIDTH 64", b"WIDTH 3072"),
             "a list, not an image",
         ),
-        (binary.replace(b"FIELDS x y z", b"FIELDS u v w"), "no PCD file with x, y and z"),
+        (binary.replace(b"FIELDS x y z", b"FIELDS u v w"), "not a PCD file with x, y and z"),
         (binary.replace(b"WIDTH 64", b"WIDTH 9999999"), "damaged"),
         (binary.replace(b"SIZE 4", b"SIZE 3"), "damaged"),
         (binary.replace(b"DATA binary", b"DATA xml___"), "damaged"),

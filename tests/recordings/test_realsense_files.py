@@ -49,7 +49,7 @@ def test_the_stops_of_a_file_become_views(files: Path) -> None:
     assert read.angles_deg == (0.0, 10.0, 20.0)
     assert read.intrinsics == CAMERA
     assert (read.name, read.has_masks, read.rotation_axis) == ("stops", False, None)
-    assert read.notes == ("3 stops were found in 4.5 s, taken as 10 degrees apart.",)
+    assert read.notes == ("3 stops were found in 4.5 s, assumed 10 degrees apart.",)
     for n in range(STOPS):
         error = depth_error_mm(read, n, n * STEP_DEG)
         # Frames have 1 mm units and 1.1 mm of noise; the average of the stop's frames is better.
@@ -231,7 +231,7 @@ def test_color_of_another_time_is_used_only_if_there_is_no_other(tmp_path: Path)
 def test_a_few_frames_are_one_view(tmp_path: Path) -> None:
     read = open_realsense(write_realsense(tmp_path / "few.db3", turning(lambda _t: 0.0, 0.3)))
     assert read.angles_deg == (0.0,)
-    assert "Frames: only 4" in read.description
+    assert "Only 4 frames" in read.description
 
 
 def test_a_file_killed_while_it_was_recorded_keeps_what_was_written(tmp_path: Path) -> None:
@@ -299,10 +299,10 @@ def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:
     contents = {
         "empty.db3": (b"", "empty"),
         "empty.bag": (b"", "empty"),
-        "text.db3": (b"hello\n" * 500, "neither a .db3 nor a .bag"),
-        "random.bag": (os.urandom(5000), "neither a .db3 nor a .bag"),
+        "text.db3": (b"hello\n" * 500, "its content is not .db3 or .bag"),
+        "random.bag": (os.urandom(5000), "its content is not .db3 or .bag"),
         "capital.DB3": (whole, "Rename it to capital.db3"),
-        "named.bag": (whole, "by its content a .db3 file. Rename it to named.db3"),
+        "named.bag": (whole, "its content is that of a .db3 file. Rename it to named.db3"),
         "truncated.db3": (whole[: len(whole) * 2 // 3], "truncated or damaged"),
         "index.db3": (whole[:4096] + os.urandom(8192) + whole[12288:], "truncated or damaged"),
         "cut.bag": (
@@ -317,7 +317,7 @@ def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:
         **{folder / name: message for name, (_, message) in contents.items()},
         folder / "folder.db3": "a folder, not a file",
         folder / "none.db3": "no such file",
-        database: "no RealSense recording",
+        database: "not a RealSense recording",
     }
 
 
@@ -353,7 +353,7 @@ def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
         for n in range(15)
     ]
     file = write_realsense(tmp_path / "dark.db3", shots)
-    with pytest.raises(RecordingError, match="nothing was measured"):
+    with pytest.raises(RecordingError, match="no depth was measured"):
         open_realsense(file)
 
 
@@ -365,7 +365,7 @@ def test_a_recording_of_nothing_is_refused(tmp_path: Path) -> None:
         (TurnOptions(turning_speed_deg_s=0), "--turning-speed 0"),
         (TurnOptions(align="infrared"), "no alignment 'infrared'"),
         (TurnOptions(angles=Path("none.csv")), r"none\.csv"),
-        (TurnOptions(angles=Path("a.csv"), turning_speed_deg_s=3), "give one of them"),
+        (TurnOptions(angles=Path("a.csv"), turning_speed_deg_s=3), "Give only one of them"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(files: Path, options: TurnOptions, message: str) -> None:
@@ -406,7 +406,7 @@ def test_import_writes_a_folder_that_opens_as_the_file_does(
     np.testing.assert_array_equal(folder[1].color, direct[1].color)
     assert folder[1].depth_m[0, 0] == pytest.approx(WALL_M, abs=0.01)
     assert main(["import", str(files / "stops.db3"), "--out", str(out)]) == 2
-    assert "has a recording in it" in capsys.readouterr().err
+    assert "contains a recording" in capsys.readouterr().err
 
 
 def test_import_takes_any_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

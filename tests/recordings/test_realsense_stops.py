@@ -184,7 +184,7 @@ def test_a_table_of_times_and_angles_is_read(tmp_path: Path, text: str) -> None:
         ("0,0\n0,1\n", "line 2 is not later"),
         ("0,0\n1,nan\n", "line 2 has a number out of range"),
         ("inf,0\n", "line 1 has a number out of range"),
-        ("100,0\n102,20\n", "are not those of the recording"),
+        ("100,0\n102,20\n", "do not match the recording"),
     ],
 )
 def test_a_table_that_is_none_is_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -57,16 +57,16 @@ def test_a_table_is_read_in_its_forms(
         ("0\n10\nx\n30", "line 3 has the angle x"),
         ("0\n10\nnan\n30", "line 3 has the angle nan"),
         ("0\n10\n9999\n30", "line 3 has the angle 9999"),
-        ("0 1\n10 2\n", "does not tell which number is the angle"),
-        ("view,degrees\n0,0\n", "names no column angle_deg"),
+        ("0 1\n10 2\n", "does not show which number is the angle"),
+        ("view,degrees\n0,0\n", "has no column angle_deg"),
         ("view,angle_deg\n0,0\n1\n", "line 3 has 1 columns, not 2"),
         ("view,angle_deg\n0,0\n4,10\n", "line 3: there is no view 4, they are 0 to 3"),
         ("view,angle_deg\n0,0\n0.5,10\n", "no view 0.5"),
         ("view,angle_deg\n0,0\none,10\n", "view is one, not a number"),
         ("view,angle_deg\n0,0\n0,10\n", "line 3 and line 2 name the same view"),
         ("view,angle_deg\n0,0\n1,360\n", "line 3 has the angle of line 2"),
-        ("file,angle_deg\nc.png,0\n", "no color images are called c.png"),
-        ("file,angle_deg\nb.png,0\n", "2 color images are called b.png"),
+        ("file,angle_deg\nc.png,0\n", "no color images are named c.png"),
+        ("file,angle_deg\nb.png,0\n", "2 color images are named b.png"),
         ("time_s,angle_deg\n1010,0\n", "no image was taken at 1010 s"),
         ("time_s,angle_deg\nnoon,0\n", "time_s is noon"),
     ],
@@ -115,5 +115,5 @@ def test_angles_are_given_once_and_only_where_there_are_none(tmp_path: Path) -> 
         open_recording(folder, angles=tmp_path / "angles.csv", step_deg=10)
     with pytest.raises(RecordingError, match=r"angles\.csv: missing"):
         open_recording(folder, angles=tmp_path / "angles.csv")
-    with pytest.raises(RecordingError, match="has its own angles"):
+    with pytest.raises(RecordingError, match="contains its angles"):
         open_recording(write_recording(tmp_path / "native"), step_deg=10)

@@ -225,18 +225,18 @@ DEPTH = np.full((HEIGHT, WIDTH), 850, dtype=np.uint16)
 @pytest.mark.parametrize(
     ("file", "pixels", "cause"),
     [
-        ("color/1.png", COLOR[:, :-1], "15x12 px, but the intrinsics say 16x12"),
-        ("color/1.png", np.swapaxes(COLOR, 0, 1), "12x16 px, but the intrinsics say 16x12"),
+        ("color/1.png", COLOR[:, :-1], "15x12 px, but the intrinsics are for 16x12"),
+        ("color/1.png", np.swapaxes(COLOR, 0, 1), "12x16 px, but the intrinsics are for 16x12"),
         ("color/1.png", GRAY, "8-bit PNG with 1 channel. Color images must be"),
         ("color/1.png", COLOR.astype(np.uint16), "16-bit PNG with 3 channels. Color images must be"),
-        ("depth/1.png", DEPTH[:-1], "16x11 px, but the intrinsics say 16x12"),
+        ("depth/1.png", DEPTH[:-1], "16x11 px, but the intrinsics are for 16x12"),
         ("depth/1.png", DEPTH.astype(np.uint8), "8-bit PNG with 1 channel. Depth images must be"),
         ("depth/1.png", np.dstack([DEPTH] * 3), "16-bit PNG with 3 channels. Depth images must be"),
-        ("depth/1.png", np.zeros_like(DEPTH), "no depth at all"),
-        ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics say 16x12"),
+        ("depth/1.png", np.zeros_like(DEPTH), "no depth, every pixel is 0"),
+        ("mask/1.png", GRAY[1:], "16x11 px, but the intrinsics are for 16x12"),
         ("mask/1.png", DEPTH, "16-bit PNG with 1 channel. Masks must be"),
         ("mask/1.png", COLOR, "8-bit PNG with 3 channels. Masks must be"),
-        ("mask/1.png", np.ones_like(GRAY), "the largest is 1. Mark the side of interest with 255"),
+        ("mask/1.png", np.ones_like(GRAY), "the largest value is 1. Mark the side of interest with 255"),
     ],
 )
 def test_an_image_of_the_wrong_size_or_kind_is_named(
@@ -305,7 +305,7 @@ def test_pixels_that_do_not_decode_are_named(folder: Path) -> None:
     chunk = struct.pack(">I", len(junk) - 4) + junk + struct.pack(">I", zlib.crc32(junk))
     end_of_image = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
     path.write_bytes(data[:start] + chunk + end_of_image)
-    refused(folder, "cannot be decoded|no depth at all", "depth/1.png")
+    refused(folder, "cannot be decoded|no depth, every pixel is 0", "depth/1.png")
 
 
 def test_an_image_that_announces_a_giant_is_never_decoded(
@@ -318,7 +318,7 @@ def test_an_image_that_announces_a_giant_is_never_decoded(
     recording = open_recording(folder)
     path.write_bytes(data)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
-    with pytest.raises(RecordingError, match="60000x60000 px, but the intrinsics say 16x12"):
+    with pytest.raises(RecordingError, match="60000x60000 px, but the intrinsics are for 16x12"):
         recording[1]
     with pytest.raises(RecordingError, match="60000x60000 px"):
         open_recording(folder)
@@ -328,7 +328,7 @@ def test_a_camera_of_more_pixels_than_fit_into_memory_is_refused(folder: Path) -
     content = header()
     content["intrinsics"] |= {"width": 16384, "height": 16384, "fx": 20_000.0, "fy": 20_000.0}
     write_header(folder, content)
-    refused(folder, "268 megapixels. At most 25 are read")
+    refused(folder, "268 megapixels. The limit is 25")
 
 
 @pytest.mark.parametrize("bomb", ["comments", "scans"])

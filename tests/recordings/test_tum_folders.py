@@ -120,4 +120,4 @@ def test_lists_that_share_no_time_are_told(tmp_path: Path) -> None:
 def test_depth_of_another_size_than_color_is_refused(tmp_path: Path) -> None:
     folder = write_tum(tmp_path / "tum")
     write(next(folder.glob("depth/*.png")), np.ones((HEIGHT, WIDTH + 1), dtype=np.uint16))
-    refused(folder, "17x12 px, but the intrinsics say 16x12")
+    refused(folder, "17x12 px, but the intrinsics are for 16x12")

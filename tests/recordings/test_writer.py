@@ -117,7 +117,7 @@ def test_a_full_disk_is_told_and_the_view_can_be_repeated(
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(writer.os, "fsync", full)
-        with pytest.raises(RecordingError, match=r"view 1 cannot be written .No space left on device.*safe"):
+        with pytest.raises(RecordingError, match=r"view 1 cannot be written .No space left on device.*saved"):
             made.add(10, color(1), depth(1))
         monkeypatch.undo()
         assert len(open_recording(tmp_path)) == len(made) == 1
@@ -138,7 +138,7 @@ def test_a_recording_is_gone_on_with_only_when_asked(tmp_path: Path) -> None:
     with writing(tmp_path, description="first") as made:
         made.add(0, color(0), depth(0))
     before = (tmp_path / "recording.json").read_bytes()
-    with pytest.raises(RecordingError, match=r"has a recording in it.*--resume"):
+    with pytest.raises(RecordingError, match=r"contains a recording.*--resume"):
         writing(tmp_path)
     assert (tmp_path / "recording.json").read_bytes() == before
     with writing(tmp_path, description="second", resume=True) as made:
@@ -195,7 +195,7 @@ def test_a_recording_with_lens_distortion_cannot_go_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"views": [], "format": 3}', "\xff", "[" * 100_000])
 def test_a_damaged_header_is_not_gone_on_with(tmp_path: Path, text: str) -> None:
     (tmp_path / "recording.json").write_text(text, encoding="latin-1")
-    with pytest.raises(RecordingError, match=r"recording.json: (no recording that can|was recorded with)"):
+    with pytest.raises(RecordingError, match=r"recording.json: (not a recording that can|was recorded with)"):
         writing(tmp_path, resume=True)
 
 
@@ -215,10 +215,10 @@ def test_a_view_that_no_reader_would_take_is_refused(tmp_path: Path) -> None:
     with writing(tmp_path) as made:
         made.add(0, color(0), depth(0))
         bad: list[tuple[str, tuple[Any, ...]]] = [
-            ("there already", (360.005, color(1), depth(1))),
+            ("repeats an angle", (360.005, color(1), depth(1))),
             ("has the angle nan", (float("nan"), color(1), depth(1))),
             ("has the angle 4000", (4000.0, color(1), depth(1))),
-            ("no depth at all", (10, color(1), depth(1) * 0)),
+            ("no depth, every pixel is 0", (10, color(1), depth(1) * 0)),
             ("color image of view 1 is float64", (10, color(1) / 255, depth(1))),
             (r"color image of view 1 is uint8 \(12, 16\)", (10, color(1)[..., 0], depth(1))),
             ("depth image of view 1 is float32", (10, color(1), depth(1).astype(np.float32))),

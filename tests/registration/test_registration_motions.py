@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import AXIS, frame, rays
 
-from flatcloth.core.config import RegistrationConfig, SurfaceConfig
+from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import observe_surface
@@ -21,10 +21,9 @@ from flatcloth.registration.cameras import (
     extend_registration,
     register_all,
 )
-from flatcloth.registration.pose_prior import motion, twist_of
-from flatcloth.registration.view_features import Scan, scan
+from flatcloth.registration.pose_prior import PosePrior, motion, twist_of
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 
-CONFIG = RegistrationConfig()
 HELD_M = AXIS.point_m + np.array([0.0, -0.12, 0.0])
 HALF_HEIGHT_M, RADIUS_M = 0.12, 0.10
 ANGLES = (0.0, 30.0, -30.0, 60.0)
@@ -88,14 +87,14 @@ def render(relief: Relief, paint: Paint, pose: Rigid3) -> tuple[Float64, Float64
     return np.where(seen, depth, np.nan), paint(around, place[..., 1])
 
 
-def scans_of(
+def features_of_views(
     relief: Relief = bumps,
     paint: Paint = printed,
     loose: Loose = EXACT,
     angles: tuple[float, ...] = ANGLES,
     spoiled: Callable[[Float64, int], Float64] = lambda depth, _n: depth,
     lit: Callable[[Float64], Float64] | None = None,
-) -> list[Scan]:
+) -> list[ViewFeatures]:
     found = []
     for n, angle in enumerate(angles):
         depth, color = render(relief, paint, loose.camera_from_held(n, angle))
@@ -103,12 +102,12 @@ def scans_of(
             color = color * lit(depth)[..., None]
         depth = spoiled(depth, n)
         shown = frame(depth, np.isfinite(depth), np.clip(color, 0, 255), n, angle)
-        found.append(scan(observe_surface(shown, AXIS, SurfaceConfig()), CONFIG))
+        found.append(extract_features(observe_surface(shown, AXIS, SurfaceConfig())))
     return found
 
 
-def registered(scans: list[Scan]) -> Registered:
-    return register_all(scans, AXIS, HELD_M, CONFIG)
+def registered(features: list[ViewFeatures]) -> Registered:
+    return register_all(features, AXIS, HELD_M)
 
 
 def slips_m(found: Registered, loose: Loose = EXACT, *, known: bool = False) -> Float64:
@@ -119,7 +118,7 @@ def slips_m(found: Registered, loose: Loose = EXACT, *, known: bool = False) -> 
     poses = found.known if known else found.held_from_camera
     off = [
         pose.apply(loose.camera_from_held(n, seen.angle_deg).apply(points))
-        for n, (pose, seen) in enumerate(zip(poses, found.scans, strict=True))
+        for n, (pose, seen) in enumerate(zip(poses, found.features, strict=True))
     ]
     return np.array([np.linalg.norm(o - off[0], axis=1).max() for o in off[1:]])
 
@@ -146,7 +145,7 @@ SWINGING = replace(LOOSE, swung_deg=((0.0, 0.0), (0.8, -0.5), (-0.6, 0.9), (1.0,
 def test_a_wrong_axis_wrong_angles_and_swing_are_found(
     loose: Loose, spoiled: Callable[[Float64, int], Float64]
 ) -> None:
-    found = registered(scans_of(loose=loose, spoiled=spoiled))
+    found = registered(features_of_views(loose=loose, spoiled=spoiled))
     assert slips_m(found, loose, known=True).max() > 0.004
     assert slips_m(found, loose).max() < 0.0016
     assert slips_m(found, loose).max() < 0.3 * slips_m(found, loose, known=True).max()
@@ -157,15 +156,15 @@ def test_a_wrong_axis_wrong_angles_and_swing_are_found(
 
 
 def test_the_errors_are_as_large_as_is_said() -> None:
-    found = registered(scans_of(loose=SWINGING, spoiled=noise))
+    found = registered(features_of_views(loose=SWINGING, spoiled=noise))
     for n, view in enumerate(found.views[1:], start=1):
-        middle = found.known[n].apply(np.median(found.scans[n].points_m, axis=0))
+        middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
 
         def off(k: int, middle: Float64 = middle) -> Float64:
-            true = SWINGING.camera_from_held(k, found.scans[k].angle_deg)
+            true = SWINGING.camera_from_held(k, found.features[k].angle_deg)
             return (found.held_from_camera[k] @ true).apply(middle) - middle
 
-        against = np.mean([off(p) for p in range(len(found.scans)) if p in view.views], axis=0)
+        against = np.mean([off(p) for p in range(len(found.features)) if p in view.views], axis=0)
         assert (np.abs(off(n) - against) < 4.0 * view.std_m + 0.0002).all()
         assert (view.std_m < 0.001).all()
         assert (view.std_deg < 0.6).all()
@@ -173,7 +172,7 @@ def test_the_errors_are_as_large_as_is_said() -> None:
 
 @pytest.mark.parametrize("spoiled", [lambda depth, _n: depth, noise], ids=["clean", "noisy"])
 def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
-    found = registered(scans_of(spoiled=spoiled))
+    found = registered(features_of_views(spoiled=spoiled))
     assert slips_m(found).max() < 0.0004
     turn_deg, axis_m, swing_deg = found.looseness
     assert turn_deg < 0.15
@@ -182,17 +181,17 @@ def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
 
 
 def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() -> None:
-    scans = scans_of(spoiled=lambda depth, _n: fattened(depth, 1.0))
-    found = registered(scans)
+    features = features_of_views(spoiled=lambda depth, _n: fattened(depth, 1.0))
+    found = registered(features)
     assert found.fattening_px == pytest.approx(1.0, abs=0.15)
     assert abs(found.fattening_px - 1.0) < 4.0 * found.fattening_std_px
     assert slips_m(found).max() < 0.0005
     true, _ = render(bumps, printed, EXACT.camera_from_held(0, 0.0))
-    surface = scans[0].surface
+    surface = features[0].surface
     inner = cv2.erode(surface.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     inner &= surface.normal[..., 2] < -0.6
     before = np.median(surface.xyz_m[..., 2][inner] - true[inner])
-    deeper = 1.0 + found.fattening_px * scans[0].fattening
+    deeper = 1.0 + found.fattening_px * features[0].fattening
     after = np.median((surface.xyz_m[..., 2] * deeper)[inner] - true[inner])
     assert before < -0.0005
     assert abs(after) < 0.3 * abs(before)
@@ -200,7 +199,7 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
 
 def test_texture_decides_how_a_smooth_cylinder_is_turned() -> None:
     loose = Loose(turned_deg=(0.0, 1.2, -1.0, 1.5))
-    found = registered(scans_of(smooth, printed, loose))
+    found = registered(features_of_views(smooth, printed, loose))
     for view, recorded_short_deg in zip(found.views, loose.turned_deg, strict=True):
         first = found.views[0]
         assert view.turned_deg - first.turned_deg == pytest.approx(recorded_short_deg, abs=0.15)
@@ -209,15 +208,15 @@ def test_texture_decides_how_a_smooth_cylinder_is_turned() -> None:
 
 def test_without_texture_a_smooth_cylinder_is_not_turned_and_it_says_so() -> None:
     loose = Loose(turned_deg=(0.0, 1.2, -1.0, 1.5))
-    scans = scans_of(smooth, plain, loose)
-    found = registered(scans)
+    features = features_of_views(smooth, plain, loose)
+    found = registered(features)
     assert max(abs(view.turned_deg) for view in found.views) < 0.1
-    sure = registered(scans_of(smooth, printed, loose))
+    sure = registered(features_of_views(smooth, printed, loose))
     for view, textured in zip(found.views, sure.views, strict=True):
         assert view.std_deg[1] > 2.0 * textured.std_deg[1]
     # Were the recording known to be loose, nothing would be known of the turn but that.
-    always_loose = replace(CONFIG, turn_stds_deg=(1.5,), axis_stds_m=(0.006,), swing_stds_deg=(0.02,))
-    unknown = register_all(scans, AXIS, HELD_M, always_loose).views[1]
+    always_loose = PosePrior(turn_stds_deg=(1.5,), axis_stds_m=(0.006,), swing_stds_deg=(0.02,))
+    unknown = register_all(features, AXIS, HELD_M, always_loose).views[1]
     assert unknown.std_deg[1] == pytest.approx(1.5 * 2**0.5, rel=0.35)
 
 
@@ -228,12 +227,12 @@ def test_the_lamp_is_not_taken_for_texture() -> None:
         rows, cols = np.indices(depth.shape)
         return 1.0 + 0.06 * np.sin(0.55 * cols) * np.sin(0.4 * rows)
 
-    found = registered(scans_of(smooth, plain, lit=lit))
+    found = registered(features_of_views(smooth, plain, lit=lit))
     assert slips_m(found).max() < 0.0004
 
 
 def test_views_with_too_little_in_common_stay() -> None:
-    found = registered(scans_of(loose=LOOSE, angles=(0.0, 180.0)))
+    found = registered(features_of_views(loose=LOOSE, angles=(0.0, 180.0)))
     assert found.pairs == ()
     for pose, known in zip(found.held_from_camera, found.known, strict=True):
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=1e-12)
@@ -245,7 +244,7 @@ def test_views_with_too_little_in_common_stay() -> None:
 
 def test_a_lone_view_stands_where_the_axis_that_the_others_found_puts_it() -> None:
     loose = replace(LOOSE, turned_deg=(0.0,) * 5)
-    found = registered(scans_of(loose=loose, angles=(*ANGLES, 180.0)))
+    found = registered(features_of_views(loose=loose, angles=(*ANGLES, 180.0)))
     assert found.views[4].views == ()
     assert slips_m(found, loose, known=True)[3] > 0.01
     assert slips_m(found, loose)[3] < 0.001
@@ -253,12 +252,14 @@ def test_a_lone_view_stands_where_the_axis_that_the_others_found_puts_it() -> No
 
 def test_a_fit_where_no_view_can_stand_is_not_believed() -> None:
     """The relief repeats every 90 degrees; 12 degrees off, it fits somewhere, but not here."""
-    found = registered(scans_of(paint=plain, loose=Loose(turned_deg=(0.0, 12.0)), angles=(0.0, 20.0)))
+    found = registered(
+        features_of_views(paint=plain, loose=Loose(turned_deg=(0.0, 12.0)), angles=(0.0, 20.0))
+    )
     assert abs(found.views[1].turned_deg) < 6.0
 
 
 def test_one_wrong_pair_among_many_loses_its_weight() -> None:
-    *first, last = scans_of(angles=(*ANGLES, -60.0))
+    *first, last = features_of_views(angles=(*ANGLES, -60.0))
     before = registered(first)
     wrong = replace(before.pairs[0], twist=before.pairs[0].twist + np.array([0, 0, 0, 0.004, 0, 0]))
     after = extend_registration(replace(before, pairs=(wrong, *before.pairs[1:])), last)
@@ -266,18 +267,18 @@ def test_one_wrong_pair_among_many_loses_its_weight() -> None:
 
 
 def test_the_registration_before_is_left_as_it_was() -> None:
-    scans = scans_of(loose=LOOSE)
-    before = registered(scans[:2])
+    features = features_of_views(loose=LOOSE)
+    before = registered(features[:2])
     poses = before.held_from_camera
-    after = extend_registration(before, scans[2])
-    assert len(before.scans) == 2
-    assert len(after.scans) == 3
+    after = extend_registration(before, features[2])
+    assert len(before.features) == 2
+    assert len(after.features) == 3
     for now, then in zip(before.held_from_camera, poses, strict=True):
         np.testing.assert_array_equal(now.translation_m, then.translation_m)
 
 
 def test_the_report_says_what_was_changed() -> None:
-    found = registered(scans_of(loose=LOOSE))
+    found = registered(features_of_views(loose=LOOSE))
     assert "Cameras registered: the axis moved by" in describe(found)
     assert found.axis_moved_m == pytest.approx(0.0078, abs=0.002)
     assert 0 < found.axis_std_m < 0.002
@@ -287,17 +288,17 @@ def test_the_report_says_what_was_changed() -> None:
 
 
 def test_nothing_is_registered_yet() -> None:
-    assert begin_registration(AXIS, HELD_M, CONFIG).held_from_camera == ()
+    assert begin_registration(AXIS, HELD_M).held_from_camera == ()
 
 
-def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_a_scan_still() -> None:
-    whole = scans_of(angles=(0.0,))[0].surface
+def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -> None:
+    whole = features_of_views(angles=(0.0,))[0].surface
     at = np.argwhere(whole.usable)[1000]
     usable = np.zeros_like(whole.usable)
     usable[at[0], at[1]] = True
-    few = scan(replace(whole, usable=usable), replace(CONFIG, points_per_view=1))
+    few = extract_features(replace(whole, usable=usable))
     assert len(few.points_m) == 1
-    found = register_all([few, *scans_of(angles=(0.0,))], AXIS, HELD_M, CONFIG)
+    found = register_all([few, *features_of_views(angles=(0.0,))], AXIS, HELD_M)
     assert found.pairs == ()
 
 

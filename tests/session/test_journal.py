@@ -114,7 +114,7 @@ def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path
 
 def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_mended(place: Path) -> None:
     folder = opened(place)
-    with pytest.raises(JournalError, match="no Unicode"):
+    with pytest.raises(JournalError, match="not Unicode"):
         folder.add_pick("hem \ud800", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
     assert folder.picks == ()
     folder.add_pick("hem \U0001f455", np.zeros(3), np.ones(3), 0, (0.0, 0.0))

@@ -71,7 +71,7 @@ def test_a_recording_that_moved_is_the_same(place: Path) -> None:
 def test_a_header_that_cannot_be_understood_is_refused(place: Path, text: str) -> None:
     opened(place).close()
     (place / "session.json").write_text(text)
-    with pytest.raises(JournalError, match=r"session\.json: .* Begin in another folder") as caught:
+    with pytest.raises(JournalError, match=r"session\.json: .*se another folder") as caught:
         opened(place)
     assert "\n" not in str(caught.value)
 
@@ -127,7 +127,7 @@ def test_only_one_process_writes(played: SessionFolder, place: Path) -> None:
 def test_a_place_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/session")):
-        with pytest.raises(JournalError, match="Choose a writable place"):
+        with pytest.raises(JournalError, match="Choose a writable folder"):
             opened(folder)
 
 

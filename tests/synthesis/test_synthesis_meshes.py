@@ -78,7 +78,7 @@ def test_the_texture_of_an_obj_lies_beside_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("reference", "content", "said"),
     [
-        ("../other.png", b"", "leads outside its folder"),
+        ("../other.png", b"", "is not a file inside its folder"),
         ("broken.png", b"no picture", "not a readable PNG or JPEG"),
         ("gone.png", None, "missing"),
     ],

@@ -337,14 +337,14 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"scale": 0.001}, r"sheet\.obj: It is 0.0003 m large, a garment has"),
+        ({"scale": 0.001}, r"sheet\.obj: The mesh is 0.0003 m large, a garment has"),
         ({"held": (1.0, 0.0, 0.0)}, "mm away from that point"),
         ({"held": 100_000}, "--held-vertex 100000: the mesh has vertices 0 to"),
-        ({"up": "-z", "held": (RADIUS_M, 0.0, 0.0)}, "hangs only 0 mm down"),
-        ({"up": "w"}, "--up w: no such axis"),
+        ({"up": "-z", "held": (RADIUS_M, 0.0, 0.0)}, "extends only 0 mm below"),
+        ({"up": "w"}, "--up w: not an axis"),
         ({"panel": "sleeve"}, r"--panel sleeve: not a side of this mesh\. Choose 1 \(piece 1\)"),
         ({"panel": "2"}, "--panel 2: not a side"),
-        ({"texture": "mesh"}, "has no colors of its own"),
+        ({"texture": "mesh"}, "has no colors. Choose"),
         ({"texture": "tartan"}, "--texture tartan: unknown"),
         ({"noise": "kinect"}, "--noise kinect: unknown"),
         ({"distance_m": 0.1}, "--distance 0.1: choose"),
@@ -362,7 +362,7 @@ def test_wrong_requests(tmp_path: Path, more: dict[str, object], said: str) -> N
 
 def test_only_one_side_named(tmp_path: Path) -> None:
     mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
-    with pytest.raises(SynthesisError, match=r"sheet.obj: It has no group named back"):
+    with pytest.raises(SynthesisError, match=r"sheet.obj: The mesh has no group named back"):
         synthesize(request(tmp_path, mesh))
 
 
@@ -417,7 +417,7 @@ def test_a_folded_truth_is_noted(tmp_path: Path) -> None:
     vertices = np.concatenate([0.15 * ring.reshape(-1, 3), [[0, 0, -0.15]]])
     mesh = write_obj(tmp_path / "ball.obj", vertices, np.concatenate([sides, floor]))
     result = synthesize(request(tmp_path, mesh, held=None))
-    assert "folded over on the plane" in result.warnings[0]
+    assert "folded on the plane" in result.warnings[0]
 
 
 # --- the command -----------------------------------------------------------------------------
@@ -433,7 +433,7 @@ def test_the_command_makes_a_recording(tmp_path: Path, capsys: pytest.CaptureFix
     assert (recording.name, len(recording)) == ("bent", 4)
     assert cv2.imread(str(out / "color" / "000.png")).shape == (128, 96, 3)
     assert main(["synthesize", mesh, "--out", str(out), *options]) == 2
-    assert "has a recording in it" in capsys.readouterr().err
+    assert "contains a recording" in capsys.readouterr().err
 
 
 def test_every_error_is_a_flatcloth_error() -> None:

@@ -136,7 +136,7 @@ class Keeping(MemoryFolder):
 
     def keep_axis(self, axis: RotationAxis) -> None:
         if self.full:
-            raise JournalError("axis.json: cannot be written (no space left). Make room and repeat it.")
+            raise JournalError("axis.json: cannot be written (no space left). Free disk space and repeat it.")
         self.kept.append(axis)
 
     full = False

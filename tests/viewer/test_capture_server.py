@@ -13,12 +13,12 @@ import cv2
 import httpx
 import numpy as np
 import pytest
+from page_tabs import get, open_socket, post
 from scene_camera import SceneCamera, opened
-from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_desk
+from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 from flatcloth.viewer.modes.live import unpacked
 from flatcloth.viewer.server.app import PageServer
 
@@ -35,7 +35,7 @@ def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
     with PageServer(
-        integration, session, port=0, desk=capture_desk(integration, session, feed, settings)
+        integration, session, port=0, controller=capture_controller(integration, session, feed, settings)
     ) as running:
         yield running
     session.close()
@@ -43,17 +43,17 @@ def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
 
 
 class Robot:
-    """Talks HTTP, as a turntable's program does: no cookie, no Origin."""
+    """Talks HTTP, as a turntable's program does: the token, no cookie, no Origin."""
 
     def __init__(self, server: PageServer) -> None:
-        self.address = f"http://127.0.0.1:{server.port}/capture"
+        self.server = server
 
     def post(self, word: str, content: Any = None) -> httpx.Response:
         body = content if isinstance(content, bytes) else json.dumps(content).encode()
-        return httpx.post(f"{self.address}/{word}", content=body, timeout=WAIT_S)
+        return post(self.server, f"/capture/{word}", content=body)
 
     def status(self) -> dict[str, Any]:
-        return httpx.get(self.address, timeout=WAIT_S).json()
+        return get(self.server, "/capture").json()
 
     def until(self, found: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         end = time.monotonic() + WAIT_S
@@ -95,7 +95,7 @@ def test_an_announced_view_may_wait_for_the_operator(server: PageServer, tmp_pat
     assert status["view"]["frames"] == 8
     refused = robot.post("angle", {"angle_deg": 10})
     assert (refused.status_code, "keep or repeat it first" in refused.json()["error"]) == (409, True)
-    picture = httpx.get(f"{robot.address}/view.png")
+    picture = get(server, "/capture/view.png")
     assert picture.headers["content-type"] == "image/png"
     shown = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
     assert shown.shape == (240, 480, 4)  # color beside depth
@@ -139,16 +139,17 @@ def test_what_is_not_understood_is_refused_with_the_reason(
 
 def test_other_pages_may_not_announce_angles(server: PageServer) -> None:
     address = f"http://127.0.0.1:{server.port}/capture/angle"
-    foreign = httpx.post(address, json={"angle_deg": 5}, headers={"Origin": "http://elsewhere.example"})
-    assert foreign.status_code == 403
+    for headers in ({"Origin": "http://elsewhere.example"}, {}):
+        foreign = httpx.post(address, json={"angle_deg": 5}, headers=headers)
+        assert foreign.status_code == 403
     assert Robot(server).status()["phase"] == "idle"
-    assert httpx.get(f"http://127.0.0.1:{server.port}/capture/view.png").status_code == 404
+    assert get(server, "/capture/view.png").status_code == 404
 
 
 def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp_path: Path) -> None:
     feed, integration, session = opened(camera, tmp_path / "session")
-    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, host="0.0.0.0", port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, host="0.0.0.0", port=0, controller=controller) as server:
         address, token = server.url.split("?token=")
         assert httpx.get(f"{address}capture").status_code == 403
         for wrong in ("Bearer", "Bearer x", "Basic eDp4"):
@@ -163,8 +164,7 @@ def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp
 
 class Tab:
     def __init__(self, server: PageServer) -> None:
-        address = f"127.0.0.1:{server.port}"
-        self._socket = connect(f"ws://{address}/ws", origin=f"http://{address}", max_size=None)
+        self._socket = open_socket(server)
         self.notes: list[str] = []
 
     def __enter__(self) -> Tab:
@@ -264,7 +264,7 @@ def test_warnings_come_and_go(server: PageServer, camera: SceneCamera) -> None:
     with Tab(server):
         camera.empty = True
         status = robot.until(lambda s: s["warnings"])
-        assert status["warnings"][0].startswith("Nothing is measured")
+        assert status["warnings"][0].startswith("No depth is measured")
         camera.empty = False
         robot.until(lambda s: not s["warnings"])
         assert robot.status()["camera_fps"] > 5
@@ -280,9 +280,9 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
         robot.until(lambda s: s["kept_deg"])
         camera.unplug()
         robot.until(lambda s: s["ended"])
-        tab.state(lambda s: any("gives no pictures any more" in n["text"] for n in s["log"]))
+        tab.state(lambda s: any("delivers no images any more" in n["text"] for n in s["log"]))
         refused = robot.post("angle", {"angle_deg": 10})
-        assert (refused.status_code, "no pictures" in refused.json()["error"]) == (503, True)
+        assert (refused.status_code, "no images" in refused.json()["error"]) == (503, True)
         assert robot.post("finish").status_code == 200
     assert len(open_recording(tmp_path / "coat")) == 1
 
@@ -291,8 +291,8 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
     (tmp_path / "coat").mkdir()
     (tmp_path / "coat" / "mine.txt").write_text("mine")
     feed, integration, session = opened(camera, tmp_path / "session")
-    desk = capture_desk(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, port=0, desk=desk) as server:
+    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(integration, session, port=0, controller=controller) as server:
         refused = Robot(server).post("begin")
         assert (refused.status_code, "not empty" in refused.json()["error"]) == (409, True)
         assert Robot(server).status()["phase"] == "idle"
@@ -309,7 +309,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
         (["--camera", "none.db3"], "no such file"),
         (["--camera", "--live"], "give one of them"),
         (["--camera", "--step", "0"], "step of 0"),
-        (["--camera", "--frames", "2"], "2 frames a view"),
+        (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out belongs to --camera"),
         (["--resume"], "--resume belongs to --camera"),
     ],
@@ -337,7 +337,7 @@ def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest
     served: list[dict[str, Any]] = []
 
     def look(integration: Any, folder: Any, **options: Any) -> None:
-        with PageServer(integration, folder, port=0, desk=options["desk"]) as server:
+        with PageServer(integration, folder, port=0, controller=options["controller"]) as server:
             served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
 
     monkeypatch.setattr(viewer, "serve", look, raising=False)

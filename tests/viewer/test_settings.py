@@ -6,15 +6,14 @@ import dataclasses
 import json
 from pathlib import Path
 
-import httpx
 import pytest
-from page_tabs import Tab
+from page_tabs import Tab, get
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer import PageServer
-from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsBook, method_numbers
+from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsStore, method_numbers
 
 FIRST = Settings(auto_threshold=0.5)
 
@@ -29,22 +28,22 @@ def test_every_setting_is_in_the_table_with_its_meaning() -> None:
 
 
 def test_settings_are_kept_with_the_session_and_reset(tmp_path: Path) -> None:
-    book = SettingsBook(tmp_path, FIRST)
+    book = SettingsStore(tmp_path, FIRST)
     assert book.now == FIRST
     assert not (tmp_path / FILE).exists()
     book.change(step_mm=5.0, advance=True)
-    again = SettingsBook(tmp_path, FIRST)
+    again = SettingsStore(tmp_path, FIRST)
     assert again.now == dataclasses.replace(FIRST, step_mm=5.0, advance=True)
     assert again.told()["step_mm"]["value"] == 5.0
     assert again.told()["step_mm"]["default"] == 2.0
     again.reset()
-    assert SettingsBook(tmp_path, FIRST).now == FIRST
+    assert SettingsStore(tmp_path, FIRST).now == FIRST
     # All effective ones are in the file, so that it tells how the session was worked on.
     assert set(json.loads((tmp_path / FILE).read_text())) == {"format", *(s.name for s in SETTINGS)}
 
 
 def test_a_value_out_of_its_range_is_refused_and_changes_nothing(tmp_path: Path) -> None:
-    book = SettingsBook(tmp_path, FIRST)
+    book = SettingsStore(tmp_path, FIRST)
     with pytest.raises(FlatclothError, match=r"Arrow key, mm: between 0\.1 and 50, not 0\."):
         book.change(advance=True, step_mm=0.0)
     assert book.now == FIRST
@@ -62,17 +61,17 @@ def test_a_value_out_of_its_range_is_refused_and_changes_nothing(tmp_path: Path)
 def test_a_damaged_file_is_named_with_its_remedy(tmp_path: Path, text: str) -> None:
     (tmp_path / FILE).write_text(text)
     with pytest.raises(FlatclothError, match=r"settings\.json: is damaged .* Delete it") as caught:
-        SettingsBook(tmp_path, FIRST)
+        SettingsStore(tmp_path, FIRST)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_with_fewer_settings_keeps_the_rest_as_at_first(tmp_path: Path) -> None:
     (tmp_path / FILE).write_text('{"format": "flatcloth-settings/1", "step_deg": 3}')
-    assert SettingsBook(tmp_path, FIRST).now == dataclasses.replace(FIRST, step_deg=3)
+    assert SettingsStore(tmp_path, FIRST).now == dataclasses.replace(FIRST, step_deg=3)
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_nothing_is_set(tmp_path: Path) -> None:
-    book = SettingsBook(tmp_path / "gone", FIRST)
+    book = SettingsStore(tmp_path / "gone", FIRST)
     with pytest.raises(FlatclothError, match="Nothing was set; make room"):
         book.change(step_mm=5.0)
     assert book.now == FIRST
@@ -132,5 +131,5 @@ def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
 
 
 def test_the_page_gets_the_numbers_of_the_method(server):
-    answer = httpx.get(f"http://127.0.0.1:{server.port}/settings/numbers.json")
+    answer = get(server, "/settings/numbers.json")
     assert answer.json() == json.loads(json.dumps(method_numbers(Config())))

@@ -21,7 +21,7 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Teaching, paper_config
 from flatcloth.session.machine import Document
-from flatcloth.viewer.modes.teaching import PARTS, TeachingDesk
+from flatcloth.viewer.modes.teaching import PARTS, TeachingRoutes
 
 CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
 DTYPES = {"int8": 1, "uint8": 1, "int16": 2, "int32": 4, "float32": 4}
@@ -42,17 +42,17 @@ def integration():
 
 
 @pytest.fixture(scope="module")
-def desk(integration):
-    desk = TeachingDesk(integration)
-    yield desk
-    desk.stop()
+def routes(integration):
+    routes = TeachingRoutes(integration)
+    yield routes
+    routes.stop()
 
 
 class Page:
-    """Asks the desk as a page does, and keeps what it is sent."""
+    """Asks the routes as a page does, and keeps what it is sent."""
 
-    def __init__(self, desk):
-        self.desk = desk
+    def __init__(self, routes):
+        self.routes = routes
 
     def get(self, address, **query):
         path, _, text = address.partition("?")
@@ -71,7 +71,7 @@ class Page:
         async def send(message):
             self.sent.append(message)
 
-        response = await self.desk.serve(Request(scope, self.receive))
+        response = await self.routes.serve(Request(scope, self.receive))
         await response(scope, self.receive, send)
 
     async def receive(self):
@@ -81,8 +81,8 @@ class Page:
 class LeavingPage(Page):
     """Hangs up when ``began`` is set."""
 
-    def __init__(self, desk, began):
-        super().__init__(desk)
+    def __init__(self, routes, began):
+        super().__init__(routes)
         self.began = began
 
     async def receive(self):
@@ -91,8 +91,8 @@ class LeavingPage(Page):
 
 
 @pytest.fixture(scope="module")
-def page(desk):
-    return Page(desk)
+def page(routes):
+    return Page(routes)
 
 
 def records(data):
@@ -198,9 +198,9 @@ def test_without_a_start_view_it_is_the_papers(page):
 def test_the_sliders_reach_the_sessions_own_values():
     config = Integration(Cylinder(**CLOTH)).config
     config = replace(config, planning=replace(config.planning, z_angle_limit_deg=80.0, overlap_area_m2=0.004))
-    desk = TeachingDesk(Integration(Cylinder(**CLOTH), config))
-    values, _ = lesson(Page(desk), "flattening", start_view=0)
-    desk.stop()
+    routes = TeachingRoutes(Integration(Cylinder(**CLOTH), config))
+    values, _ = lesson(Page(routes), "flattening", start_view=0)
+    routes.stop()
     assert values["sliders"]["z_angle_limit_deg"]["high"] == 80.0
     assert values["sliders"]["overlap_cm2"]["low"] == 40.0
 
@@ -228,7 +228,7 @@ def test_a_number_that_cannot_be_shown_is_an_error_for_the_learner(page):
     assert "d, the sampling interval (px), must lie between 4 and 40, not at 2." in values["text"]
 
 
-def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, desk, monkeypatch, caplog):
+def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, routes, monkeypatch, caplog):
     def fail(*_):
         raise error
 
@@ -237,16 +237,13 @@ def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, desk, m
     assert lesson(page, "flattening", start_view=0)[0] == {"kind": "error", "text": str(error)}
     error = ZeroDivisionError("oh")
     values, _ = lesson(page, "flattening", start_view=0)
-    assert (
-        values["text"]
-        == "Unexpected error while computing: ZeroDivisionError('oh'). The terminal shows more."
-    )
+    assert values["text"] == "Unexpected error while computing: ZeroDivisionError('oh'). See the terminal."
     assert "the lesson flattening failed" in caplog.text
     monkeypatch.undo()
     assert lesson(page, "flattening", start_view=0)[0]["kind"] == "flattening"
 
 
-def test_hanging_up_gives_the_computation_up(desk, monkeypatch):
+def test_hanging_up_gives_the_computation_up(routes, monkeypatch):
     began, stopped = threading.Event(), threading.Event()
 
     def endless(_self, _view, _parameters, progress):
@@ -259,7 +256,7 @@ def test_hanging_up_gives_the_computation_up(desk, monkeypatch):
             stopped.set()
 
     monkeypatch.setattr(Teaching, "alignment", endless)
-    page = LeavingPage(desk, began)
+    page = LeavingPage(routes, began)
     page.get("/teaching/alignment", start_view=0)
     assert stopped.wait(WAIT_S)
     assert all(message.get("more_body", True) for message in page.sent)

@@ -102,7 +102,7 @@ def test_what_cannot_be_reopened_is_told(server):
         assert "is the start view" in tab.note()["text"]
         tab.say(type="do", action="reopen")
         assert tab.note()["text"] == "Action 'reopen' needs a view_index."
-        assert action(tab.state, "least_sure")["why_not"] == "No view has been accepted yet."
+        assert action(tab.state, "lowest_score")["why_not"] == "No view has been accepted yet."
         assert action(tab.state, "reopen")["why_not"] == "There is no decision to reopen."
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
+from exported_sessions import Operator
 from scenes import AXIS, Cylinder
-from takeaway_sessions import Operator
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.engine.integration import Integration

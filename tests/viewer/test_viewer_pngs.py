@@ -20,7 +20,7 @@ from flatcloth.rendering.layers import (
     difference_rgba,
     rgba,
 )
-from flatcloth.viewer.routes.layers import PngDesk
+from flatcloth.viewer.routes.layers import LayerRoutes
 
 VIEW = cylinder_view({0: 0.0})
 
@@ -33,7 +33,7 @@ def shown():
 
 @pytest.fixture
 def client(shown):
-    return RouteClient(PngDesk(shown, CylinderIntegration()).routes())
+    return RouteClient(LayerRoutes(shown, CylinderIntegration()).routes())
 
 
 def image_of(answer):

@@ -11,7 +11,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import Tab
+from page_tabs import Tab, get
 from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
@@ -29,10 +29,6 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
     with PageServer(integration, folder, port=0) as running:
         yield running
     folder.close()
-
-
-def get(server: PageServer, path: str) -> httpx.Response:
-    return httpx.get(f"http://127.0.0.1:{server.port}{path}", timeout=60)
 
 
 def decoded(answer: httpx.Response) -> np.ndarray:

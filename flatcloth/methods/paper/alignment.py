@@ -11,13 +11,17 @@ import math
 
 import numpy as np
 
-from flatcloth.core.config import AlignmentConfig
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.planning import column_curves
+
+_LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
+"""Half widths of the band of Z-angles that makes a line; the first with enough pixels is used."""
+_LINE_MIN_AREA_M2 = 0.0003
+"""Pixels of the common Z-angle must cover this area."""
 
 
 def align_by_z_angle(
@@ -27,7 +31,6 @@ def align_by_z_angle(
     angles_deg: tuple[float, float],
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
-    config: AlignmentConfig,
     progress: Progress = no_progress,
 ) -> Alignment:
     """Align a new flattened view to the current one by the paper's method.
@@ -45,8 +48,6 @@ def align_by_z_angle(
         Motion from the current plane to the plane of the accepted view that is continued.
     z_angle_limit_deg : float
         A_w.
-    config : AlignmentConfig
-        Extent of the search.
 
     Returns
     -------
@@ -57,9 +58,9 @@ def align_by_z_angle(
     AlignmentError
         If the views have no Z-angle in common.
     """
-    correspondence = correspond(current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg, config)
+    correspondence = correspond(current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg)
     initial = from_lines(correspondence)
-    matcher = Matcher(current, new, axis, config)
+    matcher = Matcher(current, new, axis)
     progress(0.2, "searching the alignment")
     found = matcher.search(initial, progress)
     return Alignment(
@@ -78,7 +79,6 @@ def correspond(
     angles_deg: tuple[float, float],
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
-    config: AlignmentConfig,
 ) -> Correspondence:
     """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
     before_deg, after_deg = angles_deg
@@ -89,9 +89,7 @@ def correspond(
     a_m = 0.5 * (low + high)
     current_angle = z_angle_deg(current.normal, axis, before_deg)
     new_angle = z_angle_deg(new.normal, axis, before_deg)
-    pixels = [
-        _pixels_at(angle, view, a_m, config) for angle, view in ((current_angle, current), (new_angle, new))
-    ]
+    pixels = [_pixels_at(angle, view, a_m) for angle, view in ((current_angle, current), (new_angle, new))]
     axes = [
         _principal_axis(view.uv_from_rc(rc), height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis))
         for view, rc in zip((current, new), pixels, strict=True)
@@ -149,14 +147,14 @@ def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float)
     return float(low), float(high)
 
 
-def _pixels_at(angle: Float64, view: FlattenedView, a_m: float, config: AlignmentConfig) -> Int32:
+def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
     """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that holds enough of them."""
     with np.errstate(invalid="ignore"):
         off = np.abs((angle - a_m + 180.0) % 360.0 - 180.0)
     off = np.where(view.valid, off, np.inf)
-    for band in config.line_bands_deg:
+    for band in _LINE_BANDS_DEG:
         found = np.argwhere(off <= band).astype(np.int32)
-        if len(found) * view.pixel_size_m**2 >= config.line_min_area_m2:
+        if len(found) * view.pixel_size_m**2 >= _LINE_MIN_AREA_M2:
             return found
     raise AlignmentError(
         f"Too few pixels have the common Z-angle of {a_m:.0f} deg to draw a line; choose another view."

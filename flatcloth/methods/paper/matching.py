@@ -12,10 +12,44 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.config import AlignmentConfig
 from flatcloth.core.geometry import height_m
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import AlignmentScore
+
+_SEARCH_TRANSLATION_M = 0.06
+"""Largest disturbance of the translation that the search tries."""
+_SEARCH_ROTATION_DEG = 15.0
+"""Largest disturbance of the rotation that the search tries."""
+_SEARCH_STEP_M = 0.006
+"""Step of the coarse search in translation."""
+_SEARCH_STEP_DEG = 2.5
+"""Step of the coarse search in rotation."""
+_SEARCH_FINEST_M = 0.0004
+"""The detailed search ends at this step."""
+_SEARCH_CANDIDATES = 12
+"""Best places of the coarse search that are looked at in detail."""
+_SEARCH_POINTS = 700
+"""Pixels compared in the coarse search."""
+_COARSE_SMOOTHING_M = 0.006
+"""Smoothing of the texture in the coarse search."""
+_FINE_SMOOTHING_M = 0.002
+"""Smoothing of the texture in the detailed search and in the score."""
+_MISSING_OVERLAP_COST = 0.3
+"""Cost of losing all of the overlap that the initial estimate has."""
+_DISTANCE_COST = 0.03
+"""Cost of the largest disturbance: of two equal matches the one nearer to the initial wins."""
+_HEIGHT_SCALE_M = 0.005
+"""Difference in height that counts as half a disagreement."""
+_INTENSITY_WEIGHT = 0.5
+"""Weight of the intensity against the height."""
+_INTENSITY_FLOOR = 6.0
+"""A texture of less spread (grey levels) is taken for noise."""
+_MIN_OVERLAP_SHARE = 0.1
+"""Share of the new view that must lie on the current one."""
+_ENOUGH_OVERLAP_M2 = 0.005
+"""The score falls in proportion when the overlap is smaller than this."""
+_TELLING_TEXTURE = 0.25
+"""Texture that disagrees less than this at random counts in proportion."""
 
 _CHANCE_PAIRS = 5000
 
@@ -27,10 +61,7 @@ class Matcher:
     0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps.
     """
 
-    def __init__(
-        self, current: FlattenedView, new: FlattenedView, axis: RotationAxis, config: AlignmentConfig
-    ) -> None:
-        self.config = config
+    def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
         self._current_pixel_size_m = current.pixel_size_m
         self._origin = np.asarray(current.origin_uv_m)
@@ -38,9 +69,9 @@ class Matcher:
         self._uv = new.uv_from_rc(rc)
         self._fields: dict[float, Float32] = {}
         self._values: dict[float, Float32] = {}
-        for smoothing_m in (config.coarse_smoothing_m, config.fine_smoothing_m):
+        for smoothing_m in (_COARSE_SMOOTHING_M, _FINE_SMOOTHING_M):
             texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
-            spread = max(_spread(texture), _spread(new_texture), config.intensity_floor)
+            spread = max(_spread(texture), _spread(new_texture), _INTENSITY_FLOOR)
             self._fields[smoothing_m] = attribute_fields(current, axis, texture / spread)
             fields = attribute_fields(new, axis, new_texture / spread)
             self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
@@ -63,7 +94,7 @@ class Matcher:
         (n, 5) float64
             Mean disagreement, overlap share, its intensity and height parts, rms of height (m).
         """
-        which = self.config.fine_smoothing_m if smoothing_m is None else smoothing_m
+        which = _FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
         return _compare(
             self._fields[which],
@@ -72,21 +103,20 @@ class Matcher:
             poses,
             self._origin,
             self._current_pixel_size_m,
-            self.config.height_scale_m,
-            self.config.intensity_weight,
+            _HEIGHT_SCALE_M,
+            _INTENSITY_WEIGHT,
         )
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         """Search around the initial estimate: a coarse grid, then its best places each in detail."""
-        c = self.config
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4)[0, 1]), c.min_overlap_share)
-        shifts = _symmetric(c.search_translation_m, c.search_step_m)
-        turns = np.radians(_symmetric(c.search_rotation_deg, c.search_step_deg))
+        share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
+        shifts = _symmetric(_SEARCH_TRANSLATION_M, _SEARCH_STEP_M)
+        turns = np.radians(_symmetric(_SEARCH_ROTATION_DEG, _SEARCH_STEP_DEG))
         offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
         motions = [_disturbed(initial, offset, center) for offset in offsets]
-        cost = self._cost(motions, offsets, c.search_points, c.coarse_smoothing_m, share)
-        starts = _distinct(offsets, cost, c.search_candidates, 2.5 * c.search_step_m)
+        cost = self._cost(motions, offsets, _SEARCH_POINTS, _COARSE_SMOOTHING_M, share)
+        starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, 2.5 * _SEARCH_STEP_M)
         found = []
         for n, start in enumerate(starts):
             progress(0.3 + 0.6 * n / len(starts), "searching the alignment")
@@ -97,7 +127,7 @@ class Matcher:
     def refine(self, initial: Rigid2) -> Rigid2:
         """Descend to the best place around one."""
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4)[0, 1]), self.config.min_overlap_share)
+        share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
         _, best = self._refine(initial, np.zeros(3), center, share)
         return _disturbed(initial, best, center)
 
@@ -107,13 +137,12 @@ class Matcher:
         Each agreement is taken relative to that of pixels paired at random, so that "half the
         checks match anyway" counts nothing. Texture counts as far as there is any.
         """
-        c = self.config
         result = self.disagreement([current_from_new], 1)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
-        told = min(1.0, self._chance[0] / c.telling_texture)
-        enough = min(1.0, area / c.enough_overlap_m2)
+        told = min(1.0, self._chance[0] / _TELLING_TEXTURE)
+        enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
         total = by_height * (1.0 - told * (1.0 - by_intensity)) * enough if result[1] > 0 else 0.0
         return AlignmentScore(
             total,
@@ -130,40 +159,38 @@ class Matcher:
 
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement, by intensity and by height, of pixels paired at random."""
-        fine = self.config.fine_smoothing_m
+        fine = _FINE_SMOOTHING_M
         current = self._fields[fine]
         current = current[np.isfinite(current[..., 1])]
         random = np.random.default_rng(0)
         a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
         b = self._values[fine][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
         intensity = np.square(a[:, 0] - b[:, 0])
-        height = np.square((a[:, 1] - b[:, 1]) / self.config.height_scale_m)
+        height = np.square((a[:, 1] - b[:, 1]) / _HEIGHT_SCALE_M)
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
 
     def _cost(
         self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
     ) -> Float64:
         """Return what is minimised: disagreement, missing overlap, and a little for going far."""
-        c = self.config
         result = self.disagreement(motions, max(1, len(self._uv) // points), smoothing_m)
         missing = np.clip(1.0 - result[:, 1] / expected_share, 0.0, 1.0)
-        far = np.square(offsets[:, 1:]).sum(axis=1) / c.search_translation_m**2
-        far += np.square(offsets[:, 0]) / math.radians(c.search_rotation_deg) ** 2
-        cost: Float64 = result[:, 0] + c.missing_overlap_cost * missing + c.distance_cost * far
+        far = np.square(offsets[:, 1:]).sum(axis=1) / _SEARCH_TRANSLATION_M**2
+        far += np.square(offsets[:, 0]) / math.radians(_SEARCH_ROTATION_DEG) ** 2
+        cost: Float64 = result[:, 0] + _MISSING_OVERLAP_COST * missing + _DISTANCE_COST * far
         return cost
 
     def _refine(
         self, initial: Rigid2, start: Float64, center: Float64, share: float
     ) -> tuple[float, Float64]:
         """Descend by halving steps over the 26 neighbours; return cost and offset (theta, u, v)."""
-        c = self.config
         neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
-        step: Float64 = np.array([math.radians(c.search_step_deg), c.search_step_m, c.search_step_m]) / 2
+        step: Float64 = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M]) / 2
         best, lowest = start, math.inf
-        while step[1] > c.search_finest_m:
-            fine = step[1] <= c.fine_smoothing_m
-            smoothing = c.fine_smoothing_m if fine else c.coarse_smoothing_m
-            points = 4 * c.search_points if fine else c.search_points
+        while step[1] > _SEARCH_FINEST_M:
+            fine = step[1] <= _FINE_SMOOTHING_M
+            smoothing = _FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
+            points = 4 * _SEARCH_POINTS if fine else _SEARCH_POINTS
             lowest = math.inf
             for _ in range(8):
                 offsets = best + neighbours * step

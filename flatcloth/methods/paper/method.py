@@ -28,7 +28,7 @@ from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import begin, renew
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
-from flatcloth.methods.sides import fronts, side_of
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE, fronts, side_of
 from flatcloth.session.machine import Accepted, Document, Later, Side
 
 
@@ -80,9 +80,7 @@ class PaperMethod(Method):
         flattening = self._views.flattening(view_index)
         level = flattening.levels[-1]
         points = level.points_rc[flattening.components[component].members]
-        return occluding_edge_length_m(
-            flattening.surface, points, level.sampling_interval_px, side, self._config.planning
-        )
+        return occluding_edge_length_m(flattening.surface, points, level.sampling_interval_px, side)
 
     # ------------------------------------------------- 4.2 Alignment of two flattened views
 
@@ -92,7 +90,7 @@ class PaperMethod(Method):
         """Align a view by lines of equal Z-angle and a search; of its components the one that fits best."""
         progress(0.1, f"flattening view {view_index}")
         components, config = self._views.flattening(view_index).components, self._config
-        least_m2 = config.alignment.least_part_share * components[0].view.area_m2
+        least_m2 = LEAST_COMPONENT_SHARE * components[0].view.area_m2
         found: list[tuple[int, Alignment]] = []
         errors: list[AlignmentError] = []
         for n, component in enumerate(components):
@@ -124,7 +122,6 @@ class PaperMethod(Method):
             (angles[front], angles[front] + turn),
             canonical.current_from_view[front].inverse(),
             self._config.planning.z_angle_limit_deg,
-            self._config.alignment,
             progress,
         )
 
@@ -139,9 +136,7 @@ class PaperMethod(Method):
     def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
         key = (document.start_view, document.accepted, view_index, component)
         new = self._views.part(view_index, component)
-        return self._matchers.get(
-            key, lambda: Matcher(self.canonical(document).view, new, self._views.axis, self._config.alignment)
-        )
+        return self._matchers.get(key, lambda: Matcher(self.canonical(document).view, new, self._views.axis))
 
     # ------------------------------------------------- 4.3 Renewal of the flattened view
 

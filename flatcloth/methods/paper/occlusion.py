@@ -11,15 +11,21 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from flatcloth.core.config import PlanningConfig
 from flatcloth.core.types import Bool, Float64, Floats, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.session.machine import Side
 
+_EDGE_WIDTH_PX = 4
+"""The Z-angle at an outline is the mean over this width."""
+_OCCLUDING_Z_ANGLE_DEG = 40.0
+"""An outline seen more steeply than this is an occluding edge."""
+_EDGE_SEARCH_PX = 10
+"""A nearer layer within this distance of an outline covers the cloth behind it."""
+_COVERING_GAP_M = 0.01
+"""A covering layer is nearer by at least this."""
 
-def occluding_edge_length_m(
-    surface: Surface, points_rc: Int32, reach_px: int, side: Side, config: PlanningConfig
-) -> float:
+
+def occluding_edge_length_m(surface: Surface, points_rc: Int32, reach_px: int, side: Side) -> float:
     """Return the length, along the image's rows, of the edges that the turn for one side would open.
 
     Parameters
@@ -33,21 +39,18 @@ def occluding_edge_length_m(
     side : Side
         The turn for ``Side.LEFT`` is positive: it brings what lies beyond the left outline to
         the front, and moves nearer layers to the right.
-    config : PlanningConfig
-        Limits.
     """
     part = _near(surface.usable, points_rc, reach_px)
     depth = surface.xyz_m[..., 2]
     outward = -1.0 if side is Side.LEFT else 1.0
-    turned_away = _ends(part, side, config.edge_width_px) & (
-        _mean_inwards(outward * surface.z_angle_deg, part, side, config.edge_width_px)
-        >= config.occluding_z_angle_deg
+    turned_away = _ends(part, side, _EDGE_WIDTH_PX) & (
+        _mean_inwards(outward * surface.z_angle_deg, part, side, _EDGE_WIDTH_PX) >= _OCCLUDING_Z_ANGLE_DEG
     )
     other = Side.RIGHT if side is Side.LEFT else Side.LEFT
     measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
-    beyond = _nearest_outwards(measured, other, config.edge_search_px)
+    beyond = _nearest_outwards(measured, other, _EDGE_SEARCH_PX)
     with np.errstate(invalid="ignore"):
-        covered = _ends(part, other, config.edge_width_px) & (beyond < depth - config.covering_gap_m)
+        covered = _ends(part, other, _EDGE_WIDTH_PX) & (beyond < depth - _COVERING_GAP_M)
     pitch = depth / surface.frame.intrinsics.fy
     return float(pitch[turned_away].sum() + pitch[covered].sum())
 

@@ -12,6 +12,9 @@ from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis
 from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
 from flatcloth.session.machine import Side
 
+_OCCLUDING_EDGE_MIN_M = 0.03
+"""A side with less occluding edge than this has nothing more to give."""
+
 
 def column_curves(
     view: FlattenedView,
@@ -124,7 +127,7 @@ def plan_side(
     sign = 1.0 if side is Side.LEFT else -1.0
     held = rotation_to_limit_deg(side, a_0, config)
     view: int | None = None
-    if occluding_edge_m < config.occluding_edge_min_m:
+    if occluding_edge_m < _OCCLUDING_EDGE_MIN_M:
         reason = f"no occluding edge is left on the {side}"
     else:
         view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)

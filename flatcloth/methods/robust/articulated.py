@@ -18,9 +18,15 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import SuperLU, splu
 
-from flatcloth.core.config import JointConfig
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.relaxation import local_rotations
+
+LEAST_RIGID_PART_NODES = 40
+"""Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
+_STRIP_WIDTH = 3.0
+"""Cloth narrower than so many typical pairs is a strip: directions hold it, not lengths alone."""
+DIRECTION_WEIGHT = 0.5
+"""What the direction of a pair counts there, beside its length."""
 
 Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
@@ -50,7 +56,7 @@ class FlexibleSheet:
     offset: Complex128
 
 
-def rigid_parts(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
+def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     """Return the rigid part of each node (N,), from 0; -1 in strips and necks.
 
     Parameters
@@ -59,8 +65,6 @@ def rigid_parts(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
         Where the nodes lie.
     edges : (M, 2) int32
         Pairs.
-    config : JointConfig
-        The least width and the least number of nodes of a rigid part.
 
     Notes
     -----
@@ -71,14 +75,14 @@ def rigid_parts(uv_m: Float64, edges: Int32, config: JointConfig) -> Int32:
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
     graph = _graph(uv_m, edges)
     pair = float(np.median(graph.data))
-    half = 0.5 * config.strip_width * pair
+    half = 0.5 * _STRIP_WIDTH * pair
     rim = np.flatnonzero(_at_rim(along, edges, n))
     deep = np.flatnonzero(_distance(graph, rim, half) >= half)
     wide = np.isfinite(_distance(graph, deep, half + _OVER * pair))
     label = connected_components(graph[wide][:, wide], directed=False)[1]
     size = np.bincount(label)
     rigid_part = np.full(n, -1, dtype=np.int32)
-    large = size[label] >= config.large_part
+    large = size[label] >= LEAST_RIGID_PART_NODES
     rigid_part[np.flatnonzero(wide)[large]] = np.unique(label[large], return_inverse=True)[1]
     return rigid_part
 
@@ -145,7 +149,7 @@ def flexible(rigid_part: Int32, edges: Int32) -> Bool:
     return result
 
 
-def settle_flexible(uv_m: Float64, sheet: FlexibleSheet, config: JointConfig) -> Float64:
+def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     """Return the nodes (N, 2) with strips and necks settled; the largest rigid part stays fixed.
 
     Parameters
@@ -154,17 +158,15 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet, config: JointConfig) ->
         The nodes, laid out and minimised.
     sheet : FlexibleSheet
         The pairs between them.
-    config : JointConfig
-        How wide is wide, and what directions count beside lengths.
     """
-    rigid_part = rigid_parts(uv_m, sheet.edges, config)
+    rigid_part = rigid_parts(uv_m, sheet.edges)
     is_flexible = flexible(rigid_part, sheet.edges)
     if not is_flexible.any() or rigid_part.max(initial=-1) < 0:
         return uv_m
     stars = np.zeros(sheet.n_members, dtype=np.bool_)
     stars[sheet.member[is_flexible]] = True
     near = np.flatnonzero(is_flexible | stars[sheet.member].any(axis=1))
-    system = _System(rigid_part, sheet, near, is_flexible[near], stars, config.direction_weight)
+    system = _System(rigid_part, sheet, near, is_flexible[near], stars, DIRECTION_WEIGHT)
     place = uv_m
     for _ in range(_STEPS):
         place, farthest_m = system.step(place)

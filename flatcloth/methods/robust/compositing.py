@@ -10,7 +10,6 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from flatcloth.core.config import JointConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis
 from flatcloth.flattening.raster import read_attributes
@@ -18,7 +17,10 @@ from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 from flatcloth.methods.robust.joint import JointShape
-from flatcloth.methods.robust.observations import Observation
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
+
+_RIM_NOISE = 3.0
+"""A pixel at the rim of the surface is placed worse by this, fading over a few pixels."""
 
 
 def composite(
@@ -110,7 +112,7 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
     return samples, own[kept]
 
 
-def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
+def pixel_cost(surface: Surface) -> Float32:
     """Return how badly each pixel (H, W) of a view is placed: worse on steep cloth and beside a rim."""
     rows, cols = np.nonzero(surface.usable)
     k = surface.frame.intrinsics
@@ -120,9 +122,7 @@ def pixel_cost(surface: Surface, config: JointConfig) -> Float32:
     steep = 1.0 / np.square(np.clip(cos, 0.2, 1.0)) - 1.0
     rim = ndimage.distance_transform_edt(surface.usable)[rows, cols]
     cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
-    cost[rows, cols] = (
-        config.frontal_noise + config.steep_noise * steep + config.rim_noise * np.exp(-rim / 3.0)
-    )
+    cost[rows, cols] = FRONTAL_NOISE + STEEP_NOISE * steep + _RIM_NOISE * np.exp(-rim / 3.0)
     return cost
 
 

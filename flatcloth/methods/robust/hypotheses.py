@@ -12,13 +12,15 @@ import math
 import numpy as np
 from scipy import fft
 
-from flatcloth.core.config import AgreementConfig, AlignmentConfig
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2, height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationAxis
 from flatcloth.methods.base import Hypothesis
 from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
+
+_DISTINCT_M = 0.008
+"""Hypotheses nearer to each other than this are one."""
 
 _COARSE_M = 0.012
 _TURNS_DEG = tuple(range(-40, 41, 10))
@@ -61,11 +63,10 @@ def from_z_angle_lines(
     axis: RotationAxis,
     angles_deg: tuple[float, float],
     z_angle_limit_deg: float,
-    config: AlignmentConfig,
 ) -> list[Rigid2]:
     """Return the paper's initial estimate, if the views have a Z-angle in common."""
     try:
-        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, config)
+        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg)
     except AlignmentError:
         return []
     return [from_lines(found)]
@@ -165,7 +166,6 @@ def evaluate(
     sampled: SampledComponent,
     component: int,
     estimates: list[tuple[str, Rigid2]],
-    config: AgreementConfig,
 ) -> list[Hypothesis]:
     """Refine and score ideas; of those that come to lie together the best stays. The best is first."""
     found = []
@@ -181,17 +181,17 @@ def evaluate(
                 std=refined.std,
             )
         )
-    return distinct(found, sampled, config)
+    return distinct(found, sampled)
 
 
-def distinct(found: list[Hypothesis], sampled: SampledComponent, config: AgreementConfig) -> list[Hypothesis]:
+def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothesis]:
     """Return the hypotheses by falling confidence, without those that lie where a better one does."""
     kept: list[Hypothesis] = []
     corners = np.stack([sampled.uv_m.min(axis=0), sampled.uv_m.max(axis=0), sampled.uv_m.mean(axis=0)])
     for hypothesis in sorted(found, key=lambda h: -h.score.total):
         there = hypothesis.current_from_new.apply(corners)
         if all(
-            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > config.distinct_m
+            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > _DISTINCT_M
             for other in kept
         ):
             kept.append(hypothesis)

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from flatcloth.core.config import FlatteningConfig, JointConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES, FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import connected_pieces
 from flatcloth.methods.robust.observations import (
     Association,
@@ -35,6 +35,17 @@ from flatcloth.methods.robust.observations import (
     observe,
 )
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
+
+_ROBUST_STD = 3.0
+"""A pair that is off by this many standard deviations counts a quarter."""
+_LEAST_EVIDENCE = 2.0
+"""... so many smooth pairs without noise, or more with."""
+_OUTGROWN = 1.3
+"""Another piece that has so many times the nodes of the main one becomes the main one."""
+_ARAP_STEPS = 8
+"""Steps of as-rigid-as-possible relaxation before the minimisation."""
+_ROBUST_ROUNDS = 2
+"""Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
 
 Int64 = NDArray[np.int64]
 
@@ -118,7 +129,6 @@ def begin_joint(
     held_from_camera: Rigid3,
     start_uv_m: Float64,
     flattening: FlatteningConfig,
-    config: JointConfig,
 ) -> JointShape:
     """Return the joint shape of the start view alone.
 
@@ -130,10 +140,10 @@ def begin_joint(
         Where its camera stands.
     start_uv_m : (H, W, 2) float64
         Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
-    flattening, config
-        Sampling and limits.
+    flattening : FlatteningConfig
+        Sampling interval.
     """
-    nodes, first = observe(no_nodes(), _NONE, surface, held_from_camera, flattening, config)
+    nodes, first = observe(no_nodes(), _NONE, surface, held_from_camera, flattening)
     at = np.rint(first.rc).astype(np.int32)
     uv = start_uv_m[at[:, 0], at[:, 1]]
     shape = JointShape(
@@ -146,7 +156,7 @@ def begin_joint(
         anchor_uv_m=np.zeros((0, 2)),
         weight=np.ones(len(first.edges)),
     )
-    return _solved(shape, config)
+    return _solved(shape)
 
 
 _NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
@@ -157,7 +167,6 @@ def extend_joint(
     surface: Surface,
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
-    config: JointConfig,
     associated: Association | None = None,
 ) -> JointShape:
     """Return the shape with one view more, all flattened anew.
@@ -168,14 +177,14 @@ def extend_joint(
         The shape so far.
     surface, held_from_camera
         The view to add, and where its camera stands.
-    flattening, config
-        Sampling and limits.
+    flattening : FlatteningConfig
+        Sampling interval.
     associated : Association, optional
         The nodes that the view shows, if they are not to be found by place and normal.
     """
     if associated is None:
-        associated = associate(shape.nodes, surface, held_from_camera, config)
-    nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening, config)
+        associated = associate(shape.nodes, surface, held_from_camera)
+    nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
     more = len(nodes) - len(shape.nodes)
     grown = JointShape(
         nodes=nodes,
@@ -187,7 +196,7 @@ def extend_joint(
         anchor_uv_m=shape.anchor_uv_m,
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
     )
-    return _solved(grown, config)
+    return _solved(grown)
 
 
 def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
@@ -218,19 +227,19 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
-def _solved(shape: JointShape, config: JointConfig) -> JointShape:
+def _solved(shape: JointShape) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another outgrows it clearly.
     """
     links, before = shape.links, shape.piece
-    label = _pieces(shape, config)
+    label = _pieces(shape)
     touched = np.zeros(int(label.max()) + 1, dtype=bool)
     touched[label[shape.observations[-1].node]] = True
     sizes = np.bincount(label)
     order = np.flatnonzero(sizes >= _LEAST_PIECE)
     main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
-    if sizes.max() > config.outgrown * sizes[main]:
+    if sizes.max() > _OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
     order = np.concatenate([[main], sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])]).astype(
         int
@@ -249,7 +258,7 @@ def _solved(shape: JointShape, config: JointConfig) -> JointShape:
                 _seed(z, links, within)
             z = _initialise(z, links, within)
             inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
-            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside], config)
+            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside])
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
@@ -298,11 +307,11 @@ def _anchored(shape: JointShape) -> JointShape:
     return replace(shape, anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
 
 
-def _pieces(shape: JointShape, config: JointConfig) -> Int32:
+def _pieces(shape: JointShape) -> Int32:
     """Return which piece of cloth each node (N,) belongs to."""
     evidence = np.concatenate([s.edge_evidence for s in shape.observations])
     return connected_pieces(
-        len(shape.nodes), shape.links.edges, shape.weight * evidence, config.large_part, config.least_evidence
+        len(shape.nodes), shape.links.edges, shape.weight * evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
     )
 
 
@@ -360,9 +369,7 @@ def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
 # ------------------------------------------------------------------ minimising
 
 
-def _minimised(
-    z: Complex128, links: Links, inside: Int64, weight: Float64, config: JointConfig
-) -> tuple[Float64, Float64]:
+def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
     """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
     own = np.flatnonzero(np.isfinite(z.real))
     place = np.full(len(z), -1, dtype=np.int32)
@@ -380,11 +387,11 @@ def _minimised(
         links.offset[inside],
         accuracy * weight,
         links.n_members,
-        config.arap_steps,
+        _ARAP_STEPS,
         narrow,
     )
     length = links.length_m[inside]
-    for _ in range(config.robust_rounds):
+    for _ in range(_ROBUST_ROUNDS):
         x = minimise(
             x,
             edges,
@@ -395,7 +402,7 @@ def _minimised(
             narrow=narrow,
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std, config.robust_std)
+        weight = _robust_weight(residual / std, _ROBUST_STD)
     sheet = FlexibleSheet(
         edges=edges,
         member=links.member[inside],
@@ -405,7 +412,7 @@ def _minimised(
         offset=links.offset[inside],
     )
     uv = np.full((len(z), 2), np.nan)
-    uv[own] = settle_flexible(x, sheet, config)
+    uv[own] = settle_flexible(x, sheet)
     return uv, weight
 
 

@@ -19,12 +19,15 @@ from flatcloth.methods.base import (
     SurfaceEdges,
     Views,
 )
-from flatcloth.methods.robust.next_best_view import rate_candidates
+from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
 from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Document, Later, Side
+
+_MOST_CONTRADICTION = 0.1
+"""Unattended, a view is refused if the others contradict a larger share of its pairs."""
 
 
 class RobustMethod(Method):
@@ -41,13 +44,13 @@ class RobustMethod(Method):
     @property
     def accept_score(self) -> float:
         """The least confidence (``docs/robust.md``, "Confidence")."""
-        return self._config.agreement.accept_confidence
+        return self._config.robust.accept_confidence
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
 
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the view from which the most new area is expected, given enough overlap."""
-        c = self._config.outlook
+        c = self._config.robust
         used = document.used_views
         if len(used) >= c.most_views:
             return _no_plan(f"{len(used)} views are used, as many as a shape is made of.")
@@ -55,9 +58,7 @@ class RobustMethod(Method):
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
             return _no_plan("Nothing more to give: no view is left.")
-        rated = rate_candidates(
-            self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked, c
-        )
+        rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             return _no_plan(f"Nothing more to give: the best view left promises {1e4 * best.new_m2:.0f} cm2.")
@@ -67,7 +68,7 @@ class RobustMethod(Method):
             rotation_deg=self._turn_deg(used, best),
             reason=(
                 f"{1e4 * best.new_m2:.0f} cm2 new, {1e4 * best.overlap_m2:.0f} cm2 in common"
-                + ("" if best.overlap_m2 >= c.least_overlap_m2 else ", less than desired")
+                + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
             ),
             sides=(),
             candidates=tuple(rated[:6]),
@@ -123,7 +124,7 @@ class RobustMethod(Method):
 
     def is_contradicted(self, document: Document) -> bool:
         """Tell whether too large a share is contradicted for the view to be accepted without an operator."""
-        return self.contradiction(document) > self._config.agreement.most_contradiction
+        return self.contradiction(document) > _MOST_CONTRADICTION
 
     # ------------------------------------------------- what the rest of the program asks
 

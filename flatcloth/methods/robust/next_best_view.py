@@ -16,11 +16,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import OutlookConfig
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
 from flatcloth.methods.robust.joint import JointShape
+
+LEAST_OVERLAP_M2 = 0.03
+"""Desirable overlap S_0, the paper's."""
+_GOOD_INCIDENCE_DEG = 50.0
+"""Cloth seen at less than this is seen well (A_w, in both directions)."""
+_POOR_INCIDENCE_DEG = 60.0
+"""Cloth that was seen only more steeply than this is to be seen again."""
+_NOVEL_TURN_DEG = 30.0
+"""A view nearer than this to one that was looked at shows less beyond the rim."""
+_JOINING_SHARE = 0.5
+"""A view that shows the gap between the shape and a floating piece may join so much of the piece, ..."""
+_JOINING_PAIRS = 20.0
+"""... if it shows so many pairs of nodes on both sides of the gap."""
+_EXPLORED_DEG = 12.0
+"""Around a view that was looked at, nothing unknown is expected within this turn; ..."""
+_UNSEEN_M2_PER_DEG = 0.001
+"""... beyond, so much for each degree."""
+_COVER_RAD = 0.014
+"""Nodes within this angle of each other cover one another, ..."""
+_COVER_GAP_M = 0.03
+"""... if one is nearer by this."""
 
 
 def rate_candidates(
@@ -29,7 +49,6 @@ def rate_candidates(
     angles_deg: Sequence[float],
     candidates: Iterable[int],
     seen: Iterable[int],
-    config: OutlookConfig,
 ) -> list[Candidate]:
     """Rate views that were not looked at yet.
 
@@ -43,8 +62,6 @@ def rate_candidates(
         Angles of all views.
     candidates, seen : iterables of int
         The views to rate, and those that were looked at (accepted or not).
-    config : OutlookConfig
-        What counts as seen well.
 
     Returns
     -------
@@ -58,33 +75,33 @@ def rate_candidates(
     rim = _rim(shape)
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
-    limit, steep = math.cos(math.radians(config.good_incidence_deg)), math.cos(math.radians(75.0))
+    limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(75.0))
     rated = []
     for view in candidates:
         turn = camera_from_held(axis, angles_deg[view])
         points, facing = turn.apply_with_normal(xyz, normal)
         ray = -points / np.linalg.norm(points, axis=1)[:, None]
         cos = (ray * facing).sum(axis=1)
-        visible = (cos > steep) & _uncovered(points, config)
+        visible = (cos > steep) & _uncovered(points)
         good = visible & (cos > limit)
         beyond = turn.turn(rim.beyond_normal)
         opened = np.clip((ray[rim.node] * beyond).sum(axis=1), 0.0, 1.0) * visible[rim.node]
-        shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / config.joining_pairs) for a, b, n in gaps)
+        shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / _JOINING_PAIRS) for a, b, n in gaps)
         gap = np.abs((looked - angles_deg[view] + 180.0) % 360.0 - 180.0)
         nearest = float(gap.min()) if gap.size else 180.0
-        novelty = min(1.0, nearest / config.novel_turn_deg)
+        novelty = min(1.0, nearest / _NOVEL_TURN_DEG)
         rated.append(
             Candidate(
                 view_index=view,
-                overlap_m2=float(area * (good & (best < config.poor_incidence_deg)).sum()),
-                improved_m2=float(area * (good & (best >= config.poor_incidence_deg)).sum()),
+                overlap_m2=float(area * (good & (best < _POOR_INCIDENCE_DEG)).sum()),
+                improved_m2=float(area * (good & (best >= _POOR_INCIDENCE_DEG)).sum()),
                 beyond_m2=float((rim.promise_m2 * opened).sum()) * novelty,
-                joining_m2=float(novelty * config.joining_share * area * shown),
-                unseen_m2=config.unseen_m2_per_deg * max(0.0, nearest - config.explored_deg),
+                joining_m2=float(novelty * _JOINING_SHARE * area * shown),
+                unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
                 gap_deg=nearest,
             )
         )
-    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / config.least_overlap_m2 + 0.1), reverse=True)
+    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / LEAST_OVERLAP_M2 + 0.1), reverse=True)
     return rated
 
 
@@ -165,12 +182,12 @@ def _rim(shape: JointShape) -> _Rim:
     return _Rim(at, beyond, promise)
 
 
-def _uncovered(points: Float64, config: OutlookConfig) -> Bool:
+def _uncovered(points: Float64) -> Bool:
     """Tell which points (camera frame) no other point lies clearly in front of."""
-    cell = np.rint(points[:, :2] / points[:, 2:] / config.cover_rad).astype(np.int64)
+    cell = np.rint(points[:, :2] / points[:, 2:] / _COVER_RAD).astype(np.int64)
     cell -= cell.min(axis=0)
     flat = cell[:, 1] * (int(cell[:, 0].max()) + 1) + cell[:, 0]
     nearest = np.full(int(flat.max()) + 1, np.inf)
     np.minimum.at(nearest, flat, points[:, 2])
-    free: Bool = points[:, 2] <= nearest[flat] + config.cover_gap_m
+    free: Bool = points[:, 2] <= nearest[flat] + _COVER_GAP_M
     return free

@@ -14,11 +14,43 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import FlatteningConfig, JointConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, project, tangent_basis
 from flatcloth.core.types import Bool, Float64, Int32, Intrinsics
-from flatcloth.flattening.sampling import fit_samples, lengths_along_surface, pairs_on_surface
+from flatcloth.flattening.sampling import (
+    MAX_CHORD_SLOPE,
+    fit_samples,
+    lengths_along_surface,
+    pairs_on_surface,
+)
 from flatcloth.flattening.surface import Surface
+
+_SAME_PLACE_M = 0.0015
+"""A node is seen by a view if it lies within this of the view's surface, ..."""
+_SAME_PLACE_NOISE = 3.0
+"""... and so many times the noise of the view more, ..."""
+_SAME_NORMAL_COS = 0.85
+"""... and both normals differ by at most the angle of this cosine."""
+_INCIDENCE_LIMIT_DEG = 75.0
+"""Cloth seen more steeply adds no nodes."""
+_NOISY_INCIDENCE_LIMIT_DEG = 55.0
+"""Where the depth is noisy, known cloth that is seen more steeply is not measured again."""
+_NEW_NODE_DISTANCE = 0.65
+"""A view adds nodes at this distance (in sampling intervals) from the nodes it sees."""
+_LEAST_PAIR_M = 0.002
+"""Nodes nearer to each other than this make no pair."""
+_PAIR_STD_M = 0.0003
+"""Standard deviation of a pair's length without noise: cloth stretches."""
+FRONTAL_NOISE = 0.4
+"""A pair seen frontally is off by this share of the view's noise, ..."""
+STEEP_NOISE = 1.0
+"""... and by this much more for each unit of the squared tangent of the incidence."""
+_SMOOTH_COS = 0.95
+"""A pair whose normals differ by more than this angle crosses a crease, or two layers: ..."""
+_CREASED_EVIDENCE = 0.25
+"""... it tells this much less of its ends being one piece of cloth."""
+_BENT_DEG = (2.0, 8.0)
+"""Normals of a pair that differ by more than this (without, with noise) tell how it is bent."""
 
 Complex128 = NDArray[np.complex128]
 
@@ -79,7 +111,7 @@ class Association:
     incidence_deg: Float64
 
 
-def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: JointConfig) -> Association:
+def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Association:
     """Find the nodes that lie on the visible surface of a view.
 
     Parameters
@@ -90,8 +122,6 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: 
         The view's surface.
     held_from_camera : Rigid3
         Where the view's camera stands.
-    config : JointConfig
-        By how much place and normal may differ.
 
     Returns
     -------
@@ -100,7 +130,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: 
     """
     k = surface.frame.intrinsics
     points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
-    tolerance = config.same_place_m + config.same_place_noise * surface.noise_m
+    tolerance = _SAME_PLACE_M + _SAME_PLACE_NOISE * surface.noise_m
     rc = project(points, k)
     for round_ in range(2):
         pixel, inside = _pixels_inside(rc, surface.usable.shape)
@@ -109,7 +139,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3, config: 
         with np.errstate(invalid="ignore"):
             above = ((seen - points) * seen_normal).sum(axis=1)
             same = inside & (np.abs(above) <= tolerance)
-            same &= (seen_normal * normal).sum(axis=1) >= config.same_normal_cos
+            same &= (seen_normal * normal).sum(axis=1) >= _SAME_NORMAL_COS
         if round_ == 0:
             foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
             rc = project(foot, k)
@@ -127,37 +157,36 @@ def observe(
     surface: Surface,
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
-    config: JointConfig,
 ) -> tuple[Nodes, Observation]:
     """Observe the associated nodes in a view, and add nodes where it shows other cloth.
 
     Returns the nodes, moved to the mean of what all views say, and the observation.
     """
     d = flattening.sampling_intervals_px[-1]
-    limit = config.noisy_incidence_limit_deg if surface.noisy else config.incidence_limit_deg
+    limit = _NOISY_INCIDENCE_LIMIT_DEG if surface.noisy else _INCIDENCE_LIMIT_DEG
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     fresh = np.argwhere(grid & surface.usable).astype(np.float64)
     if len(associated.rc):
         distance, _ = cKDTree(associated.rc).query(fresh)
-        fresh = fresh[distance > config.new_node_distance * d]
+        fresh = fresh[distance > _NEW_NODE_DISTANCE * d]
     if not surface.noisy:
         known = np.concatenate([associated.rc, fresh])
-        fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known, config)])
+        fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known)])
     # Cloth that is known already is not measured again where it is seen too steeply.
     steep = associated.incidence_deg > limit
     node = np.concatenate([associated.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
     rc = np.concatenate([associated.rc[~steep], fresh])
-    points, normal, known = fit_samples(surface, rc, flattening)
+    points, normal, known = fit_samples(surface, rc)
     incidence = _incidence_deg(rc, normal, surface.frame.intrinsics)
-    known &= (node >= 0) | (incidence <= config.incidence_limit_deg)
+    known &= (node >= 0) | (incidence <= _INCIDENCE_LIMIT_DEG)
     rc, points, normal, incidence = (a[known] for a in (rc, points, normal, incidence))
     node = node[known]
     is_new = node < 0
     node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
-    edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface, flattening, config)
-    smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= config.smooth_cos
-    evidence = np.square(config.pair_std_m / std) * np.where(smooth, 1.0, config.creased_evidence)
+    edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface)
+    smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= _SMOOTH_COS
+    evidence = np.square(_PAIR_STD_M / std) * np.where(smooth, 1.0, _CREASED_EVIDENCE)
     observation = Observation(
         view_index=surface.frame.view_index,
         node=node,
@@ -175,7 +204,7 @@ def observe(
     return averaged(nodes, observation, held_from_camera), observation
 
 
-def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: JointConfig) -> Float64:
+def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64:
     """Return places (N, 2) at half the interval where the surface is narrower than the interval.
 
     Strips and necks that the grid would miss join what lies on either side of them.
@@ -189,7 +218,7 @@ def _in_narrow_places(usable: Bool, interval_px: int, known: Float64, config: Jo
     places = np.argwhere(grid & narrow).astype(np.float64)
     if len(known) and len(places):
         distance, _ = cKDTree(known).query(places)
-        places = places[distance > config.new_node_distance * half]
+        places = places[distance > _NEW_NODE_DISTANCE * half]
     return places
 
 
@@ -213,8 +242,6 @@ def _pairs(
     incidence_deg: Float64,
     interval_px: int,
     surface: Surface,
-    flattening: FlatteningConfig,
-    config: JointConfig,
 ) -> tuple[Int32, Float64, Float64, Complex128]:
     pixel = np.rint(rc).astype(np.int32)
     edges = pairs_on_surface(pixel, 1.5 * interval_px, surface)
@@ -224,13 +251,13 @@ def _pairs(
         reach = 1.5 * np.maximum(near[:, -1], interval_px // 2)
         apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
         edges = edges[apart_px <= reach[edges].max(axis=1)]
-    edges, length = lengths_along_surface(edges, points, normal, flattening.max_chord_slope)
-    apart = length > config.least_pair_m
+    edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
+    apart = length > _LEAST_PAIR_M
     edges, length = edges[apart], length[apart]
     steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
-    noise = surface.noise_m * (config.frontal_noise + config.steep_noise * steepness[edges].mean(axis=1))
-    std = np.hypot(config.pair_std_m, noise)
-    return edges, length, std, _offsets(edges, points, normal, length, config.bent_deg[int(surface.noisy)])
+    noise = surface.noise_m * (FRONTAL_NOISE + STEEP_NOISE * steepness[edges].mean(axis=1))
+    std = np.hypot(_PAIR_STD_M, noise)
+    return edges, length, std, _offsets(edges, points, normal, length, _BENT_DEG[int(surface.noisy)])
 
 
 def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, bent_deg: float) -> Complex128:

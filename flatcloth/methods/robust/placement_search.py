@@ -28,7 +28,13 @@ from flatcloth.methods.robust.scoring import (
     texture_features,
 )
 from flatcloth.methods.robust.shapes import JointShapes, prefix
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.machine import Document
+
+_SAMPLES = 500
+"""So many pixels of a part are compared."""
+_RELIABLE_CONFIDENCE = 0.95
+"""Above this the costly search over all places and turns is spared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +72,7 @@ class PlacementSearch:
             shape = self._shapes.shape(document)
             textures = {view: self._texture(view) for view in shape.views}
             surfaces = self._shapes.surfaces(shape)
-            return ReferenceShape(shape, surfaces, textures, self._views.axis, self._config.agreement)
+            return ReferenceShape(shape, surfaces, textures, self._views.axis)
 
         return self._references.get(prefix(document), make)
 
@@ -89,7 +95,7 @@ class PlacementSearch:
             if component.folded_share > self._config.flattening.max_folded_share:
                 folded = max(folded, component.folded_share)
                 continue
-            large = sampled.area_m2 >= self._config.alignment.least_part_share * largest
+            large = sampled.area_m2 >= LEAST_COMPONENT_SHARE * largest
             if hypotheses := self._hypotheses(reference, coarse, view_index, n, sampled, searched=large):
                 found[n] = hypotheses
         return Found(hypotheses=found, folded_share=folded)
@@ -110,21 +116,21 @@ class PlacementSearch:
         if searched:
             angles_deg = (self._angles_deg[view_index], self._angles_deg[view_index])
             limit_deg = c.planning.z_angle_limit_deg
-            lines = from_z_angle_lines(coarse, view, self._views.axis, angles_deg, limit_deg, c.alignment)
+            lines = from_z_angle_lines(coarse, view, self._views.axis, angles_deg, limit_deg)
             estimates += [("lines", motion) for motion in lines]
-        hypotheses = evaluate(reference, sampled, number, estimates, c.agreement)
-        reliable = bool(hypotheses) and hypotheses[0].score.total >= c.agreement.sure_confidence
+        hypotheses = evaluate(reference, sampled, number, estimates)
+        reliable = bool(hypotheses) and hypotheses[0].score.total >= _RELIABLE_CONFIDENCE
         if reliable or not searched:
             return hypotheses
         around = estimates[0][1].theta_rad if estimates else 0.0
         correlated = from_correlation(coarse, view, self._views.axis, around)
         estimates += [("correlation", motion) for motion in correlated]
-        return evaluate(reference, sampled, number, estimates, c.agreement)
+        return evaluate(reference, sampled, number, estimates)
 
     def _texture(self, view_index: int) -> TextureFeatures:
         return self._textures.get(
             view_index,
-            lambda: texture_features(self._views.flattening(view_index).surface, self._config.agreement),
+            lambda: texture_features(self._views.flattening(view_index).surface),
         )
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
@@ -136,7 +142,7 @@ class PlacementSearch:
         sampled = {}
         for n, component in enumerate(flattening.components):
             rc = np.argwhere(component_of_pixel == n).astype(np.int32)
-            rc = rc[:: max(1, len(rc) // self._config.agreement.samples)]
+            rc = rc[:: max(1, len(rc) // _SAMPLES)]
             uv = flattening.carrier.place(rc)
             known = np.isfinite(uv[:, 0])
             own = np.flatnonzero(component_of_node == n)

@@ -9,19 +9,38 @@ come to lie on itself. Color is compared where the accepted view that saw the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import AgreementConfig
 from flatcloth.core.geometry import Rigid3, height_m, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore
 from flatcloth.methods.robust.joint import JointShape
+
+_COVER_M = 0.010
+"""A place of the plane is covered if a node lies within this."""
+_PLACE_STD_M = 0.003
+"""Distance in space of equal cloth, besides the noise of the views."""
+_TWICE_M = 0.015
+"""The same cloth that lies farther apart on the plane than this is there twice."""
+_TEXTURE_SIZE_M = 0.007
+"""Texture is the intensity less its mean over this size."""
+_COLOR_STD = 20.0
+"""Difference of equal color in two views, grey levels."""
+_TELLING_COLOR = 0.25
+"""Color that disagrees less than this at random counts in proportion."""
+_REFINE_RADIUS_M = 0.02
+"""Refinement begins with cloth that is apart by about this in space."""
+_CORRELATED_SAMPLES = 20.0
+"""So many samples count as one independent measurement."""
+CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
+"""Logistic regression of a right placement: constant, place, color and outline agreement, shares of
+    other cloth and of cloth that is there twice, log10 of the overlap in cm2, median distance in cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,10 +54,10 @@ class TextureFeatures:
     texture: Float32
 
 
-def texture_features(surface: Surface, config: AgreementConfig) -> TextureFeatures:
+def texture_features(surface: Surface) -> TextureFeatures:
     """Compute the features of a surface."""
     inside = surface.usable.astype(np.float32)
-    sigma_px = config.texture_size_m / surface.pixel_pitch_m
+    sigma_px = _TEXTURE_SIZE_M / surface.pixel_pitch_m
 
     def mean(image: Float32, sigma: float) -> Float32:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
@@ -86,8 +105,6 @@ class ReferenceShape:
         Of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
-    config : AgreementConfig
-        Scales.
     """
 
     def __init__(
@@ -96,9 +113,8 @@ class ReferenceShape:
         surfaces: Mapping[int, Surface],
         textures: Mapping[int, TextureFeatures],
         axis: RotationAxis,
-        config: AgreementConfig,
     ) -> None:
-        self.config, self._axis = config, axis
+        self._axis = axis
         self.number = np.flatnonzero(shape.has_place).astype(np.int32)
         self.uv_m = shape.all_uv_m[self.number]
         self.is_main = shape.piece[self.number] == 0
@@ -121,7 +137,7 @@ class ReferenceShape:
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
         """Return which places (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
-        distance, nearest = self._tree.query(uv_m, distance_upper_bound=self.config.cover_m)
+        distance, nearest = self._tree.query(uv_m, distance_upper_bound=_COVER_M)
         covered = np.isfinite(distance)
         at = np.where(covered, nearest, 0).astype(np.int32)
         offset = uv_m - self.uv_m[at]
@@ -209,13 +225,12 @@ def score_placement(
         color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
         distance in space.
     """
-    c = reference.config
     uv = shape_from_component.apply(sampled.uv_m)
     covered, node, there = reference.surface_at(uv)
     each_m2 = sampled.area_m2 / max(len(uv), 1)
     overlap_m2 = float(covered.sum()) * each_m2
     at = np.flatnonzero(covered).astype(np.int32)
-    scale = c.place_std_m + 2.0 * reference.noise_m
+    scale = _PLACE_STD_M + 2.0 * reference.noise_m
     parts = {
         "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
@@ -236,18 +251,17 @@ def score_placement(
     placed = np.isfinite(own[:, 0])
     if placed.any():
         off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
-        parts["twice_share"] = float((off > c.twice_m).mean())
+        parts["twice_share"] = float((off > _TWICE_M).mean())
         parts["outline_agreement"] = float(covered[known][placed].mean())
     elif at.size:
         parts["twice_share"] = 0.0
-    return AlignmentScore(confidence_of(parts, c), parts, "place_median_mm")
+    return AlignmentScore(confidence_of(parts), parts, "place_median_mm")
 
 
 def _color_agreement(
     reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
 ) -> float:
     """Agreement of color, 0.5 if there is nothing to tell; against what random pairs would give."""
-    c = reference.config
     seen = reference.texture_at(node[at], there[at])
     own = sampled.texture[at]
     known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
@@ -256,18 +270,18 @@ def _color_agreement(
     seen, own = seen[known], own[known]
 
     def disagreement(a: Float64, b: Float64) -> float:
-        square = np.square((a - b) / c.color_std).sum(axis=1)
+        square = np.square((a - b) / _COLOR_STD).sum(axis=1)
         return float((square / (1.0 + square)).mean())
 
     random = np.random.default_rng(0)
     chance = disagreement(seen, own[random.permutation(len(own))])
-    telling = min(1.0, chance / c.telling_color)
+    telling = min(1.0, chance / _TELLING_COLOR)
     return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
 
 
-def confidence_of(parts: Mapping[str, float], config: AgreementConfig) -> float:
+def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
     """Return the chance that a placement with these parts is right (logistic regression)."""
-    logit = sum(w * v for w, v in zip(config.confidence_weights, features_of(parts), strict=True))
+    logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
 
@@ -309,10 +323,9 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     The standard deviations say which directions the cloth in common leaves open: a flat strip under
     a strip, say; where nothing is covered all three are infinite.
     """
-    c = reference.config
     motion = initial
-    reach = c.refine_reach_m
-    scale = c.place_std_m + 2.0 * reference.noise_m
+    reach = _REFINE_RADIUS_M
+    scale = _PLACE_STD_M + 2.0 * reference.noise_m
     hessian = np.zeros((3, 3))
     for _ in range(rounds):
         uv = motion.apply(sampled.uv_m)
@@ -338,7 +351,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
         reach = max(0.6 * reach, scale)
         if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
             break
-    independent = c.correlated_samples
+    independent = _CORRELATED_SAMPLES
     std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
     return Refined(shape_from_component=motion, std=std)
 

@@ -20,8 +20,11 @@ from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint
 from flatcloth.methods.robust.observations import Association, associate
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
 from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
-from flatcloth.registration.view_features import Scan, scan
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
+
+_GATE_M = 0.025
+"""Nodes farther than this from where the placement puts them are not taken for the same cloth."""
 
 
 class JointShapes:
@@ -37,7 +40,7 @@ class JointShapes:
         self._views, self._config = views, views.config
         self._shapes: Cache[JointShape] = Cache(64)
         self._drawn: Cache[Canonical] = Cache(16)
-        self._scans: Cache[Scan] = Cache(48)
+        self._features: Cache[ViewFeatures] = Cache(48)
         self._registrations: Cache[Registered] = Cache(64)
         self._component_maps: Cache[Int32] = Cache(48)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
@@ -69,11 +72,10 @@ class JointShapes:
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return where the cameras of views, accepted in this order, stand (cached)."""
         if not views:
-            c = self._config.registration
-            return begin_registration(self._views.axis, self._views.held_point_m, c)
+            return begin_registration(self._views.axis, self._views.held_point_m)
 
         def make() -> Registered:
-            return extend_registration(self.registered(views[:-1]), self._scan(views[-1]))
+            return extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
 
         return self._registrations.get(views, make)
 
@@ -82,18 +84,16 @@ class JointShapes:
         registered = self.registered(views)
         return registered.held_from_camera if registered.is_loose else registered.known
 
-    def _scan(self, view_index: int) -> Scan:
-        return self._scans.get(
-            view_index, lambda: scan(self._views.flattening(view_index).surface, self._config.registration)
+    def _view_features(self, view_index: int) -> ViewFeatures:
+        return self._features.get(
+            view_index, lambda: extract_features(self._views.flattening(view_index).surface)
         )
 
     def _begin(self, start: int) -> JointShape:
         flattening = self._views.flattening(start)
         uv, _ = flattening.carrier.place_all()
         uv[self.component_of_pixel(start) != 0] = np.nan
-        return begin_joint(
-            flattening.surface, self.poses((start,))[0], uv, self._config.flattening, self._config.joint
-        )
+        return begin_joint(flattening.surface, self.poses((start,))[0], uv, self._config.flattening)
 
     def associated(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Association]:
         """Return the shape, a view's pose, and the nodes that the view shows, its camera's place known."""
@@ -106,7 +106,7 @@ class JointShapes:
             *before, held = self.poses((*shape.views, view_index))
             moved = with_poses(shape, tuple(before))
             surface = self._views.flattening(view_index).surface
-            return moved, held, associate(moved.nodes, surface, held, self._config.joint)
+            return moved, held, associate(moved.nodes, surface, held)
 
         return self._associations.get((key, view_index), make)
 
@@ -114,7 +114,7 @@ class JointShapes:
         surface = self._views.flattening(added.view_index).surface
         shape, held, associated = self._associated(key, shape, added.view_index)
         associated = self._trusted(shape, associated, added)
-        return extend_joint(shape, surface, held, self._config.flattening, self._config.joint, associated)
+        return extend_joint(shape, surface, held, self._config.flattening, associated)
 
     def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
         """Keep the nodes whose place on the plane fits the accepted placement, component by component.
@@ -132,13 +132,13 @@ class JointShapes:
         kept = np.ones(len(pixel), dtype=bool)
         at = np.flatnonzero(known & (component == added.component))
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
-        kept[at] = off <= self._config.agreement.gate_m
+        kept[at] = off <= _GATE_M
         by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
         for number in np.setdiff1d(component, [added.component]):
             at = np.flatnonzero(known & (component == number))
             for piece in np.unique(shape.piece[associated.node[at]]):
                 there = at[shape.piece[associated.node[at]] == piece]
-                kept[there] = _consistent(own[there], target[there], self._config.agreement.gate_m)
+                kept[there] = _consistent(own[there], target[there], _GATE_M)
         if not by_hand:
             return _chosen(associated, kept)
         under = self._nodes_under(shape, added)
@@ -170,14 +170,14 @@ class JointShapes:
         surfaces, c = self.surfaces(shape), self._config
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
-        std = placement_std_m(shape, self._views.held_point_m, c.uncertainty, c.joint)
-        unreliable = undetermined(shape, std, c.uncertainty, c.joint)
-        costs = {view: pixel_cost(surface, c.joint) for view, surface in surfaces.items()}
+        std = placement_std_m(shape, self._views.held_point_m)
+        unreliable = undetermined(shape, std)
+        costs = {view: pixel_cost(surface) for view, surface in surfaces.items()}
         reliable, *pieces = [
             composite(shape, surfaces, self._views.axis, interval, size, costs, uv)
             for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *floating_pieces(shape, unreliable))
         ]
-        view = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces, c.uncertainty)
+        view = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces)
         least = c.surface.min_component_area_m2
         return Canonical(
             view=view,

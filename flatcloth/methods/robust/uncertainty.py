@@ -16,16 +16,48 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import JointConfig, UncertaintyConfig
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import factor, flexible, nearest_rigid_part, rigid_parts
+from flatcloth.methods.robust.articulated import (
+    DIRECTION_WEIGHT,
+    factor,
+    flexible,
+    nearest_rigid_part,
+    rigid_parts,
+)
 from flatcloth.methods.robust.joint import JointShape
 
+_STRAIN = 0.0035
+"""Standard deviation of the strain that the flattening cannot know."""
+_EXTENT_M = 0.04
+"""Over this extent strain is alike."""
+_GATHERED_EXTENT_M = 0.28
+"""So far from the held point strain counts double, and towards it more by the cube: ..."""
+_GATHERED_M = 0.07
+"""... up to this distance, within which all cloth is gathered in folds."""
+_NOISE_SHARE = 0.85
+"""Independent error of each pair, in its standard deviations."""
+_STRIP_NOISE_M = 0.0017
+"""Strips are folded and seen aslant: each of their pairs is off by this besides."""
+LEAST_STD_M = 0.002
+"""No place is surer than this: the part that the others are told against is strained itself."""
+_DRAWS = 48
+"""Random strain fields from which the standard deviations are taken."""
+_WAVES = 32
+"""Waves of which the random strain fields are made."""
+_BESIDE_STD_M = 0.012
+"""A rim pixel of a noisy view is so unsure where another layer lies beside it: ..."""
+_BESIDE_RIM_PX = 3.5
+"""... at most so far from the rim, ..."""
+_BESIDE_RADIUS_PX = 5
+"""... within so many pixels of a layer ..."""
+_BESIDE_STEP_M = 0.012
+"""... that is so much farther or nearer."""
+MOST_STD_M = 0.034
+"""A part of which half is less sure than this floats: nothing determines its place."""
 
-def placement_std_m(
-    shape: JointShape, held_point_m: Float64, config: UncertaintyConfig, joint: JointConfig
-) -> Float64:
+
+def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     """Return the standard deviation (N,) of each node's place, relative to the start view's main piece.
 
     Parameters
@@ -34,10 +66,6 @@ def placement_std_m(
         The shape.
     held_point_m : (3,) float64
         Where the item is held, held frame: cloth is gathered in folds there, and its lengths are worst.
-    config : UncertaintyConfig
-        Strain, its extent, and the number of draws.
-    joint : JointConfig
-        What a strip is, and what directions count there.
 
     Returns
     -------
@@ -56,18 +84,18 @@ def placement_std_m(
     weight = shape.weight[inside] / np.square(links.std_m[inside])
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + np.power(config.held_reach_m / np.maximum(below_m, config.gathered_m), 3)
-    change = _strained(uv, edges, unit, config, random)
+    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
+    change = _strained(uv, edges, unit, random)
     change *= (more * links.length_m[inside])[:, None]
     normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
-    noise = config.noise_share * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
-    rigid_part = rigid_parts(uv, edges, joint)
+    noise = _NOISE_SHARE * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
+    rigid_part = rigid_parts(uv, edges)
     loose = flexible(rigid_part, edges)
-    own = np.hypot(noise * links.std_m[inside], config.strip_noise_m * loose)[:, None]
+    own = np.hypot(noise * links.std_m[inside], _STRIP_NOISE_M * loose)[:, None]
     change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
-    sheet = _Sheet(len(uv), edges, along, weight, joint.direction_weight, stars)
+    sheet = _Sheet(len(uv), edges, along, weight, DIRECTION_WEIGHT, stars)
     moved = _displaced(sheet, change, own, random)
     anchor = number[shape.observations[0].node]
     anchor = anchor[anchor >= 0]
@@ -75,16 +103,16 @@ def placement_std_m(
         anchor = anchor[
             rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
         ]
-    spread = np.empty((len(uv), config.draws))
-    for k in range(config.draws):
+    spread = np.empty((len(uv), _DRAWS))
+    for k in range(_DRAWS):
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
     std = np.full(len(shape.nodes), np.nan)
     std[placed] = np.sqrt(spread.mean(axis=1))
-    result: Float64 = np.hypot(std, config.least_m)
+    result: Float64 = np.hypot(std, LEAST_STD_M)
     return result
 
 
-def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, joint: JointConfig) -> Bool:
+def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     """Return which nodes (N,) of the main piece have an undetermined place.
 
     Each rigid part is judged as a whole: half of its nodes have a standard deviation
@@ -95,11 +123,11 @@ def undetermined(shape: JointShape, std_m: Float64, config: UncertaintyConfig, j
     number[placed] = np.arange(placed.size)
     edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
     uv = shape.uv_m[placed]
-    nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges, joint))
+    nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
     for rigid_part in range(int(nearest.max(initial=-1)) + 1):
         own = placed[nearest == rigid_part]
-        loose[own] = float(np.median(std_m[own])) > config.most_std_m
+        loose[own] = float(np.median(std_m[own])) > MOST_STD_M
     return loose
 
 
@@ -108,7 +136,6 @@ def with_placement_std(
     shape: JointShape,
     std_m: Float64,
     surfaces: Mapping[int, Surface],
-    config: UncertaintyConfig,
 ) -> FlattenedView:
     """Return a view of a joint shape with the standard deviation of each pixel's place.
 
@@ -125,11 +152,11 @@ def with_placement_std(
     # cv2 aligns the corners of the pixels: the value of a coarse pixel lies in the middle of its block.
     shift = _BLOCK_PX // 2
     std = smooth[shift : shift + rows, shift : shift + cols]
-    std = np.hypot(std, np.float32(config.beside_std_m) * _beside_a_layer(view, surfaces, config))
+    std = np.hypot(std, np.float32(_BESIDE_STD_M) * _beside_a_layer(view, surfaces))
     return replace(view, placement_std_m=np.where(view.valid, std, np.float32(np.nan)))
 
 
-def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface], config: UncertaintyConfig) -> Bool:
+def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Bool:
     """Tell which pixels (R, C) a noisy view shows at the rim of its surface beside another layer."""
     result = np.zeros(view.shape, dtype=np.bool_)
     for number, surface in surfaces.items():
@@ -137,24 +164,22 @@ def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface], config
         if surface.noisy and own.any():
             rc = np.rint(view.source_rc[own] - np.asarray(surface.frame.offset_rc)).astype(int)
             rc = np.clip(rc, 0, np.array(surface.usable.shape) - 1)
-            result[own] = _layer_rims(surface, config)[rc[:, 0], rc[:, 1]]
+            result[own] = _layer_rims(surface)[rc[:, 0], rc[:, 1]]
     return result
 
 
-def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
+def _layer_rims(surface: Surface) -> Bool:
     measured = surface.frame.depth_m
-    kernel = np.ones((2 * config.beside_reach_px + 1,) * 2, dtype=np.uint8)
+    kernel = np.ones((2 * _BESIDE_RADIUS_PX + 1,) * 2, dtype=np.uint8)
     depth = surface.xyz_m[..., 2]
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
     inside = cv2.distanceTransform(
         np.pad(surface.usable.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )[1:-1, 1:-1]
-    step = config.beside_step_m
+    step = _BESIDE_STEP_M
     rims: Bool = (
-        surface.usable
-        & (inside <= config.beside_rim_px)
-        & ((farthest - depth > step) | (depth - nearest > step))
+        surface.usable & (inside <= _BESIDE_RIM_PX) & ((farthest - depth > step) | (depth - nearest > step))
     )
     return rims
 
@@ -162,25 +187,21 @@ def _layer_rims(surface: Surface, config: UncertaintyConfig) -> Bool:
 _BLOCK_PX = 3
 
 
-def _strained(
-    at: Float64, edges: Int32, unit: Float64, config: UncertaintyConfig, random: np.random.Generator
-) -> Float64:
+def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
     """Draw relative changes of length (M, draws): smooth random strain fields, seen along each pair."""
     share = (np.square(unit[:, 0]), math.sqrt(2.0) * unit[:, 0] * unit[:, 1], np.square(unit[:, 1]))
-    change = np.zeros((len(edges), config.draws))
-    for own, field in zip(share, _smooth(at, 3, config, random), strict=True):
-        change += (0.5 * config.strain * own)[:, None] * (field[edges[:, 0]] + field[edges[:, 1]])
+    change = np.zeros((len(edges), _DRAWS))
+    for own, field in zip(share, _smooth(at, 3, random), strict=True):
+        change += (0.5 * _STRAIN * own)[:, None] * (field[edges[:, 0]] + field[edges[:, 1]])
     return change
 
 
-def _smooth(at: Float64, count: int, config: UncertaintyConfig, random: np.random.Generator) -> list[Float64]:
+def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float64]:
     """Draw ``count`` smooth random fields of unit variance at places (M, 2) of the plane: (M, draws) each."""
-    phase = at @ (random.standard_normal((config.waves, 2)) / config.extent_m).T
+    phase = at @ (random.standard_normal((_WAVES, 2)) / _EXTENT_M).T
     features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-    scale = 1.0 / math.sqrt(config.waves)
-    return [
-        features @ (scale * random.standard_normal((2 * config.waves, config.draws))) for _ in range(count)
-    ]
+    scale = 1.0 / math.sqrt(_WAVES)
+    return [features @ (scale * random.standard_normal((2 * _WAVES, _DRAWS))) for _ in range(count)]
 
 
 @dataclass(frozen=True)

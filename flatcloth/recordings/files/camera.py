@@ -1,4 +1,4 @@
-"""The camera of a recording: the checks that every source shares, and the files that describe it."""
+"""The camera of a recording: checks that all sources share."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.lens import COEFFICIENTS, Lens
 
 MOST_PIXELS = 25_000_000
-"""Twice those of the largest depth camera; a view of them takes half a gigabyte to read."""
+"""Twice the pixels of the largest depth camera; reading such a view takes half a gigabyte."""
 
 Fail = Callable[[str, str], NoReturn]
-"""Raises ``RecordingError``, given cause and remedy; it knows the file."""
+"""Raises ``RecordingError`` with the given cause and remedy, and the name of the file."""
 
 
 def checked_intrinsics(
@@ -23,7 +23,7 @@ def checked_intrinsics(
     fail: Fail,
     where: str = "",
 ) -> Intrinsics:
-    """Return the camera, if one like it can exist.
+    """Return the camera if its values are possible.
 
     Parameters
     ----------
@@ -32,26 +32,26 @@ def checked_intrinsics(
     focal, center : (fx, fy), (cx, cy)
         Finite numbers, pixels.
     fail : callable
-        Told what is wrong.
+        Called with cause and remedy if something is wrong.
     where : str
-        Before the names in messages.
+        Prefix of the names in messages.
     """
     (width, height), (fx, fy), (cx, cy) = size, focal, center
     if width * height > MOST_PIXELS:
         fail(
             f"{where}{width}x{height} px are {width * height / 1e6:.0f} megapixels",
-            f"At most {MOST_PIXELS / 1e6:.0f} are read: scale the images down.",
+            f"The limit is {MOST_PIXELS / 1e6:.0f}: scale the images down.",
         )
     longer = max(width, height)
     for name, value in (("fx", fx), ("fy", fy)):
         if not 0.1 * longer <= value <= 100 * longer:
-            fail(f"{where}{name} is {value:g}", f"No camera of {width}x{height} px has it.")
+            fail(f"{where}{name} is {value:g}", f"Give pixels of a {width}x{height} image.")
     if not 0.5 <= fx / fy <= 2:
-        fail(f"{where}fx {fx:g} and fy {fy:g} differ too much", "They are in pixels.")
-    # A cropped image may have its principal point outside, but not far.
+        fail(f"{where}fx {fx:g} and fy {fy:g} differ too much", "Give both in pixels.")
+    # The principal point of a cropped image may lie outside it, but not far.
     for name, value, pixels in (("cx", cx, width), ("cy", cy, height)):
         if not -2 * pixels <= value <= 3 * pixels:
-            fail(f"{where}{name} is {value:g}", f"It is a pixel of a {width}x{height} image.")
+            fail(f"{where}{name} is {value:g}", f"Give a pixel position in the {width}x{height} image.")
     return Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
@@ -62,26 +62,26 @@ def checked_lens(
     where: str = "",
     model: str = "brown_conrady",
 ) -> Lens:
-    """Return the lens, if it does not fold the image over itself.
+    """Return the lens if its distortion is invertible on the image.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of the images before and after.
+        Camera of the distorted and the undistorted images.
     coefficients : sequence of float
-        As many as the model knows, or fewer; missing ones are 0.
+        At most as many as the model has; missing ones are 0.
     fail, where
-        As above.
+        As in :func:`checked_intrinsics`.
     model : str
         One of ``lens.COEFFICIENTS``.
     """
     if not all(map(math.isfinite, coefficients)):
-        fail(f"{where}distortion has numbers that are not finite", "Calibrate the camera again.")
+        fail(f"{where}distortion contains a number that is not finite", "Calibrate the camera again.")
     most = COEFFICIENTS[model]
     if any(coefficients[most:]):
         fail(
             f"{where}distortion has {len(coefficients)} numbers",
-            f"At most {most} of this model are understood.",
+            f"This model has at most {most}.",
         )
     padded = (*coefficients, *[0.0] * most)[:most]
     lens = Lens(intrinsics, padded, fisheye=model == "fisheye")

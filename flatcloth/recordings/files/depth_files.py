@@ -1,8 +1,7 @@
 """Depth images of other programs: PNG, TIFF, OpenEXR, NumPy and organised PCD.
 
-Headers come first, pixels when they are asked for.
-
-As for color, an image is decoded only after its announced size was compared with the camera's.
+Headers are read first. As for color, an image is decoded only after its size has been compared
+with the camera's.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _EXR = b"v/1\x01"
 _NPY = b"\x93NUMPY"
 _FARTHEST_M = 100.0
-"""Programs write a huge number, or infinity, where a ray meets nothing."""
+"""Programs write a very large number, or infinity, where a ray meets no surface."""
 
 KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel, or organised PCD"
 
@@ -36,7 +35,7 @@ def read_depth_header(path: Path) -> ImageHeader:
     Raises
     ------
     RecordingError
-        If the file is missing, not readable, damaged or of no kind that holds depth.
+        If the file is missing, unreadable, damaged or not a depth image.
     """
     try:
         with open_plain(path) as file:
@@ -52,13 +51,13 @@ def read_depth_header(path: Path) -> ImageHeader:
             else:
                 header = read_header(path)
     except (FileNotFoundError, IsADirectoryError):
-        header = read_header(path)  # says it
+        header = read_header(path)  # raises the error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     except (ValueError, struct.error, IndexError, SyntaxError, tokenize.TokenError, TypeError):
         header = None
     if header is None:
-        raise RecordingError(f"{path}: truncated, damaged or of an unusual kind. Export it as 16-bit PNG.")
+        raise RecordingError(f"{path}: truncated, damaged or not supported. Export it as 16-bit PNG.")
     if header.channels != 1 or header.bits < 16 or header.kind == "jpeg":
         what = f"a {header.bits}-bit {header.kind.upper()} with {header.channels} channels"
         raise RecordingError(f"{path}: is {what}. Depth images must be {KINDS}.")
@@ -68,7 +67,7 @@ def read_depth_header(path: Path) -> ImageHeader:
 def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> Float32:
     """Return the depth (H, W) in metres, 0 where nothing was measured.
 
-    Whole numbers are units; floating-point numbers are metres already.
+    Integer values are multiplied by ``metres_per_unit``; floating-point values are metres.
 
     Raises
     ------
@@ -86,7 +85,7 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
     depth = np.where(known, values, 0.0).astype(np.float32)
     if known.any() and np.median(depth[known]) > _FARTHEST_M and depth[known].min() > 10.0:
         raise RecordingError(
-            f"{path}: floating-point depth is in metres, and half of it is over {_FARTHEST_M:g}. "
+            f"{path}: half of its floating-point values exceed {_FARTHEST_M:g} m. "
             "Divide millimetres by 1000, or export 16-bit whole numbers."
         )
     depth[depth > _FARTHEST_M] = 0.0
@@ -130,7 +129,7 @@ def _pcd_header(file: BinaryIO) -> ImageHeader | None:
 
 
 def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:
-    """Read the first image's tags, and see whether its pixels are all there."""
+    """Read the tags of the first image, and check that all its pixels are in the file."""
     file.seek(4)
     file.seek(struct.unpack(order + "I", file.read(4))[0])
     count = struct.unpack(order + "H", file.read(2))[0]
@@ -177,7 +176,7 @@ def _exr(path: Path, *, header_only: bool) -> Any:
 def _exr_header(path: Path) -> ImageHeader:
     with _exr(path, header_only=True) as file:
         header = file.header()
-        if "dataWindow" not in header:  # the library has complained, but gone on
+        if "dataWindow" not in header:  # the library printed an error and continued
             raise ValueError("it has no pixels")
         (left, top), (right, bottom) = (np.asarray(corner).tolist() for corner in header["dataWindow"])
         names = [channel.name for channel in header["channels"]]
@@ -191,7 +190,7 @@ def _exr_pixels(path: Path) -> NDArray[Any]:
     with _exr(path, header_only=False) as file:
         try:
             channels = file.channels()
-        except ValueError as error:  # the library has complained, but gone on
+        except ValueError as error:  # the library printed an error and continued
             raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
         name = _exr_channel(list(channels))
         assert name is not None  # the header was checked
@@ -199,7 +198,7 @@ def _exr_pixels(path: Path) -> NDArray[Any]:
 
 
 def _exr_channel(names: list[str]) -> str | None:
-    """Return the channel that holds depth: the only one, one called Z or depth, else gray as color."""
+    """Return the channel that holds depth: the only one, one called Z or depth, or gray stored as color."""
     if len(names) == 1:
         return names[0]
     for wanted in ("z", "depth", "y", "r"):

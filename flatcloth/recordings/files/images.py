@@ -1,8 +1,8 @@
-"""Image files of a recording: their headers without decoding, and their pixels with every check.
+"""Image files of a recording: reading headers without decoding, and decoding with all checks.
 
-Headers are read by hand because opening a recording must be quick, and because an image is only
-decoded after its announced size was compared with the camera's: a small file can announce a
-picture that fills the memory.
+Headers are read here and not by a library, because opening a recording must be quick and because
+an image is decoded only after its size has been compared with the camera's: a small file can
+announce a picture that fills the memory.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from flatcloth.core.types import Intrinsics, Uint8
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
-"""Color type to channels after decoding; a palette (3) decodes to color."""
+"""Color type to number of channels after decoding; a palette (3) decodes to color."""
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 MAX_FILE_BYTES = 200_000_000
 _MOST_SEGMENTS = 2000
 _MOST_SCANS = 200
-"""A progressive JPEG has about ten; thousands of empty ones take minutes to decode."""
+"""A progressive JPEG has about ten scans; thousands of empty ones take minutes to decode."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageHeader:
-    """What an image file announces: size in pixels, channels, bits per channel, and its kind.
+    """The header of an image file: size in pixels, channels, bits per channel, and kind.
 
-    ``dtype`` of the pixels and where they begin (``data_start``) are told by some kinds only.
+    ``dtype`` of the pixels and ``data_start``, the position of the first, are set for some kinds only.
     """
 
     kind: str
@@ -53,7 +53,7 @@ def read_header(path: Path) -> ImageHeader:
     Raises
     ------
     RecordingError
-        If the file is missing, not a plain file, not readable or neither PNG nor JPEG.
+        If the file is missing, not a regular file, unreadable or neither PNG nor JPEG.
     """
     if not path.exists():
         raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
@@ -108,22 +108,22 @@ def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
 
 
 def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
-    """Refuse an image of another size than the camera's."""
+    """Raise if an image does not have the camera's size."""
     if (header.width, header.height) != (camera.width, camera.height):
         raise RecordingError(
-            f"{path}: {header.width}x{header.height} px, but the intrinsics say "
-            f"{camera.width}x{camera.height}. All images must be registered, of the camera's size."
+            f"{path}: {header.width}x{header.height} px, but the intrinsics are for "
+            f"{camera.width}x{camera.height}. All images must be registered and have the camera's size."
         )
 
 
 def check_color(path: Path, header: ImageHeader) -> None:
-    """Refuse a color image that is not 8-bit color."""
+    """Raise if a color image is not 8-bit color."""
     if header.bits > 8 or header.channels not in (3, 4) or (header.kind == "jpeg" and header.channels == 4):
         raise RecordingError(f"{path}: {_kind(header)}. Color images must be 8-bit RGB, as PNG or JPEG.")
 
 
 def check_depth(path: Path, header: ImageHeader) -> None:
-    """Refuse a depth image that is not 16-bit with one channel."""
+    """Raise if a depth image is not 16-bit with one channel."""
     if (header.kind, header.bits, header.channels) != ("png", 16, 1):
         raise RecordingError(
             f"{path}: {_kind(header)}. "
@@ -132,7 +132,7 @@ def check_depth(path: Path, header: ImageHeader) -> None:
 
 
 def check_mask(path: Path, header: ImageHeader) -> None:
-    """Refuse a mask that is not 8-bit with one channel."""
+    """Raise if a mask is not 8-bit with one channel."""
     if (header.kind, header.bits, header.channels) != ("png", 8, 1):
         raise RecordingError(
             f"{path}: {_kind(header)}. Masks must be 8-bit PNG with one channel, 255 on the side of interest."
@@ -140,7 +140,7 @@ def check_mask(path: Path, header: ImageHeader) -> None:
 
 
 def check_truth(path: Path, header: ImageHeader) -> None:
-    """Refuse a truth image that is not 16-bit with three channels."""
+    """Raise if a truth image is not 16-bit with three channels."""
     if (header.kind, header.bits, header.channels) != ("png", 16, 3):
         raise RecordingError(f"{path}: {_kind(header)}. Truth images must be 16-bit PNG with three channels.")
 
@@ -154,13 +154,13 @@ def decode_color(path: Path) -> Uint8:
     """Return the pixels (H, W, 3) uint8 RGB of a color image whose header was checked."""
     import cv2
 
-    # The pixels must stay where the camera put them: a photograph's orientation tag is ignored.
+    # The pixels must stay in the camera's orientation: the orientation tag of a photograph is ignored.
     bgr = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, np.uint8)
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
-    """Return the pixels (H, W) or (H, W, 3 as B, G, R) of an image whose header was checked, unchanged."""
+    """Return the pixels (H, W), or (H, W, 3) in B G R order, of an image whose header was checked."""
     import cv2
 
     return _decode(path, cv2.IMREAD_UNCHANGED, dtype)
@@ -172,7 +172,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     RecordingError
-        If it cannot be read, or is larger than any image.
+        If the file cannot be read, or is larger than any image.
     """
     try:
         return read_plain(path, MAX_FILE_BYTES)
@@ -180,7 +180,7 @@ def read_bytes(path: Path) -> bytes:
         if error.errno == errno.EFBIG:
             raise RecordingError(f"{path}: {error.strerror}. Export it again.") from error
         raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}). Check that it still exists and its permissions."
+            f"{path}: cannot be read ({error.strerror}). Check that it exists, and its permissions."
         ) from error
 
 
@@ -188,7 +188,7 @@ def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.ui
     import cv2
 
     data = read_bytes(path)
-    # OpenCV fills what a truncated file lacks with zeros or gray and returns it as if it were whole.
+    # OpenCV returns a truncated image with its missing pixels set to zero or gray, without an error.
     if not _is_whole(data):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
     try:
@@ -204,7 +204,7 @@ def _is_whole(data: bytes) -> bool:
     if data.startswith(b"\xff\xd8"):
         return b"\xff\xd9" in data[-1024:] and data.count(b"\xff\xda") <= _MOST_SCANS
     if not data.startswith(_PNG_SIGNATURE):
-        return True  # a TIFF: the places of its pixels were compared with its length
+        return True  # a TIFF: its pixel positions were compared with its length
     position = len(_PNG_SIGNATURE)
     while position + 12 <= len(data):
         length = int.from_bytes(data[position : position + 4], "big")

@@ -1,4 +1,4 @@
-"""Lens distortion, in OpenCV's meaning of the coefficients, undone on images."""
+"""Lens distortion with OpenCV's coefficients, and its correction in images."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Float64, Intrinsics
 
 COEFFICIENTS = {"brown_conrady": 5, "rational": 8, "fisheye": 4}
-"""The models, and how many numbers each has."""
+"""The models and their numbers of coefficients."""
 
 
 class Lens:
-    """The distortion of a camera; all zero does nothing.
+    """The distortion of a camera; with all coefficients zero it changes nothing.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of the camera's images, and of the undistorted ones, which have the same size.
+        Camera of the distorted images and of the undistorted ones, which have the same size.
     coefficients : tuple of float
         ``k1 k2 p1 p2 k3`` (Brown-Conrady), with ``k4 k5 k6`` after them (rational), or
         ``k1 k2 k3 k4`` of an equidistant ``fisheye``.
     fisheye : bool
-        Which of the models it is. A fisheye without coefficients still bends the image.
+        Whether the model is the fisheye one; it distorts the image also without coefficients.
     """
 
     def __init__(
@@ -39,11 +39,11 @@ class Lens:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the images need no change."""
+        """Whether the images need no correction."""
         return not self._fisheye and not self._coefficients.any()
 
     def folds(self) -> bool:
-        """Say whether two places of the scene fall on the same pixel: no real lens does that.
+        """Return whether two places of the scene fall on the same pixel, which no real lens does.
 
         The radial part must grow with the radius up to the farthest corner of the image.
         """
@@ -56,7 +56,7 @@ class Lens:
         return bool(np.any(np.diff(self._distorted(radius)) <= 0))
 
     def _distorted(self, radius: Float64) -> Float64:
-        """Radius on the distorted image plane, of the radius on the undistorted one."""
+        """Radius on the distorted image plane for a radius on the undistorted one."""
         if self._fisheye:
             angle = np.arctan(radius)
             bent: Float64 = angle * (1 + np.polyval([*self._coefficients[::-1], 0.0], angle**2))
@@ -72,10 +72,10 @@ class Lens:
         return distorted
 
     def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
-        """Return the image (H, W, ...) as a pinhole camera would see it; 0 where nothing is known.
+        """Return the image (H, W, ...) of an ideal pinhole camera; 0 where no pixel is known.
 
-        ``blend`` mixes neighbouring pixels (color); without it the nearest is taken, because a
-        mixture of two depths, or of mask and no mask, was never measured.
+        ``blend`` interpolates between pixels (for color). Without it the nearest pixel is taken,
+        because depth between two surfaces, or a mask value between 0 and 1, would be wrong.
         """
         if self.is_identity:
             return image

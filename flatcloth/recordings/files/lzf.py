@@ -1,4 +1,4 @@
-"""Marc Lehmann's LZF, in which PCD files are packed."""
+"""Decompression of Marc Lehmann's LZF, which PCD files use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from flatcloth.core.types import Uint8
 
 @njit(cache=True)
 def unpack_lzf(data: Uint8, out: Uint8) -> bool:
-    """Unpack Marc Lehmann's LZF into ``out``; False if the data do not fill it exactly."""
+    """Unpack LZF data into ``out``; return False if they do not fill it exactly."""
     at, to, end, size = 0, 0, data.size, out.size
     while at < end:
         control = int(data[at])
@@ -22,7 +22,7 @@ def unpack_lzf(data: Uint8, out: Uint8) -> bool:
                 out[to] = data[at]
                 to += 1
                 at += 1
-        else:  # what was there before, again
+        else:  # back reference: repeat earlier output
             length = control >> 5
             if length == 7:
                 if at >= end:

@@ -1,4 +1,4 @@
-"""File names that come from files: they stay inside their folder."""
+"""Safe use of file names that come from files: they must stay inside their folder."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from flatcloth.recordings.files.text import shortened
 
 
 def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
-    """Return the file of that name in the folder (which is resolved already).
+    """Return the path of a named file in a folder.
 
     Parameters
     ----------
     folder : Path
-        Resolved.
+        The folder, resolved.
     name : object
-        As the file ``listed_in`` has it, at the place ``where``.
+        The name as it stands in the file ``listed_in`` at the place ``where``.
 
     Raises
     ------
     RecordingError
-        If it is no name, or leads outside the folder, also through links.
+        If it is not a file name, or leads outside the folder, also through links.
     """
 
     def refused(cause: str, remedy: str) -> RecordingError:
@@ -33,13 +33,13 @@ def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
 
     text = shortened(name)
     if not isinstance(name, str) or not name:
-        raise refused(f"is {text}", "Name an image file of the folder.")
-    if not name.isprintable() or len(name) > 1024:  # also lone surrogates and NUL
-        raise refused(f"is {text}", "A file name has printable characters only.")
+        raise refused(f"is {text}", "Give the name of an image file in the folder.")
+    if not name.isprintable() or len(name) > 1024:  # excludes lone surrogates and NUL
+        raise refused(f"is {text}", "Use printable characters only.")
     relative = PurePosixPath(name)
     outside = relative.is_absolute() or ".." in relative.parts or re.match(r"[A-Za-z]:", name)
     if outside or "\\" in name:
-        raise refused(f"is {text}", "Paths are relative, with forward slashes, inside the folder.")
+        raise refused(f"is {text}", "Use a relative path with forward slashes, inside the folder.")
     path = folder / relative
     try:
         resolved = path.resolve()
@@ -51,12 +51,12 @@ def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a list or description beside the images.
+    """Return the text of a list or description in a recording.
 
     Raises
     ------
     RecordingError
-        If it is missing, unreadable, not UTF-8, or larger than any such file.
+        If it is missing, unreadable, not UTF-8, or too large.
     """
     try:
         if not path.is_file():

@@ -1,8 +1,8 @@
-"""Organised point clouds in PCD files: a 3D point, and mostly a color, for each pixel of a depth image.
+"""Organised point clouds in PCD files: a 3D point, and usually a color, for each pixel of a depth image.
 
-The usual readers (PCL apart) drop the organisation, which is what makes a cloud an image; and they take
-what a file announces at its word. Here sizes are compared with the file before anything is unpacked.
-Format: the Point Cloud Library's PCD, version 0.7.
+Most readers (except PCL) drop the organisation into rows and columns, and trust the sizes announced by a
+file. Here sizes are compared with the file before anything is unpacked. Format: PCD 0.7 of the Point
+Cloud Library.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _KINDS = {
 }
 _LAYOUTS = ("ascii", "binary", "binary_compressed")
 _MOST_RESIDUAL_PX = 0.5
-"""Points that are those of pixels fall on them to far less; rounding to millimetres makes 0.3 px at 0.5 m."""
+"""Residual of a true camera is much smaller; rounding to millimetres gives 0.3 px at 0.5 m."""
 _FITTED = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
 class PcdHeader:
-    """What a PCD file announces; ``dtype`` is that of a point, ``start`` where the data begin."""
+    """The header of a PCD file; ``dtype`` is that of a point, ``start`` the position of the data."""
 
     width: int
     height: int
@@ -47,13 +47,13 @@ class PcdHeader:
 
     @property
     def has_color(self) -> bool:
-        """Whether its points have colors."""
+        """Whether the points have colors."""
         return any(name in (self.dtype.names or ()) for name in ("rgb", "rgba"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class OrganisedCloud:
-    """A point for each pixel: ``xyz_m`` (H, W, 3), NaN where there is none; ``rgb`` (H, W, 3) or None."""
+    """A point per pixel: ``xyz_m`` (H, W, 3), NaN where not measured; ``rgb`` (H, W, 3) or None."""
 
     xyz_m: Float32
     rgb: Uint8 | None
@@ -67,7 +67,7 @@ class OrganisedCloud:
 
 
 def pcd_header(start: bytes) -> PcdHeader | None:
-    """Return the header from the beginning of a PCD file (4 kB are enough); None if it is damaged."""
+    """Parse the header at the beginning of a PCD file (4 kB are enough); None if it is damaged."""
     lines: dict[str, list[str]] = {}
     place = 0
     while "DATA" not in lines:
@@ -100,14 +100,14 @@ def pcd_header(start: bytes) -> PcdHeader | None:
 
 
 def image_header(start: bytes, size: int) -> ImageHeader | None:
-    """Return the header of a PCD file as that of a depth image; None if it is damaged or cut short.
+    """Return the header of a PCD file as that of a depth image; None if the file is damaged or truncated.
 
     Parameters
     ----------
     start : bytes
-        The beginning of the file.
+        First bytes of the file.
     size : int
-        Its length.
+        Length of the file.
     """
     header = pcd_header(start)
     if header is None or (
@@ -134,11 +134,11 @@ def read_pcd_header(path: Path) -> PcdHeader:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}). Restore it.") from error
     if header is None:
-        raise RecordingError(f"{path}: damaged, or no PCD file with x, y and z. Export it again.")
+        raise RecordingError(f"{path}: damaged, or not a PCD file with x, y and z. Export it again.")
     if header.height == 1:
         raise RecordingError(
             f"{path}: its points are a list, not an image of rows and columns. "
-            "Export an organised cloud (HEIGHT above 1), with the pixels that measured nothing as nan."
+            "Export an organised cloud (HEIGHT above 1), with nan for pixels without measurement."
         )
     return header
 
@@ -171,7 +171,7 @@ def _points(header: PcdHeader, data: bytes, count: int) -> NDArray[Any] | None:
         return np.frombuffer(data, dtype, count) if len(data) >= count * dtype.itemsize else None
     if header.layout == "ascii":
         return _of_text(data, dtype, count)
-    from flatcloth.recordings.files.lzf import unpack_lzf  # compiled: imported for such files only
+    from flatcloth.recordings.files.lzf import unpack_lzf  # compiled, so imported only when needed
 
     packed, unpacked = np.frombuffer(data, "<u4", 2).tolist()
     if unpacked != count * dtype.itemsize or packed > len(data) - 8:
@@ -205,7 +205,7 @@ def _of_text(data: bytes, dtype: np.dtype[Any], count: int) -> NDArray[Any] | No
 
 
 def _colors(points: NDArray[Any], size: tuple[int, int]) -> Uint8 | None:
-    """Return the packed colors (0xRRGGBB in four bytes, whatever type the file calls them)."""
+    """Return the packed colors (0xRRGGBB in four bytes, of any declared type)."""
     name = next((n for n in ("rgb", "rgba") if n in (points.dtype.names or ())), None)
     if name is None or points.dtype[name].itemsize != 4:
         return None
@@ -214,15 +214,15 @@ def _colors(points: NDArray[Any], size: tuple[int, int]) -> Uint8 | None:
 
 
 def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:
-    """Return the camera whose pixels an organised cloud's points are.
+    """Return the camera to whose pixels an organised cloud's points belong.
 
-    Each point lies on the ray of its pixel, so the rays of a few thousand points give focal
-    lengths, principal point and, if the points were freed of it, the lens's distortion (least squares).
+    Each point lies on the ray of its pixel. A least-squares fit to several thousand points gives
+    the focal lengths, the principal point and, if the points are undistorted, the lens distortion.
 
     Raises
     ------
     RecordingError
-        If there is no camera to which the points fall on their pixels within half a pixel.
+        If no camera projects the points to their pixels within half a pixel.
     """
     from scipy.optimize import least_squares
 
@@ -233,7 +233,7 @@ def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:
 
     rc = np.argwhere(cloud.depth_m > 0)
     if len(rc) < 100:
-        fail("has too few points to tell the camera", "Give --camera-file.")
+        fail("has too few points to compute the camera", "Give --camera-file.")
     rc = rc[:: max(1, len(rc) // _FITTED)]
     xyz = cloud.xyz_m[rc[:, 0], rc[:, 1]].astype(np.float64)
     x, y = xyz[:, 0] / xyz[:, 2], xyz[:, 1] / xyz[:, 2]
@@ -256,7 +256,7 @@ def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:
     if not _rms(off(found)) <= _MOST_RESIDUAL_PX:
         fail(
             f"its points miss their pixels by {_rms(off(found)):.1f} px with any camera",
-            "It must be organised by the camera's own pixels, z forward, in metres; else give --camera-file.",
+            "Organise it by the camera's pixels, z forward, in metres; or give --camera-file.",
         )
     intrinsics = checked_intrinsics((width, height), (found[0], found[1]), (found[2], found[3]), fail)
     return intrinsics, checked_lens(intrinsics, [float(v) for v in found[4:]], fail)

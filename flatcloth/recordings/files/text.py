@@ -1,4 +1,4 @@
-"""What stands in files, shortened for messages and titles."""
+"""Text from files, shortened and cleaned for messages and titles."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ def shortened(value: Any, limit: int = 60) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a title: one line, without what a terminal would interpret."""
+    """Return a title as one line, without control characters."""
     return "".join(c for c in " ".join(text.split()) if c.isprintable())[:500]

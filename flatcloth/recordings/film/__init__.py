@@ -1,4 +1,4 @@
-"""Films of an item that was turned in steps or without a stop: where it stood still, and at which angle.
+"""Films of an item that was turned, in steps or continuously: finding its stops and their angles.
 
-In: frames with times. Out: views with angles.
+Input: frames with times. Output: views with angles.
 """

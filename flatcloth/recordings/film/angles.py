@@ -1,4 +1,4 @@
-"""Angles for sources that have none: a constant step, or a table with a line for each view."""
+"""Angles for sources without angles: a constant step, or a table with one line per view."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ TOLERANCE_DEG = 0.01
 MAX_VIEWS = 10_000
 _KEYS = ("view", "file", "time_s")
 _HELP = (
-    "It has one line a view: the angle, or a first line like file,angle_deg (or view, or time_s) and both."
+    "Write one line per view: the angle; or a first line file,angle_deg (or view, or time_s) and both values."
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shots:
-    """What a source has: pairs of color and depth in order of capture.
+    """The images of a source: pairs of color and depth in order of capture.
 
-    ``source`` for messages; ``names`` of the color files, and ``times_s``, where the source has them.
+    ``source`` is the name for messages; ``names`` of the color files and ``times_s`` are given if the
+    source has them.
     """
 
     source: str
@@ -38,13 +39,13 @@ class Shots:
 
 @dataclass(frozen=True, kw_only=True)
 class GivenAngles:
-    """What the user said about the angles: a table, a step in degrees, or neither."""
+    """The user's information about the angles: a table, a step in degrees, or neither."""
 
     table: Path | None = None
     step_deg: float | None = None
 
     def refuse(self, source: str) -> None:
-        """Complain if angles were given to a source that has its own.
+        """Raise if angles were given for a source that has its own.
 
         Raises
         ------
@@ -52,12 +53,12 @@ class GivenAngles:
             If there is a table or a step.
         """
         if self.table is not None or self.step_deg is not None:
-            raise RecordingError(f"{source}: has its own angles. Leave out --angles and --step.")
+            raise RecordingError(f"{source}: contains its angles. Leave out --angles and --step.")
 
     def film_step_deg(self, shots: Shots) -> float | None:
-        """Return the step between the stops of a film; None if the shots are views already.
+        """Return the step between the stops of a film; None if the shots are views.
 
-        A film has times, and many more images than a turn has steps.
+        The shots are a film if they have times and there are many more of them than steps in a turn.
         """
         step_deg = self.step_deg
         if self.table is not None or step_deg is None or shots.times_s is None:
@@ -65,22 +66,22 @@ class GivenAngles:
         return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
 
     def views(self, shots: Shots, beside: Path | None = None) -> list[tuple[int, float]]:
-        """Return the views: which shot, and its angle in degrees since the first view.
+        """Return the views: the number of the shot, and its angle in degrees since the first view.
 
         Parameters
         ----------
         shots : Shots
-            A table may leave some of them out.
+            The shots; a table may leave some of them out.
         beside : Path, optional
-            Folder in which ``angles.csv`` is looked for if nothing was given.
+            Folder in which ``angles.csv`` is searched if no angles were given.
 
         Raises
         ------
         RecordingError
-            If there are no angles, or they do not fit.
+            If there are no angles, or they do not match the shots.
         """
         if self.table is not None and self.step_deg is not None:
-            raise RecordingError(f"{self.table}: was given together with --step. Give one of them.")
+            raise RecordingError(f"{self.table}: given together with --step. Give only one of them.")
         table = self.table
         if (
             table is None
@@ -100,28 +101,26 @@ class GivenAngles:
 
 
 def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...]:
-    """Say how many shots are no views, if any."""
+    """Return a note on the shots that are not views, if there are any."""
     spare = shots.count - len(views)
     if not spare:
         return ()
     what = "1 image is" if spare == 1 else f"{spare} images are"
-    return (f"{what} left out: their angles are not given, or are those of others.",)
+    return (f"{what} left out: they have no angle, or repeat another view's angle.",)
 
 
 def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
     if not TOLERANCE_DEG <= abs(step_deg) <= 180:
-        raise RecordingError(
-            f"--step {step_deg:g}: a view is turned by 0.01 to 180 degrees from the last one."
-        )
+        raise RecordingError(f"--step {step_deg:g}: give 0.01 to 180 degrees from view to view.")
     if _is_film(shots, step_deg):
         turns = shots.count * abs(step_deg) / 360.0
         raise RecordingError(
-            f"{shots.source}: its {shots.count} images would be {turns:.1f} turns with --step {step_deg:g}. "
-            "If it is a film with stops, name a view for each of them: --angles FILE.csv."
+            f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
+            "If it is a film with stops, name one view for each stop: --angles FILE.csv."
         )
     angles: list[float] = []
     for n in range(min(shots.count, MAX_VIEWS)):
-        # What comes after a whole turn shows the same again.
+        # Images after a full turn repeat earlier angles.
         if n and _apart_deg(n * step_deg, 0.0) < TOLERANCE_DEG:
             break
         angles.append(n * step_deg)
@@ -138,14 +137,14 @@ def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:
     if not keyed and len(rows) != shots.count:
         raise RecordingError(
             f"{table}: has {len(rows)} angles, but {shots.source} has {shots.count} views. "
-            "Name the views in a column view, file or time_s, or give as many."
+            "Add a column view, file or time_s, or give one angle per view."
         )
     views = [
         (n if not keyed else _find(table, line, keyed, key, shots), angle)
         for n, (line, key, angle) in enumerate(rows)
     ]
     if len(views) > MAX_VIEWS:
-        raise RecordingError(f"{table}: {len(views)} views. At most {MAX_VIEWS} are read: leave some out.")
+        raise RecordingError(f"{table}: {len(views)} views. The limit is {MAX_VIEWS}: leave some out.")
     lines = [f"line {line}" for line, _, _ in rows]
     taken: dict[int, str] = {}
     for (shot, _), line in zip(views, lines, strict=True):
@@ -158,7 +157,7 @@ def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:
 
 
 def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
-    """Return what the key column is (or nothing), and for each row: line number, key, angle."""
+    """Return the name of the key column (or ""), and for each row: line number, key, angle."""
     lines = [(n, line.strip()) for n, line in enumerate(read_text(table).splitlines(), start=1)]
     cells = [(n, _split(line)) for n, line in lines if line and not line.startswith("#")]
     if not cells:
@@ -166,14 +165,14 @@ def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     names = [name.lower() for name in cells[0][1]]
     if "angle_deg" in names or not _is_number(names[-1]):
         if "angle_deg" not in names:
-            raise RecordingError(f"{table}: line {cells[0][0]} names no column angle_deg. {_HELP}")
+            raise RecordingError(f"{table}: line {cells[0][0]} has no column angle_deg. {_HELP}")
         angle_column, cells = names.index("angle_deg"), cells[1:]
     elif len(names) == 2 and not _is_number(names[0]):
         names, angle_column = ["file", "angle_deg"], 1
     elif len(names) == 1:
         names, angle_column = ["angle_deg"], 0
     else:
-        raise RecordingError(f"{table}: line {cells[0][0]} does not tell which number is the angle. {_HELP}")
+        raise RecordingError(f"{table}: line {cells[0][0]} does not show which number is the angle. {_HELP}")
     keyed = next((key for key in _KEYS if key in names), "")
     key_column = names.index(keyed) if keyed else angle_column
     rows = []
@@ -216,7 +215,7 @@ def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
             if name == key or PurePath(name).name == key or PurePath(name).stem == wanted.name
         ]
         if len(found) != 1:
-            raise refused(f"{len(found) or 'no'} color images are called {shortened(key)}")
+            raise refused(f"{len(found) or 'no'} color images are named {shortened(key)}")
         return found[0]
     if not _is_number(key):
         raise refused(f"{keyed} is {shortened(key)}, not a number")
@@ -229,7 +228,7 @@ def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
         raise refused(f"{shots.source} has no times")
     times = np.asarray(shots.times_s, dtype=np.float64)
     time = float(key)
-    if time < times[0] - 86_400.0:  # seconds since the first image instead of a time stamp
+    if time < times[0] - 86_400.0:  # seconds since the first image, not a time stamp
         time += times[0]
     nearest = int(np.abs(times - time).argmin())
     gap = np.diff(times)
@@ -240,7 +239,7 @@ def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
 
 
 def repeated(angles_deg: Sequence[float]) -> tuple[int, int] | None:
-    """Return the first two views that have one angle, also modulo a turn; None if all differ."""
+    """Return the first two views with the same angle, also modulo a full turn; None if all differ."""
     order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
     for a, b in zip(order, order[1:] + order[:1], strict=True):
         if a != b and _apart_deg(angles_deg[a], angles_deg[b]) < TOLERANCE_DEG:
@@ -258,5 +257,5 @@ def _check(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> Non
         first, second = found
         raise RecordingError(
             f"{where} {names[second]} has the angle of {names[first]} ({angles_deg[first]:g} degrees). "
-            "Every view needs its own, also modulo 360: correct or leave out one."
+            "Every view needs its own angle, also modulo 360: correct or remove one."
         )

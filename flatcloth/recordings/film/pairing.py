@@ -1,4 +1,4 @@
-"""Which color image belongs to which depth image."""
+"""Pairing of color and depth images by time."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 def pair_by_time(
     color_s: Sequence[float], depth_s: Sequence[float], most_apart_s: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of indices, in the order of the color times; each image is in one pair at most.
+    """Return pairs of indices, in the order of the color times; each image is in at most one pair.
 
     Parameters
     ----------
     color_s, depth_s : sequences of float
         Times in seconds, in any order.
     most_apart_s : float
-        Images further apart do not belong together. The nearest are paired first.
+        Images farther apart are not paired. The nearest are paired first.
     """
     color = np.asarray(color_s, dtype=np.float64)
     depth = np.asarray(depth_s, dtype=np.float64)

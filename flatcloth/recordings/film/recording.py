@@ -1,4 +1,4 @@
-"""A film of an item that was turned in steps, from any source with times: a view for each stop."""
+"""A film of an item that was turned in steps, from any source with times: one view per stop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import StopFinder, glance
 
 MOST_FRAMES = 15
-"""Of a stop that lasts longer, the last frames are taken: the cloth has come to rest by then."""
+"""The number of frames used per stop: the last ones, when the cloth has come to rest."""
 _UNITS_PER_M = 5_000.0
 _SAME_ANGLE_DEG = 0.5
 
@@ -27,18 +27,18 @@ class FilmRecording:
     Parameters
     ----------
     frames : Recording
-        Every frame of the film; its angles do not count.
+        Every frame of the film; its angles are ignored.
     times_s : sequence of float
         When each frame was taken, ascending.
     step_deg : float
-        How far the item was turned between two stops.
+        Rotation of the item between two stops.
     progress : callable
-        Told how much of the film was looked through.
+        Called with the share of the film that has been searched.
 
     Raises
     ------
     RecordingError
-        If the item never stood still.
+        If the item never stands still.
 
     Notes
     -----
@@ -61,7 +61,7 @@ class FilmRecording:
         if not self._stops:
             raise RecordingError(
                 f"{frames.location}: the item never stands still for half a second. "
-                "Name a view for each stop: --angles FILE.csv."
+                "Name one view for each stop: --angles FILE.csv."
             )
         self.name, self.description, self.location = frames.name, frames.description, frames.location
         self.intrinsics: Intrinsics = frames.intrinsics
@@ -69,7 +69,7 @@ class FilmRecording:
         count = len(self._stops)
         self.notes: tuple[str, ...] = (
             f"A film: {count} {'stop was' if count == 1 else 'stops were'} found in {len(frames)} images, "
-            f"taken as {step_deg:g} degrees apart.",
+            f"assumed {step_deg:g} degrees apart.",
         )
 
     def __len__(self) -> int:
@@ -105,21 +105,21 @@ def views_or_film(
     beside: Path | None,
     progress: Progress = no_progress,
 ) -> Recording:
-    """Return a recording of shots that may be views, or the frames of a film.
+    """Return a recording of shots that are either views or the frames of a film.
 
     Parameters
     ----------
     made : callable
-        Makes the recording of some of the shots, given as pairs of number and angle in degrees.
+        Returns the recording of some of the shots, given as pairs of number and angle in degrees.
     shots, angles, beside
-        The shots, what is known of their angles, and the folder where a table of angles may lie.
+        The shots, the given angles, and the folder where a table of angles may lie.
     progress : callable
-        Told how much of a film was looked through.
+        Called with the share of a film that has been searched.
 
     Raises
     ------
     RecordingError
-        If the angles do not fit the shots, or the item of a film never stood still.
+        If the angles do not match the shots, or the item of a film never stands still.
     """
     step_deg = angles.film_step_deg(shots)
     if step_deg is None or shots.times_s is None:
@@ -136,7 +136,7 @@ def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> l
         try:
             frame = frames[n]
         except RecordingError:
-            continue  # one that shows nothing; the stop it belongs to has others
+            continue  # an empty frame; its stop has other frames
         seen.append(n)
         finder.add(glance(times_s[n] - times_s[0], frame.color, frame.depth_m))
     found = []
@@ -147,7 +147,7 @@ def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> l
 
 
 def _distinct(stops: list[list[int]], step_deg: float) -> list[tuple[float, list[int]]]:
-    """Return the stops with their angles; what comes after a whole turn shows the same again."""
+    """Return the stops with their angles; stops after a full turn repeat earlier angles and are dropped."""
     kept: list[tuple[float, list[int]]] = []
     for k, numbers in enumerate(stops):
         angle = k * step_deg

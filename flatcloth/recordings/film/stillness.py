@@ -1,9 +1,9 @@
-"""How fast what hangs before the camera moves, from the pictures alone, and where it stood still.
+"""Speed of the item in front of the camera, estimated from the images, and the times when it is still.
 
-Each color image is thinned to a grid of block means, whose noise is small. Between two grids the
-first-order model of optical flow, ``dI = -grad I . d``, gives the size of the displacement over all
-blocks near the camera; the part of ``dI`` that is only noise is taken off. Noise is told from motion
-by its second difference in time, which a steady motion does not have.
+Each color image is reduced to a grid of block means, whose noise is small. The first-order model of
+optical flow between two grids, ``dI = -grad I . d``, gives the mean displacement over all blocks near
+the camera; the part of ``dI`` due to noise is subtracted. The noise is estimated from second
+differences in time, which are zero for a steady motion.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from flatcloth.core.types import Bool, Float32, Float64, Floats, Uint8
 
 BLOCK_PX = 8
 LAG_S = 0.25
-"""Motion is judged between frames this far apart, so that a slow turn is not taken for rest."""
+"""Motion is measured between frames this far apart, so that a slow turn is not mistaken for rest."""
 STILL_PX_S = 2.5
-"""Slower than this is still: 8 frames at 30/s smear by half a pixel, less than depth is sharp."""
+"""A slower item is still: 8 frames at 30/s then smear by half a pixel, less than the depth resolution."""
 SAME_PLACE_PX = 2.0
-"""Two still phases less apart than this show the item at the same angle."""
+"""Two still phases with a smaller displacement show the item at the same angle."""
 LEAST_STOP_S = 0.45
 
 _NEAR_M = 0.5
-"""What lies this much behind the nearest thing is background, and may move."""
+"""Surfaces this far behind the nearest one are background, which may move."""
 _LEAST_BLOCKS = 12
 _NOISE_CAP = 3.0
-"""What looks noisier has no two pictures in common: it moves fast."""
+"""Above this the two images have nothing in common: the item moves fast."""
 _NOISE_HISTORY = 300
 _NOISE_MARGIN = 2.0
 _TEXTURE_FLOOR = 25.0
@@ -36,7 +36,7 @@ _TEXTURE_FLOOR = 25.0
 
 @dataclass(frozen=True, kw_only=True)
 class Glance:
-    """A frame, thinned: ``grey`` (h, w) float32 block means, ``near`` (h, w) bool, what is near."""
+    """A reduced frame: ``grey`` (h, w) float32 block means, ``near`` (h, w) bool, blocks near the camera."""
 
     time_s: float
     grey: Float32
@@ -44,12 +44,12 @@ class Glance:
 
 
 def glance(time_s: float, color: Uint8, depth_m: Floats) -> Glance:
-    """Thin a frame: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), 0 where nothing was measured."""
+    """Reduce a frame: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), 0 where nothing was measured."""
     import cv2
 
     h, w = color.shape[0] // BLOCK_PX, color.shape[1] // BLOCK_PX
     grey = cv2.cvtColor(color[: h * BLOCK_PX, : w * BLOCK_PX], cv2.COLOR_RGB2GRAY)
-    # Color that was laid on depth is black where depth is missing, which flickers: it does not count.
+    # Registered color is black where depth is missing, which flickers: such pixels are excluded.
     total = cv2.resize(grey.astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
     share = cv2.resize((grey > 0).astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
     mean: Float32 = (total / np.maximum(share, 1.0 / BLOCK_PX**2)).astype(np.float32)
@@ -59,7 +59,7 @@ def glance(time_s: float, color: Uint8, depth_m: Floats) -> Glance:
 
 
 def _near(depth_m: Float64) -> Bool:
-    """Blocks of what is nearest to the camera, and those around them, where its outline moves."""
+    """Blocks nearest to the camera, and the blocks around them, where their outline moves."""
     import cv2
 
     measured = depth_m[depth_m > 0]
@@ -72,10 +72,10 @@ def _near(depth_m: Float64) -> Bool:
 
 
 def displacement_px(a: Glance, b: Glance, noise: float) -> float:
-    """Return by how many image pixels what is near moved between two glances (root mean square).
+    """Return the displacement of near surfaces between two reduced frames (root mean square, image pixels).
 
     ``noise`` is the variance of the difference of two still grids, in squared grey levels. Motions
-    of more than a block are underestimated, but are never taken for small ones.
+    of more than one block are underestimated, but never fall below the still limit.
     """
     where = a.near | b.near
     change = (b.grey - a.grey)[where]
@@ -87,7 +87,7 @@ def displacement_px(a: Glance, b: Glance, noise: float) -> float:
 
 
 class MotionMeter:
-    """Tells the speed of what is near, frame by frame."""
+    """Measures the speed of near surfaces, frame by frame."""
 
     def __init__(self) -> None:
         self._recent: deque[Glance] = deque()
@@ -100,11 +100,11 @@ class MotionMeter:
         return min(max(quiet, 1e-4), _NOISE_CAP)
 
     def add(self, seen: Glance) -> float | None:
-        """Take a frame and return the speed in image pixels a second, None before a lag has passed."""
+        """Add a frame and return the speed in image pixels per second; None until a lag has passed."""
         if self._recent and (
             seen.time_s <= self._recent[-1].time_s or seen.time_s > self._recent[-1].time_s + 4 * LAG_S
         ):
-            self._recent.clear()  # the clock was set, or frames are missing
+            self._recent.clear()  # the clock was changed, or frames are missing
         self._recent.append(seen)
         if len(self._recent) >= 3:
             x, y, z = list(self._recent)[-3:]
@@ -120,7 +120,7 @@ class MotionMeter:
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """A phase in which the item stood still, in the time of its frames; ``seen`` is its mean glance."""
+    """A phase in which the item was still, in the time of its frames; ``seen`` is its mean reduced frame."""
 
     start_s: float
     end_s: float
@@ -128,7 +128,7 @@ class Stop:
 
 
 class StopFinder:
-    """Finds the still phases of a sequence of frames, given one after the other."""
+    """Finds the still phases of a sequence of frames that are added one by one."""
 
     def __init__(self) -> None:
         self._meter = MotionMeter()
@@ -137,7 +137,7 @@ class StopFinder:
         self._stops: list[Stop] = []
 
     def add(self, seen: Glance) -> None:
-        """Take the next frame."""
+        """Add the next frame."""
         speed = self._meter.add(seen)
         if speed is not None and speed < STILL_PX_S:
             if not self._phase:
@@ -147,12 +147,12 @@ class StopFinder:
             self._end_phase()
 
     def finish(self) -> tuple[Stop, ...]:
-        """Return the stops; phases that show the same place, such as before and after a bump, are one."""
+        """Return the stops; consecutive phases at the same place, as before and after a bump, are merged."""
         self._end_phase()
         merged: list[Stop] = []
         for stop in self._stops:
             if merged and displacement_px(merged[-1].seen, stop.seen, self._meter.noise) < SAME_PLACE_PX:
-                # The longer phase is the better rested one.
+                # Keep the longer phase, in which the cloth is closer to rest.
                 last = merged.pop()
                 gap_s = stop.start_s - last.end_s
                 if gap_s < LAG_S:

@@ -1,4 +1,4 @@
-"""At which angle the item stood when: a table of times and angles, or a constant speed."""
+"""The item's angle over time: a table of times and angles, or a constant speed."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Turning:
     angles_deg: Float64
 
     def at(self, time_s: float) -> float:
-        """Return the angle at a time; before the first and after the last it stays."""
+        """Return the angle at a time; it is constant before the first and after the last time."""
         return float(np.interp(time_s, self.times_s, self.angles_deg))
 
     def during(self, start_s: float, end_s: float) -> tuple[float, float]:
-        """Return the angle in a phase, and by how much it changes within.
+        """Return the angle in a phase, and its change during the phase.
 
-        Where the table has lines within the phase they alone count: a table may have a line for
-        each stop only, and between two of those nothing is known.
+        If the table has lines within the phase, only these are used: a table may have one line per
+        stop only, and between two stops the angle is unknown.
         """
         inside = (self.times_s >= start_s) & (self.times_s <= end_s)
         angles = self.angles_deg[inside]
@@ -41,15 +41,15 @@ class Turning:
 
 
 def constant_turning(speed_deg_s: float, seconds: float) -> Turning:
-    """Return the turning at a constant speed from the first frame on.
+    """Return a rotation at constant speed, beginning with the first frame.
 
     Raises
     ------
     RecordingError
-        If the speed is none.
+        If the speed is out of range.
     """
     if not math.isfinite(speed_deg_s) or not 0.01 <= abs(speed_deg_s) <= 360:
-        raise RecordingError(f"--turning-speed {speed_deg_s:g}: give degrees a second, 0.01 to 360.")
+        raise RecordingError(f"--turning-speed {speed_deg_s:g}: give 0.01 to 360 degrees per second.")
     ends = np.array([0.0, max(seconds, 1e-3)])
     return Turning(times_s=ends, angles_deg=ends * speed_deg_s)
 
@@ -62,14 +62,14 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
     table : Path
         Text with two columns, time in seconds and angle in degrees; a line of names may be first.
     first_clock_s : float
-        The camera's clock at the first frame. Times may be of that clock, or count from that frame.
+        The camera's clock at the first frame. Times use this clock or count from that frame.
     seconds : float
-        Length of the file.
+        Duration of the file.
 
     Raises
     ------
     RecordingError
-        If it cannot be read, is no such table, or is of another time.
+        If it cannot be read, is not such a table, or covers another time.
     """
     rows: list[tuple[float, float]] = []
     lines = [line.strip() for line in read_text(table).splitlines()]
@@ -87,7 +87,7 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
             raise RecordingError(f"{table}: line {number} has a number out of range. {_HELP}")
         if rows and time_s <= rows[-1][0]:
             raise RecordingError(
-                f"{table}: line {number} is not later than the line before. Sort it by time."
+                f"{table}: line {number} is not later than the previous line. Sort the table by time."
             )
         rows.append((time_s, angle_deg))
     if not rows:
@@ -102,6 +102,6 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
     if common_s[origin_s] >= 0:
         return Turning(times_s=times_s - origin_s, angles_deg=data[:, 1])
     raise RecordingError(
-        f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) are not those of the recording "
+        f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording "
         f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."
     )

@@ -1,4 +1,4 @@
-"""Folders of other programs: TUM RGB-D and Open3D.
+"""The formats of recordings: one module for each, all registered in ``recordings.registry``.
 
-In: a folder. Out: a :class:`Recording`.
+Input: a file or folder. Output: a :class:`Recording`.
 """

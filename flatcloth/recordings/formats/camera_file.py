@@ -1,4 +1,4 @@
-"""The camera of another program's folder: Open3D's ``intrinsic.json``, ``calibration.txt``, or as given."""
+"""The camera of a folder of images: from the user, ``intrinsic.json`` (Open3D) or ``calibration.txt``."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera, as a file or the user describes it; ``units_per_m`` of whole-numbered depth, where said.
+    """A camera described by a file or the user; ``units_per_m`` of integer depth, if given.
 
-    ``notes`` are what the operator must know: that it is rough, or assumed.
+    ``notes`` are remarks for the operator: the camera is approximate, or assumed.
     """
 
     intrinsics: Intrinsics
@@ -40,7 +40,7 @@ class Camera:
 
 
 def camera_file(folder: Path) -> Path | None:
-    """Return the file of a folder that describes its camera, if there is one."""
+    """Return the file of a folder that describes its camera; None if there is none."""
     return next((f for name in (*JSON_NAMES, TEXT_NAME) if (f := folder / name).is_file()), None)
 
 
@@ -52,11 +52,11 @@ def read_camera(
     Parameters
     ----------
     folder : Path
-        Where ``intrinsic.json`` or ``calibration.txt`` lies, if the user gives no camera. Without
-        either, depth in organised PCD files tells the camera itself, and images of 640x480 px are
-        taken for those of a Kinect, as in the TUM RGB-D data set.
+        Folder with ``intrinsic.json`` or ``calibration.txt``, if the user gives no camera. Without
+        either, the camera is computed from depth in organised PCD files, and images of 640x480 px
+        are assumed to be those of a Kinect, as in the TUM RGB-D data set.
     first_color, first_depth : Path
-        The color image tells the size of the images where the file does not.
+        The color image gives the size of the images if the file does not.
     options : SourceOptions, optional
         A camera file, or a field of view.
 
@@ -80,27 +80,27 @@ def read_camera(
         raise RecordingError(
             f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
             "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy; or give --camera-file "
-            "or, roughly, --fov."
+            "or, approximately, --fov."
         )
     intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
     note = (
-        "The camera of this recording is not described; it is taken for a Kinect's, with a focal length of "
+        "The camera of this recording is not described; a Kinect's is assumed, with a focal length of "
         f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
     )
     return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(note,))
 
 
 def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
-    """Return the camera that the user gave, None if none was given.
+    """Return the camera given by the user, None if there is none.
 
-    A camera file that does not exist yet is written if there is a field of view to make it from.
+    If there is a field of view and a path of a camera file that does not exist, the file is written.
 
     Parameters
     ----------
     size : (width, height)
-        Of the images, pixels.
+        Size of the images, pixels.
     options : SourceOptions
-        What was given.
+        The user's options.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None
     if options.fov_deg is None:
         return None if path is None else camera_of_file(path, size)
     if path is not None and path.exists():
-        raise RecordingError(f"{path}: was given together with --fov. Give one of them.")
+        raise RecordingError(f"{path}: given together with --fov. Give only one of them.")
     intrinsics = camera_of_fov(size, options.fov_deg)
     if path is not None:
         write_camera_file(path, intrinsics, rough=True)
@@ -119,7 +119,7 @@ def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None
 
 
 def camera_of_file(path: Path, size: tuple[int, int]) -> Camera:
-    """Read a camera file: numbers in a line in a ``.txt``, else JSON.
+    """Read a camera file: a line of numbers in a ``.txt``, otherwise JSON.
 
     Raises
     ------
@@ -130,26 +130,26 @@ def camera_of_file(path: Path, size: tuple[int, int]) -> Camera:
 
 
 def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
-    """Return the camera that has a field of view (horizontal, vertical), its axis in the middle of the image.
+    """Return the camera with a field of view (horizontal, vertical) and its axis in the image centre.
 
     Raises
     ------
     RecordingError
-        If no camera has it.
+        If the field of view is out of range.
     """
 
     def fail(cause: str, remedy: str) -> NoReturn:
         raise RecordingError(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}: {cause}. {remedy}")
 
     if not all(5 <= angle <= 150 for angle in fov_deg):
-        fail("is no field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
-    # The image ends half a pixel beyond the middle of its outermost pixels.
+        fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
+    # The image ends half a pixel beyond the centre of its outermost pixels.
     fx, fy = (n / 2 / math.tan(math.radians(angle) / 2) for n, angle in zip(size, fov_deg, strict=True))
     return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
 
 
 def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> None:
-    """Write a camera file (JSON), which says of itself whether it is rough.
+    """Write a camera file (JSON), which records whether the camera is approximate.
 
     Raises
     ------
@@ -162,16 +162,14 @@ def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> Non
     try:
         path.write_text(json.dumps({**table, "rough": rough}, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be written ({error.strerror}). Choose another place."
-        ) from error
+        raise RecordingError(f"{path}: cannot be written ({error.strerror}). Choose another path.") from error
 
 
 def _rough(intrinsics: Intrinsics) -> str:
     return (
-        f"The camera is rough: made from a field of view alone (focal length {intrinsics.fx:.0f} and "
+        f"The camera is approximate, from a field of view only (focal length {intrinsics.fx:.0f} and "
         f"{intrinsics.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
-        "calibrate the camera for measuring."
+        "calibrate the camera before measuring."
     )
 
 
@@ -190,9 +188,7 @@ def _from_text(path: Path, size: tuple[int, int]) -> Camera:
     except ValueError:
         numbers = []
     if len(numbers) - 4 not in _LENSES or not all(map(math.isfinite, numbers)):
-        fail(
-            "is not a line of numbers", "Write fx fy cx cy, and k1 k2 p1 p2 k3 behind them if there are any."
-        )
+        fail("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
     fx, fy, cx, cy, *distortion = numbers
     intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
     lens = checked_lens(intrinsics, distortion, fail, model=_LENSES[len(distortion)])
@@ -215,7 +211,7 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     if given != size:
         fail(
             f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
-            "Write the camera of these images.",
+            "Describe the camera of these images.",
         )
     if "intrinsic_matrix" in table:
         fx, fy, cx, cy = _of_matrix(
@@ -232,13 +228,13 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     scale = table.get("depth_scale")
     units_per_m = None if scale is None else number(scale, "depth_scale")
     if units_per_m is not None and not 10 <= units_per_m <= 1e6:
-        fail(f"depth_scale is {units_per_m:g}", "It is the depth units per metre, 1000 for millimetres.")
+        fail(f"depth_scale is {units_per_m:g}", "Give the depth units per metre, 1000 for millimetres.")
     notes = (_rough(intrinsics),) if table.get("rough") is True else ()
     return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m, notes=notes)
 
 
 def _flat(matrix: Any) -> list[Any]:
-    """Return the nine values by columns, as Open3D writes them; rows of rows are turned."""
+    """Return the nine values by columns, as Open3D writes them; nested rows are transposed."""
     if (
         isinstance(matrix, list)
         and len(matrix) == 3
@@ -250,7 +246,7 @@ def _flat(matrix: Any) -> list[Any]:
 
 def _of_matrix(m: list[float], fail: Any) -> tuple[float, float, float, float]:
     if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
-        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # was written by rows
+        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # written by rows
     if len(m) != 9 or m[8] != 1 or any(m[i] for i in (1, 2, 5)):
-        fail("intrinsic_matrix is no camera's", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
+        fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
     return m[0], m[4], m[6], m[7]

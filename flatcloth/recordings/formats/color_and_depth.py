@@ -1,4 +1,4 @@
-"""Folders with ``color/`` and ``depth/``, as Open3D has them."""
+"""Folders with ``color/`` and ``depth/``, as Open3D uses them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _DEPTH_KINDS = (".png", ".tif", ".tiff", ".exr", ".npy", ".pcd")
 
 
 def is_color_and_depth(folder: Path) -> bool:
-    """Say whether a folder has ``color/`` and ``depth/`` in it."""
+    """Return whether a folder contains ``color/`` and ``depth/``."""
     return (folder / "depth").is_dir() and any((folder / name).is_dir() for name in _COLOR_FOLDERS)
 
 
 def open_color_and_depth(folder: Path, options: SourceOptions) -> Recording:
-    """Open a folder as Open3D has it: ``color/``, ``depth/``, ``intrinsic.json``, and ``mask/`` if wanted.
+    """Open a folder in Open3D's layout: ``color/``, ``depth/``, ``intrinsic.json``, optionally ``mask/``.
 
     Raises
     ------
@@ -55,7 +55,7 @@ FORMAT = Format(
 
 
 def _files(folder: Path, images: Path, kinds: tuple[str, ...]) -> list[Path]:
-    """Return the images of a folder as people count: 2 before 10."""
+    """Return the images of a folder in numerical order: 2 before 10."""
 
     def counted(path: Path) -> list[tuple[int, str]]:
         return [
@@ -77,19 +77,19 @@ def _files(folder: Path, images: Path, kinds: tuple[str, ...]) -> list[Path]:
 def _paired_names(
     colors: list[Path], depths: list[Path], color_folder: Path, depth_folder: Path
 ) -> list[tuple[Path, Path]]:
-    """Pair the images by their names, or else by their order if there are as many of both."""
+    """Pair the images by their names, otherwise by their order if their numbers are equal."""
     by_name = {depth.stem: depth for depth in depths}
     if len(by_name) < len(depths):
-        raise RecordingError(f"{depth_folder}: has one image in two kinds of file. Remove one of them.")
+        raise RecordingError(f"{depth_folder}: has one image in two file formats. Remove one of them.")
     if len({color.stem for color in colors}) < len(colors):
-        raise RecordingError(f"{color_folder}: has one image in two kinds of file. Remove one of them.")
+        raise RecordingError(f"{color_folder}: has one image in two file formats. Remove one of them.")
     named = [(color, by_name[color.stem]) for color in colors if color.stem in by_name]
     if len(named) == len(colors):
         return named
     if len(colors) != len(depths):
         raise RecordingError(
-            f"{color_folder}: has {len(colors)} images, but {depth_folder.name} has {len(depths)}, of other "
-            "names. Give images that belong together one name."
+            f"{color_folder}: has {len(colors)} images, but {depth_folder.name} has {len(depths)}, "
+            "with other names. Give each pair the same name."
         )
     return list(zip(colors, depths, strict=True))
 

@@ -1,4 +1,4 @@
-"""Folders of color and depth images of other programs: what their formats share."""
+"""The common part of formats that are folders of color and depth images."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from flatcloth.recordings.source import SourceOptions
 
 @dataclass(frozen=True, kw_only=True)
 class ImagePairs:
-    """Pairs of color and depth image of a folder, in order of capture.
+    """Pairs of color and depth images of a folder, in order of capture.
 
-    ``masks`` (one a pair), ``times_s`` where there are some; ``units_per_m`` of whole-numbered depth.
-    ``angles_deg`` where the format knows them: otherwise the options tell them. ``name`` of the recording,
-    the folder's if empty.
+    ``masks`` (one per pair) and ``times_s`` may be missing; ``units_per_m`` is that of integer depth.
+    ``angles_deg`` are set if the format contains them, otherwise the options give them. ``name`` is the
+    name of the recording, by default the folder's.
     """
 
     folder: Path
@@ -35,12 +35,12 @@ class ImagePairs:
 
 
 def recording_of(images: ImagePairs, options: SourceOptions) -> Recording:
-    """Return the recording of some images: views, or the stops of a film.
+    """Return the recording of a set of images: views, or the stops of a film.
 
     Raises
     ------
     RecordingError
-        If an image or the camera is not valid, or the angles are not known.
+        If an image or the camera is not valid, or the angles are unknown.
     """
     from flatcloth.recordings.film.recording import views_or_film
 

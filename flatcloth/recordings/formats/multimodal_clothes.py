@@ -1,13 +1,13 @@
 """MultimodalClothes (TAMS): garments held by a robot hand and turned forth and back before an RGB-D camera.
 
-Its layout is ``<class>/<sample>/<area>/<name>_<NN>_rgb.png, ..._depth.png, ..._pc.pcd``, the three folders of
-two digits. An area, that is a place where the garment was held, is one recording: 50 images, 25 while it
-turned forth and 25 while it turned back. The data set gives neither camera nor angles. Here:
+Its layout is ``<class>/<sample>/<area>/<name>_<NN>_rgb.png, ..._depth.png, ..._pc.pcd``, with folder names
+of two digits. An area, i.e. a place where the garment was held, is one recording of 50 images: 25 while it
+turned forth and 25 while it turned back. The data set contains neither camera nor angles. Therefore:
 
-- an organised cloud with colors gives color, depth and camera at once (they are its own pixels'); without
-  clouds, color and depth must be registered images of one size, and the camera is given;
-- the images of a sweep are taken as evenly spaced over the turning range, which is given; the sweep back runs
-  through the same angles, so one of the two is read.
+- an organised cloud with colors gives color, depth and camera, all of the same pixels; without clouds, color
+  and depth must be registered images of one size, and the user gives the camera;
+- the images of a sweep are assumed to be evenly spaced over the turning range, which the user gives; the
+  sweep back passes the same angles, so only one of the two is read.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 1000.0
 IMAGES_OF_A_SWEEP = 25
-"""The public loader of the data set splits its 50 images so."""
+"""The data set's public loader splits its 50 images in this way."""
 _COLOR = re.compile(r"(?P<name>.+)_(?P<number>[0-9]{2})_rgb\.png")
 _TWO_DIGITS = re.compile(r"[0-9]{2}")
 _LEVELS = 3
@@ -37,7 +37,7 @@ _LEAST_TURN_DEG, _MOST_TURN_DEG = 1.0, 720.0
 
 
 def is_area(path: Path) -> bool:
-    """Say whether a folder has the images of one area."""
+    """Return whether a folder contains the images of one area."""
     try:
         return path.is_dir() and any(
             _COLOR.fullmatch(file.name) and (_depth(file).exists() or _cloud(file).exists())
@@ -48,7 +48,7 @@ def is_area(path: Path) -> bool:
 
 
 def areas_below(path: Path) -> list[Path]:
-    """Return the areas of the data set, a class or a sample of it; none if a folder is none of these."""
+    """Return the areas of the data set, of a class or of a sample; none for any other folder."""
     for levels in range(_LEVELS, 0, -1):
         found = [
             folder
@@ -61,12 +61,12 @@ def areas_below(path: Path) -> list[Path]:
 
 
 def open_area(folder: Path, options: SourceOptions) -> Recording:
-    """Open an area; ``turning_deg`` and ``sweep`` say how it was turned, or a table of angles does.
+    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table.
 
     Raises
     ------
     RecordingError
-        If images are missing or damaged, or camera or angles are not known.
+        If images are missing or damaged, or the camera or the angles are unknown.
     """
     folder = folder.resolve()
     colors, angles_deg = _sweep(folder, options)
@@ -101,7 +101,7 @@ def _name(folder: Path) -> str:
 
 
 def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float]]:
-    """Return the color images of the sweep that is read, in order, and the angle of each since the first."""
+    """Return the color images of the selected sweep, in order, and the angle of each since the first."""
     found = {
         int(match["number"]): (match["name"], folder / match.string)
         for file in folder.iterdir()
@@ -123,9 +123,9 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
     options.refuse_together("turning_deg", "angles", "step_deg")
     turning = options.turning_deg
     if not _LEAST_TURN_DEG <= abs(turning) <= _MOST_TURN_DEG:
-        raise RecordingError(f"--turning {turning:g}: give the range in degrees, from 1 to 720 either way.")
+        raise RecordingError(f"--turning {turning:g}: give the range in degrees, 1 to 720 or negative.")
     step = (-1.0 if back else 1.0) * turning / (IMAGES_OF_A_SWEEP - 1)
-    # What comes after a whole turn shows the same again.
+    # Images after a full turn repeat earlier angles.
     kept = [(n, c) for n, c in zip(numbers, colors, strict=True) if abs((n - numbers[0]) * step) < 359.99]
     return [c for _, c in kept], [(n - numbers[0]) * step for n, _ in kept]
 
@@ -133,7 +133,7 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
 def _as_given(folder: Path, colors: list[Path], options: SourceOptions) -> tuple[list[Path], list[float]]:
     if options.angles is None and options.step_deg is None and not (folder / ANGLES_FILE).is_file():
         raise RecordingError(
-            f"{folder}: the data set does not tell its angles. Give --turning DEG, the angle between the "
+            f"{folder}: the data set does not contain its angles. Give --turning DEG, the angle between the "
             "first and the last image of a sweep, or --angles FILE.csv."
         )
     shots = Shots(source=str(folder), count=len(colors), names=[color.name for color in colors])
@@ -155,7 +155,7 @@ def _of_images(
         )
     if options.camera_file is None and options.fov_deg is None and camera_file(folder) is None:
         raise RecordingError(
-            f"{folder}: the data set does not describe its camera. Give --camera-file, or roughly --fov."
+            f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
         )
     images = ImagePairs(
         folder=folder,
@@ -178,26 +178,26 @@ def _of_clouds(
     camera = given_camera((header.width, header.height), options)
     if camera is None:
         intrinsics, lens = camera_of(read_pcd(clouds[0]), clouds[0])
-        note = f"The camera was found from the clouds: focal length {intrinsics.fx:.1f} px."
+        note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
         camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
     return CloudRecording(folder, _name(folder), clouds, angles_deg, camera)
 
 
 class CloudRecording:
-    """Views in organised point clouds with colors: depth and color are of the same pixels.
+    """Views in organised point clouds with colors: depth and color have the same pixels.
 
     Parameters
     ----------
     folder : Path
-        For messages.
+        Name for messages.
     name : str
-        Of the recording.
+        Name of the recording.
     clouds : sequence of Path
-        A file a view.
+        One file per view.
     angles_deg : sequence of float
-        Of each view since the first.
+        Angle of each view since the first.
     camera : Camera
-        Whose pixels the points are.
+        The camera whose pixels the points are.
 
     Raises
     ------
@@ -226,12 +226,12 @@ class CloudRecording:
         return len(self._clouds)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with lens distortion undone.
+        """Read one view, with lens distortion corrected.
 
         Raises
         ------
         IndexError, RecordingError
-            If there is no such view; if its cloud is damaged, or measured nothing.
+            If there is no such view, or its cloud is damaged or contains no measurement.
         """
         check_index(self, view_index)
         path = self._clouds[view_index]
@@ -239,9 +239,7 @@ class CloudRecording:
         cloud = read_pcd(path)
         depth_m = self._lens.undistort(cloud.depth_m, blend=False)
         if cloud.rgb is None or not depth_m.any():
-            raise RecordingError(
-                f"{path}: has no colors, or no point that was measured. Record the view again."
-            )
+            raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
         return RgbdFrame(
             view_index=view_index,
             angle_deg=self.angles_deg[view_index],
@@ -256,5 +254,5 @@ class CloudRecording:
         if (header.width, header.height) != (camera.width, camera.height):
             raise RecordingError(
                 f"{path}: {header.width}x{header.height} points, but the camera has "
-                f"{camera.width}x{camera.height} px. All clouds must be organised by the same camera."
+                f"{camera.width}x{camera.height} px. All clouds must come from the same camera."
             )

@@ -26,7 +26,7 @@ def _below(path: Path) -> list[Path]:
 
 FORMAT = Format(
     name="flatcloth",
-    what=f"a recording folder (one with a {HEADER} in it)",
+    what=f"a recording folder (containing {HEADER})",
     recognises=_recognises,
     open=_open,
     recordings_below=_below,

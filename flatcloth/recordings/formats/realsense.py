@@ -1,4 +1,4 @@
-"""RealSense files, ``.db3`` and ``.bag``: read in a process of their own."""
+"""RealSense files, ``.db3`` and ``.bag``, read in a worker process."""
 
 from __future__ import annotations
 

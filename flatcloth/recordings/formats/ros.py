@@ -1,4 +1,4 @@
-"""ROS recordings, ``.mcap`` and ``.bag``: read in a process of their own."""
+"""ROS recordings, ``.mcap`` and ``.bag``, read in a worker process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _recognises(path: Path) -> bool:
     try:
         with open_plain(path) as file:
             return file.read(16).startswith(_STARTS)
-    except OSError:  # not readable: whoever opens it says so
+    except OSError:  # not readable: opening it reports the error
         return False
 
 

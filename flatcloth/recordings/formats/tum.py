@@ -15,11 +15,11 @@ from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 5000.0
 _ASSOCIATIONS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
-_MOST_APART_S = 0.02  # as TUM's own tool
+_MOST_APART_S = 0.02  # as in TUM's own tool
 
 
 def is_tum(folder: Path) -> bool:
-    """Say whether a folder has the lists of the TUM RGB-D format."""
+    """Return whether a folder has the lists of the TUM RGB-D format."""
     lists = all((folder / name).is_file() for name in ("rgb.txt", "depth.txt"))
     return lists or any((folder / name).is_file() for name in _ASSOCIATIONS)
 
@@ -90,6 +90,6 @@ def _paired_lists(folder: Path) -> list[tuple[float, Path, Path]]:
     if not pairs:
         raise RecordingError(
             f"{folder}: no color image was taken within {_MOST_APART_S:g} s of a depth image. "
-            "Say in associations.txt which belong together."
+            "List the pairs in associations.txt."
         )
     return [(colors[i][0], colors[i][1], depths[j][1]) for i, j in pairs]

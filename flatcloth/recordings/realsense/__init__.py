@@ -1,4 +1,4 @@
-"""RealSense files and frames: librealsense is loaded when it is first needed.
+"""RealSense files and frames; librealsense is loaded on first use.
 
-In: a ``.db3`` or ``.bag`` file. Out: registered frames in NumPy.
+Input: a ``.db3`` or ``.bag`` file, or framesets. Output: registered images as NumPy arrays.
 """

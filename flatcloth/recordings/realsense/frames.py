@@ -1,4 +1,4 @@
-"""From librealsense's framesets to registered images in numpy: filters, alignment, lens."""
+"""Conversion of librealsense framesets to registered NumPy images: filters, alignment, lens."""
 
 from __future__ import annotations
 
@@ -14,46 +14,46 @@ from flatcloth.recordings.files.lens import Lens
 Uint16 = NDArray[np.uint16]
 
 ALIGNMENTS = ("depth", "color")
-"""Which camera's pixels are kept; the other camera's image is laid on them. The first is the default:
-it leaves the depth as it was measured."""
+"""The camera whose pixels are kept; the other camera's image is aligned to them. The first is the
+default, because it keeps the depth as measured."""
 
 _SPATIAL_ALPHA, _SPATIAL_DELTA, _SPATIAL_MAGNITUDE = 0.7, 3.0, 2.0
-"""Neighbours that differ by more than a tenth of a pixel of disparity are not mixed."""
+"""Neighbours that differ by more than a tenth of a pixel of disparity are not smoothed together."""
 
 
 class FrameFilter:
-    """Turns a frameset into color and depth of one camera.
+    """Converts framesets to registered color and depth images.
 
     Parameters
     ----------
     library : module
         ``pyrealsense2``.
     profile : pipeline_profile
-        Of the pipeline that the framesets come from.
+        Profile of the pipeline that delivers the framesets.
     align : str
         One of ``ALIGNMENTS``.
     source : str
-        For messages.
+        Name for messages.
 
     Raises
     ------
     RecordingError
-        If there is no depth or color stream, or one of a kind that cannot be used.
+        If there is no depth or color stream, or its format is not supported.
 
     Attributes
     ----------
     active : bool
-        Whether the depth is filtered; off to begin with, for whoever only looks.
+        Whether the depth is filtered; initially False, for previews.
 
     Notes
     -----
-    Spatial filter, then temporal filter, both on disparities, then alignment: librealsense filters
-    whole millimetres by rounding down at each of its steps, which draws the surface 4 mm towards
-    the camera, and a filter after the alignment would work on pixels that were doubled or dropped.
-    So a device that is no stereo camera is not filtered. The spatial filter's own settings would
-    smooth layers into each other (95 % of the pixels beside an edge right to 8.6 mm; 1.8 mm with
-    those here). The temporal filter must not be carried across a turn of the item: see :meth:`fresh`.
-    640x480 px: 10 ms a frame, 1-2 ms while not active.
+    A spatial and then a temporal filter work on disparities, before the alignment: on depth,
+    librealsense rounds down to whole millimetres after each filter, which moves the surface 4 mm
+    towards the camera, and after the alignment a filter would work on duplicated or missing
+    pixels. A device that is not a stereo camera is therefore not filtered. The default settings
+    of the spatial filter smooth layers into each other (95 % of the pixels beside an edge are
+    correct to 8.6 mm, with the settings here to 1.8 mm). The temporal filter must be reset when
+    the item is turned: see :meth:`fresh`. 640x480 px: 10 ms a frame, 1-2 ms while not active.
     """
 
     def __init__(self, library: Any, profile: Any, align: str, source: str) -> None:
@@ -83,13 +83,13 @@ class FrameFilter:
         self.fresh()
 
     def fresh(self) -> None:
-        """Forget the frames before: the item has been turned."""
+        """Reset the temporal filter after the item has been turned."""
         self._temporal = self._library.temporal_filter()
 
     def images(self, frameset: Any) -> tuple[Uint8, Uint16] | None:
         """Return color (H, W, 3) RGB and depth (H, W) in ``depth_scale_m``; None if either is missing.
 
-        The arrays are copies: whoever keeps librealsense's own frames starves it.
+        The arrays are copies, because librealsense stops delivering while its own frames are in use.
         """
         if not frameset.get_depth_frame() or not frameset.get_color_frame():
             return None
@@ -108,14 +108,14 @@ class FrameFilter:
 
 
 def apart_s(depth: Any, color: Any) -> float:
-    """Return how many seconds apart two frames of librealsense were taken."""
+    """Return the time between two frames of librealsense in seconds."""
     if depth.get_frame_timestamp_domain() != color.get_frame_timestamp_domain():
-        return 0.0  # two clocks: the order of arrival, by which they were paired, is all there is
+        return 0.0  # two clocks: only the order of arrival is known, by which they were paired
     return abs(float(depth.get_timestamp() - color.get_timestamp())) / 1000.0
 
 
 def _color_reader(library: Any, form: Any, align: str, source: str) -> Any:
-    """Return the function that makes RGB (H, W, 3) of a color frame's data."""
+    """Return the function that converts a color frame's data to RGB (H, W, 3)."""
     import cv2
 
     if form in (library.format.rgb8, library.format.rgba8):
@@ -123,13 +123,13 @@ def _color_reader(library: Any, form: Any, align: str, source: str) -> Any:
     if form in (library.format.bgr8, library.format.bgra8):
         return lambda data: data[..., 2::-1]
     if form == library.format.yuyv and align == "color":
-        # Two bytes a pixel that share a color with the neighbour: they cannot be moved one by one.
+        # Two bytes per pixel, which share a color with the neighbour: such pixels cannot be aligned.
         return lambda data: cv2.cvtColor(
             data.view(np.uint8).reshape(*data.shape[:2], 2), cv2.COLOR_YUV2RGB_YUYV
         )
     name = str(form).rpartition(".")[2].upper()
     remedy = "Use --align color, or record RGB8." if form == library.format.yuyv else "Record color as RGB8."
-    raise RecordingError(f"{source}: its color is in format {name}, which cannot be used. {remedy}")
+    raise RecordingError(f"{source}: color format {name} is not supported. {remedy}")
 
 
 def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | InverseLens | None:
@@ -142,17 +142,17 @@ def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | Inverse
     if model == "inverse brown conrady":
         return InverseLens(intrinsics, coefficients)
     raise RecordingError(
-        f"{source}: its lens model is {model}, which is unknown here. Export undistorted images to a folder."
+        f"{source}: lens model {model} is not supported. Export undistorted images to a folder."
     )
 
 
 class InverseLens:
-    """librealsense's inverse Brown-Conrady model: its polynomial leads from the image to the true ray.
+    """librealsense's inverse Brown-Conrady model: its polynomial maps the image to the true ray.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of the images before and after.
+        Camera of the distorted and the undistorted images.
     coefficients : tuple of 5 floats
         ``k1 k2 p1 p2 k3``.
     """
@@ -162,13 +162,13 @@ class InverseLens:
         rows, cols = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
         ideal = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy])
         seen = ideal.copy()
-        for _ in range(20):  # the distortion is small: the fixed point comes quickly
+        for _ in range(20):  # the distortion is small, so the iteration converges quickly
             seen += ideal - true_ray(seen, coefficients)
         self._map_x = (seen[0] * k.fx + k.cx).astype(np.float32)
         self._map_y = (seen[1] * k.fy + k.cy).astype(np.float32)
 
     def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
-        """Return the image (H, W, ...) as a pinhole camera would see it; see ``Lens.undistort``."""
+        """Return the image (H, W, ...) of an ideal pinhole camera; see ``Lens.undistort``."""
         import cv2
 
         how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
@@ -176,7 +176,7 @@ class InverseLens:
 
 
 def true_ray(seen: Float64, coefficients: tuple[float, ...]) -> Float64:
-    """Return the rays (2, ...) (x/z, y/z) of places (2, ...) in a distorted image, likewise normalised."""
+    """Return the rays (2, ...) (x/z, y/z) of normalised positions (2, ...) in a distorted image."""
     x, y = seen
     k1, k2, p1, p2, k3 = coefficients
     r2 = x * x + y * y

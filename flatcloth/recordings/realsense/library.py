@@ -1,4 +1,4 @@
-"""Loads pyrealsense2 when it is first needed, with the libusb that a bare system lacks."""
+"""Loads pyrealsense2 on first use, with libusb if the system lacks it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def load_realsense() -> Any:
 
     Notes
     -----
-    pyrealsense2 links to ``libusb-1.0.so.0``, which a bare Debian lacks; then the one of the
-    package libusb-package is loaded before it.
+    pyrealsense2 links to ``libusb-1.0.so.0``, which a minimal Debian lacks; the library of the
+    package libusb-package is then loaded first.
     """
     try:
         try:
@@ -27,7 +27,7 @@ def load_realsense() -> Any:
         except ImportError:
             import libusb_package
 
-            # The symbols must be visible to the extension module that is loaded after it.
+            # The symbols must be visible to the extension module that is loaded next.
             ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
             import pyrealsense2
     except (ImportError, OSError) as error:

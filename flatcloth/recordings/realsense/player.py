@@ -1,7 +1,7 @@
-"""Plays RealSense files (``.db3``, ``.bag``): pairs of color and depth in order, and what went wrong.
+"""Plays RealSense files (``.db3``, ``.bag``): pairs of color and depth in order, with clear errors.
 
-librealsense ends in silence where a file is damaged, repeats the partner of a late frame, and
-reports a bad file in the words of its file format. All three are put right here.
+Where a file is damaged, librealsense ends without an error; it repeats the partner of a late frame,
+and its error messages are those of the file format. This module corrects all three.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _TOPIC = b"/device_0/"
 _SCANNED_BYTES = 4_000_000
 _WAIT_MS = 100
 _LAST_WAITS, _PATIENT_WAITS = 2, 15
-"""After the end of the file, frames may still be on their way through librealsense's threads, on a busy
-machine for long: so many waits without one, once all have come, and as long as some are missing."""
+"""After the end of the file, frames may still be in librealsense's threads, on a busy machine for
+long: the number of waits without a frame, if all have arrived, and if some are missing."""
 _STALLED_S = 30.0
 
 
@@ -34,7 +34,7 @@ _STALLED_S = 30.0
 class Pair:
     """Color (H, W, 3) RGB and depth (H, W) in units, registered.
 
-    ``time_s`` since the first depth frame of the file; ``clock_s`` is the camera's own time of it.
+    ``time_s`` is since the first depth frame of the file; ``clock_s`` is its time on the camera's clock.
     """
 
     time_s: float
@@ -44,9 +44,9 @@ class Pair:
 
 
 def is_realsense(path: Path) -> bool:
-    """Say whether a file was recorded by librealsense, from its content: other ROS bags are not.
+    """Return whether librealsense recorded a file, judged by its content: other ROS bags are not accepted.
 
-    A file that is no bag at all but is named like one counts, so that it is told what is wrong with it.
+    A file with the name of a bag that is not one is accepted, so that opening it reports the error.
     """
     try:
         with open_plain(path) as file:
@@ -62,33 +62,33 @@ def is_realsense(path: Path) -> bool:
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
             rows = base.execute("SELECT name FROM topics").fetchall()
     except sqlite3.Error:
-        return _TOPIC in start  # damaged: whose it is can still be told
+        return _TOPIC in start  # damaged: the topic name may still be in the first bytes
     return any(str(name).startswith(_TOPIC.decode()) for (name,) in rows)
 
 
 class RealsensePlayer:
-    """A RealSense file, ready to be played any number of times.
+    """A RealSense file that can be played any number of times.
 
     Parameters
     ----------
     path : Path
         A ``.db3`` or ``.bag`` file.
     align : str
-        ``depth``: color is laid on the depth camera's pixels; ``color``: the other way round.
+        ``depth``: color is aligned to the depth camera's pixels; ``color``: depth to the color camera's.
 
     Attributes
     ----------
     intrinsics, depth_scale_m, fps
-        Of the images, and of the depth stream.
+        Camera of the images, and depth unit and frame rate of the depth stream.
     duration_s, read_s
-        How long the file says it is, and how far the last :meth:`play` came.
+        Duration according to the file, and position that the last :meth:`play` reached.
     filter : FrameFilter
-        Of the play that is under way; not active at its beginning.
+        The filter of the current play; initially not active.
 
     Raises
     ------
     RecordingError
-        If the file is none that librealsense can play; the message names file, cause and remedy.
+        If librealsense cannot play the file; the message names file, cause and remedy.
     """
 
     def __init__(self, path: Path, align: str = ALIGNMENTS[0]) -> None:
@@ -107,27 +107,27 @@ class RealsensePlayer:
 
     @property
     def expected_frames(self) -> int:
-        """How many frames a whole play has, about."""
+        """Approximate number of frames of a complete play."""
         return max(1, round(self.duration_s * self.fps))
 
     @property
     def is_short(self) -> bool:
-        """Whether the last play ended before the file's own end."""
+        """Whether the last play ended before the end of the file."""
         return self.duration_s - self.read_s > max(0.5, 0.02 * self.duration_s)
 
     def play(self, apart_frames: float = 0.5) -> Iterator[Pair]:
-        """Play from the beginning, as fast as the pairs are taken.
+        """Play from the beginning, as fast as the caller takes the pairs.
 
         Parameters
         ----------
         apart_frames : float
-            Color and depth may be this many frame periods apart.
+            Largest time between color and depth, in frame periods.
 
         Raises
         ------
         RecordingError
-            If the file cannot be played, or stalls. A file that is damaged further on just ends;
-            ``is_short`` tells.
+            If the file cannot be played, or stalls. In a damaged file the play ends early without
+            an error; ``is_short`` is then True.
         """
         _, pipeline, playback = self._open(starting=True)
         self.read_s = 0.0
@@ -146,7 +146,7 @@ class RealsensePlayer:
             try:
                 arrived, frameset = pipeline.try_wait_for_frames(_WAIT_MS)
             except RuntimeError:
-                return  # the reader gave up within the file; how far it came is known
+                return  # the reader ended within the file; ``read_s`` tells where
             if not arrived:
                 waits += playback.current_status() == stopped
                 if waits >= (_LAST_WAITS if depths == self._depth_frames else _PATIENT_WAITS):
@@ -166,7 +166,7 @@ class RealsensePlayer:
             newest_s = max(newest_s, clock_s)
             if not color:
                 continue
-            # The syncer repeats a late frame's partner.
+            # The syncer repeats the partner of a late frame.
             if clock_s <= last_s or apart_s(depth, color) > most_apart_s:
                 continue
             images = self.filter.images(frameset)
@@ -181,8 +181,8 @@ class RealsensePlayer:
         try:
             config, pipeline = library.config(), library.pipeline()
             library.config.enable_device_from_file(config, str(self.path), repeat_playback=False)
-            # Before the start: a pipeline starts in real time, and what is late then is dropped.
-            # Paused until it has started: on a busy machine the first frame may come before it listens.
+            # Set before the start: a pipeline starts in real time and drops late frames. Paused until it
+            # has started: on a busy machine the first frame may arrive before the pipeline listens.
             resolved = config.resolve(library.pipeline_wrapper(pipeline))
             playback = resolved.get_device().as_playback()
             playback.set_real_time(False)
@@ -199,18 +199,18 @@ class RealsensePlayer:
 def stop_playing(pipeline: Any, playback: Any) -> None:
     """Stop a pipeline that plays a file, and wait until the file's reader is idle.
 
-    The streams are closed by a thread of the playback device, later. If the device goes meanwhile,
-    and the pipeline's own reference may be the last, that thread works on a reader that is freed,
-    which ends the whole process. So the device is kept until its thread has answered.
+    A thread of the playback device closes the streams later. If the device is released earlier,
+    possibly with the pipeline's own reference, that thread uses a freed reader and crashes the
+    whole process. The device is therefore kept until its thread has answered.
     """
-    with contextlib.suppress(RuntimeError):  # it may have stopped by itself
+    with contextlib.suppress(RuntimeError):  # it may have stopped already
         pipeline.stop()
     with contextlib.suppress(RuntimeError):
-        playback.pause()  # returns once everything asked before is done
+        playback.pause()  # returns when all earlier requests are done
 
 
 def _depth_frames(path: Path) -> int | None:
-    """Return how many depth images a ``.db3`` file holds; None for others, or if it cannot be told."""
+    """Return the number of depth images in a ``.db3`` file; None for other files, or if unknown."""
     try:
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
             counted = base.execute(
@@ -227,28 +227,28 @@ def _check_file(path: Path) -> None:
         if not path.exists():
             raise RecordingError(f"{path}: no such file. Give a RealSense recording, .db3 or .bag.")
         if not path.is_file():
-            raise RecordingError(f"{path}: a folder, not a file. Give the .db3 or .bag file itself.")
+            raise RecordingError(f"{path}: a folder, not a file. Give the .db3 or .bag file in it.")
         with open_plain(path) as file:
             start = file.read(16)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     if not start:
-        raise RecordingError(f"{path}: empty. Nothing was recorded; record it again.")
+        raise RecordingError(f"{path}: empty. Record it again.")
     kind = ".db3" if start.startswith(_SQLITE) else ".bag" if start.startswith(_ROSBAG) else None
     if kind is None:
-        raise RecordingError(f"{path}: neither a .db3 nor a .bag file by its content. Export it again.")
+        raise RecordingError(f"{path}: its content is not .db3 or .bag. Export it again.")
     if path.suffix != kind:
-        raise RecordingError(f"{path}: by its content a {kind} file. Rename it to {path.stem}{kind}.")
+        raise RecordingError(f"{path}: its content is that of a {kind} file. Rename it to {path.stem}{kind}.")
 
 
 def _explained(path: Path, text: str) -> str:
-    """Return one line for what librealsense says of a bad file."""
+    """Return a message of one line for librealsense's error on a bad file."""
     if "SQLite error: (1)" in text or "no such table" in text:
-        return f"{path}: a database, but no RealSense recording. Give a file of the RealSense Viewer."
+        return f"{path}: a database, but not a RealSense recording. Give a file of the RealSense Viewer."
     if any(sign in text for sign in ("SQLite error (11)", "SQLite error (26)", "malformed")):
         return f"{path}: truncated or damaged (its database cannot be read). Copy it again from the recorder."
     if "wanted" in text or "Bag unindexed" in text:
-        return f"{path}: incomplete, the recording was cut off. Record it again, or try: rosbag reindex."
+        return f"{path}: incomplete: the recording was interrupted. Record it again, or try: rosbag reindex."
     if "No device connected" in text or "resolve requests" in text:
-        return f"{path}: holds no streams that can be played. Record depth and color."
+        return f"{path}: contains no stream that can be played. Record depth and color."
     return f"{path}: cannot be played ({' '.join(text.split())[-160:]}). Record it again."

@@ -1,7 +1,7 @@
-"""A RealSense file of an item that was turned: its views are found, and each is averaged.
+"""A RealSense file of an item that was turned: finding its views and averaging the frames of each.
 
-The file is played twice. First only to look: when the item stood still, and how long the file is.
-Then the frames of each view are filtered and averaged.
+The file is played twice: first to find when the item is still and how long the file is, then to
+filter and average the frames of each view.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flatcloth.recordings.realsense.frames import ALIGNMENTS
 from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
 
 MOST_FRAMES = 30
-"""Of a stop that lasts longer, the last frames are taken: the cloth has come to rest by then."""
+"""The number of frames used per stop: the last ones, when the cloth has come to rest."""
 FEW_FRAMES = 8
 _NEAR_ANGLE_DEG = 0.3
 """While the item turns, frames within this of an angle are averaged; 0.8 mm at a radius of 0.15 m."""
@@ -41,11 +41,11 @@ _LOOSE_PAIRING_FRAMES = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class TurnOptions:
-    """How a file is read.
+    """Options of reading a file.
 
-    ``align`` is one of ``ALIGNMENTS``. ``step_deg``: how far the item was turned between two stops,
-    or, where the angle is known at all times, how far apart views are taken; its sign is the sense
-    of turning. ``angles``: table of times and angles. ``turning_speed_deg_s``: a constant speed.
+    ``align`` is one of ``ALIGNMENTS``. ``step_deg`` is the rotation between two stops or, if the
+    angle is known at all times, between views; its sign is the direction of rotation. ``angles`` is a
+    table of times and angles, ``turning_speed_deg_s`` a constant speed.
     """
 
     align: str = ALIGNMENTS[0]
@@ -57,7 +57,7 @@ class TurnOptions:
 class TurnedRecording:
     """The views of a RealSense file, in memory; see :func:`open_realsense`.
 
-    ``notes`` says in sentences what was found, and what is wrong with the file.
+    ``notes`` describes what was found, and what is wrong with the file.
     """
 
     rotation_axis: RotationAxis | None = None
@@ -112,9 +112,9 @@ class _View:
 
 @dataclass(frozen=True)
 class _Phase:
-    """The frames of one view, from the first to the last by the camera's clock.
+    """The frames of one view, as an interval of the camera's clock.
 
-    Numbers would not do: under load librealsense drops a frame now and then.
+    Frame numbers would not do, because librealsense drops frames under load.
     """
 
     angle_deg: float
@@ -124,7 +124,7 @@ class _Phase:
 
 @dataclass(kw_only=True)
 class _Look:
-    """What the first play saw."""
+    """Result of the first play."""
 
     times_s: list[float] = field(default_factory=list)
     first_clock_s: float = 0.0
@@ -135,12 +135,12 @@ class _Look:
         return self.times_s[-1]
 
     def phase(self, angle_deg: float, times_s: list[float]) -> _Phase:
-        """Return the phase of these frames."""
+        """Return the phase that covers these frames."""
         ends = (self.first_clock_s + t for t in (times_s[0], times_s[-1]))
         return _Phase(angle_deg, *ends)
 
     def between(self, start_s: float, end_s: float) -> list[float]:
-        """Return the times of the frames in a span of time."""
+        """Return the times of the frames in an interval."""
         first, last = np.searchsorted(self.times_s, [start_s - 1e-6, end_s + 1e-6])
         return self.times_s[int(first) : int(last)]
 
@@ -148,16 +148,16 @@ class _Look:
 def open_realsense(
     path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
 ) -> TurnedRecording:
-    """Play a RealSense file and return the views of the item in it.
+    """Play a RealSense file and return its views of the item.
 
     Parameters
     ----------
     path : Path
         A ``.db3`` or ``.bag`` file.
     options : TurnOptions, optional
-        How it is read; by default the stops are found, 10 degrees apart.
+        Options of reading; by default the stops are searched and assumed 10 degrees apart.
     progress : callable
-        Told the share of the work.
+        Called with the share of the work done.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def open_realsense(
     if not 0.1 <= abs(chosen.step_deg) <= 180:
         raise RecordingError(f"--step {chosen.step_deg:g}: give degrees, 0.1 to 180 (or negative).")
     if chosen.angles is not None and chosen.turning_speed_deg_s is not None:
-        raise RecordingError("--angles and --turning-speed both tell the angle; give one of them.")
+        raise RecordingError("--angles and --turning-speed were given together. Give only one of them.")
     player = RealsensePlayer(path, chosen.align)
     apart_frames = 0.5
     look = _look(player, progress, apart_frames)
@@ -187,7 +187,7 @@ def open_realsense(
         look = _look(player, progress, apart_frames)
         if not look.times_s:
             raise RecordingError(
-                f"{path}: no depth frame has a color frame of the same time. Record both streams together."
+                f"{path}: no depth and color frames of the same time. Record both streams together."
             )
         notes.append("Color and depth were not taken at the same time; the item must have hung still.")
     if player.is_short:
@@ -199,7 +199,7 @@ def open_realsense(
     views = _averaged(player, look, phases, progress, apart_frames)
     if not views:
         raise RecordingError(
-            f"{path}: nothing was measured at any stop. Check that the camera sees the item."
+            f"{path}: no depth was measured at any stop. Check that the camera sees the item."
         )
     return TurnedRecording(path, player.intrinsics, views, tuple(notes))
 
@@ -226,11 +226,11 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
     if turning is not None and (not look.stops or _turns_at_a_stop(look.stops, turning)):
         return _while_turning(path, look, turning, options.step_deg)
     if len(look.times_s) < FEW_FRAMES:
-        text = f"Frames: only {len(look.times_s)}, taken as one view."
+        text = f"Only {len(look.times_s)} frames, used as one view."
         return [look.phase(0.0, look.times_s)], text
     if not look.stops:
         raise RecordingError(
-            f"{path}: the item never stands still for half a second. Say how it turned: "
+            f"{path}: the item never stands still for half a second. Give its rotation: "
             "--turning-speed DEG_PER_S or --angles FILE.csv."
         )
     angles = [
@@ -245,7 +245,7 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
     count = len(phases)
     text = f"{count} {'stop was' if count == 1 else 'stops were'} found in {look.seconds:.1f} s"
     text += (
-        "; the angles are those of the table" if turning else f", taken as {options.step_deg:g} degrees apart"
+        "; the angles are those of the table" if turning else f", assumed {options.step_deg:g} degrees apart"
     )
     if len(kept) < count:
         text += f"; {count - len(kept)} that repeat an angle are left out"
@@ -268,7 +268,7 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
         n = int(nearest[numbers[0]])
         off = np.abs(turned[numbers] - n * abs(step_deg))
         if n in visited or off.min() > abs(step_deg) / 4:
-            continue  # it has been there, or it turned back before it came there
+            continue  # already visited, or the rotation reversed before that angle
         visited.add(n)
         good = numbers[off <= max(_NEAR_ANGLE_DEG, float(off.min()))]
         middle = good[len(good) // 2]
@@ -286,7 +286,7 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
 
 
 def _distinct(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
-    """Leave out what shows an angle again, also after a whole turn."""
+    """Leave out phases that repeat an angle, also after a full turn."""
     kept: list[_Phase] = []
     for phase in phases:
         if all(abs(math.remainder(phase.angle_deg - k.angle_deg, 360.0)) >= apart_deg for k in kept):
@@ -311,7 +311,7 @@ def _averaged(
         if pair.clock_s >= waiting[0].start_clock_s - 1e-6:
             pairs.append(pair)
         if not player.filter.active and pair.clock_s + early_s >= waiting[0].start_clock_s:
-            player.filter.fresh()  # what was seen before was another pose
+            player.filter.fresh()  # earlier frames show another pose
             player.filter.active = True
         progress(0.4 + min(0.6, 0.6 * pair.time_s / max(look.seconds, 1e-3)), f"reading, {pair.time_s:.0f} s")
     if waiting:
@@ -320,7 +320,7 @@ def _averaged(
 
 
 def _view(phase: _Phase, pairs: list[Pair], depth_scale_m: float) -> list[_View]:
-    """Return the view of a phase; none where nothing was measured."""
+    """Return the view of a phase; an empty list if no depth was measured."""
     if not pairs:
         return []
     depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(depth_scale_m)

@@ -1,4 +1,4 @@
-"""ROS bags without ROS.
+"""ROS bags, read without ROS.
 
-In: a ``.bag`` or ``.mcap`` file. Out: a :class:`Recording`.
+Input: a ``.bag`` or ``.mcap`` file. Output: a :class:`Recording`.
 """

@@ -1,7 +1,7 @@
-"""A ROS recording as a file: its image topics, when each message was taken, and single messages.
+"""A ROS recording as a file: its image topics, the times of their messages, and single messages.
 
-``rosbags`` reads ROS 1 bags, and ROS 2 recordings as MCAP or SQLite, without any ROS. It is imported
-here only, when such a file is opened.
+``rosbags`` reads ROS 1 bags, and ROS 2 recordings as MCAP or SQLite, without ROS. It is imported
+only here, when such a file is opened.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ RAW, COMPRESSED, CAMERA_INFO = (
 
 @dataclass(frozen=True)
 class Place:
-    """Where a message is: the time it was written (ns), and its number among those of that time."""
+    """Position of a message: the time it was written (ns), and its number among those of that time."""
 
     written_ns: int
     number: int
 
 
 class Bag:
-    """An open ROS recording; several threads may read it.
+    """An open ROS recording; several threads may read from it.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Bag:
     Raises
     ------
     RecordingError
-        If ``rosbags`` is missing, or the file is damaged or of another kind.
+        If ``rosbags`` is missing, or the file is damaged or of another format.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,11 +54,11 @@ class Bag:
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
             raise RecordingError(
-                f"{path}: ROS recordings are read by the library rosbags, which is missing ({error}). "
+                f"{path}: reading ROS recordings needs the library rosbags, which is missing ({error}). "
                 "Run: pip install 'flatcloth[ros]'"
             ) from error
         with self._told():
-            # ROS 2 recordings of before 2023 carry no definitions; those of images never changed.
+            # ROS 2 recordings made before 2023 contain no definitions; those of images have not changed.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
         weakref.finalize(self, self._reader.close)
@@ -90,7 +90,7 @@ class Bag:
             return self._reader.deserialize(raw, kind)
 
     def stamps(self, topic: str) -> list[tuple[Place, float]]:
-        """Return where each message of a topic is, and its time stamp in seconds (0 if it has none).
+        """Return the position of each message of a topic, and its time stamp in seconds (0 if it has none).
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Bag:
 
         Notes
         -----
-        Reads the topic once: 0.2 s for 300 MB that the system has in memory.
+        Reads the whole topic: 0.2 s for 300 MB that are in the system's cache.
         """
         _, connections = self._topics[topic]
         found, seen = [], Counter[int]()
@@ -115,7 +115,7 @@ class Bag:
         Raises
         ------
         RecordingError
-            If it is damaged, or gone since the recording was opened.
+            If it is damaged, or was removed since the recording was opened.
         """
         kind, connections = self._topics[topic]
         start = place.written_ns
@@ -127,8 +127,8 @@ class Bag:
         raise RecordingError(f"{self._path}: has changed since it was opened. Open it again.")
 
     def _stamp_s(self, raw: bytes | memoryview) -> float:
-        """Time stamp of a message that begins with a header; the rest is not looked at."""
-        if self._reader.is2:  # CDR: four bytes say how numbers are written
+        """Time stamp of a message that begins with a header; only the header is read."""
+        if self._reader.is2:  # CDR: the first four bytes tell the byte order
             order = "<" if raw[1] & 1 else ">"
             seconds, nanoseconds = struct.unpack_from(order + "iI", raw, 4)
         else:
@@ -141,9 +141,9 @@ class Bag:
             yield
         except RecordingError:
             raise
-        except Exception as error:  # in a damaged file the library stumbles anywhere
+        except Exception as error:  # on a damaged file the library may raise anything
             text = shortened(" ".join(str(error).split()), 160) or type(error).__name__
             raise RecordingError(
                 f"{self._path}: cannot be read as a ROS recording ({text}). "
-                "Copy it again, or let ros2 bag reindex (rosbag reindex) mend it."
+                "Copy it again, or repair it with ros2 bag reindex (rosbag reindex)."
             ) from error

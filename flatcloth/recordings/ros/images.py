@@ -19,19 +19,19 @@ _COLORS = {
     "8UC3": (3, "bgr"),
 }
 _DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
-_METRES_PER_UNIT = np.float32(0.001)  # REP 118: whole numbers are millimetres, others metres
+_METRES_PER_UNIT = np.float32(0.001)  # REP 118: integers are millimetres, floating-point values metres
 _FARTHEST_M = 100.0
 _PREFIX = struct.Struct("<iff")
-"""What ``compressedDepth`` puts before the PNG: a number, and two that quantised floating-point depth."""
+"""Header of ``compressedDepth`` before the PNG: a format number and two quantisation parameters."""
 
 
 class UnreadableImageError(ValueError):
-    """A message holds no image that is understood; the text says what it holds."""
+    """A message holds no supported image; the text says what it holds."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a topic's first image looks like: whether it is depth, and its size in pixels."""
+    """The first image of a topic: whether it is depth, and its size in pixels."""
 
     is_depth: bool
     width: int
@@ -39,7 +39,7 @@ class Look:
 
 
 def look(message: Any) -> Look | None:
-    """Say what an image message holds; None if it is neither color nor depth."""
+    """Return the content of an image message; None if it is neither color nor depth."""
     if hasattr(message, "encoding"):
         if message.encoding in _COLORS or message.encoding in _DEPTHS:
             return Look(message.encoding in _DEPTHS, int(message.width), int(message.height))
@@ -62,12 +62,12 @@ def color_of(message: Any) -> Uint8:
     Raises
     ------
     UnreadableImageError
-        If it holds no color.
+        If it is not a color image.
     """
     if not hasattr(message, "encoding"):
         pixels = _decompressed(message)
         if pixels.dtype != np.uint8 or pixels.ndim != 3:
-            raise UnreadableImageError(f"is no color image ({message.format})")
+            raise UnreadableImageError(f"is not a color image ({message.format})")
         return np.ascontiguousarray(pixels[..., 2::-1])
     if message.encoding not in _COLORS:
         raise UnreadableImageError(f"has the encoding {message.encoding}, not color")
@@ -82,7 +82,7 @@ def depth_of(message: Any) -> Float32:
     Raises
     ------
     UnreadableImageError
-        If it holds no depth.
+        If it is not a depth image.
     """
     if hasattr(message, "encoding"):
         if message.encoding not in _DEPTHS:
@@ -92,7 +92,7 @@ def depth_of(message: Any) -> Float32:
     else:
         values = _decompressed(message)
     if values.ndim != 2 or values.dtype == np.uint8:
-        raise UnreadableImageError("is no depth image")
+        raise UnreadableImageError("is not a depth image")
     if values.dtype.kind == "u":
         return values.astype(np.float32) * _METRES_PER_UNIT
     depth = values.astype(np.float32)
@@ -106,7 +106,7 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
     row = width * channels * dtype.itemsize
     data = np.asarray(message.data, dtype=np.uint8)
     if step < row or data.size < height * step or not height or not width:
-        raise UnreadableImageError(f"says {width}x{height} px, but has {data.size} bytes")
+        raise UnreadableImageError(f"is declared as {width}x{height} px, but has {data.size} bytes")
     rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
     return rows.view(dtype).reshape(height, width, channels)
 
@@ -119,7 +119,7 @@ def _decompressed(message: Any) -> NDArray[Any]:
     a = b = 0.0
     if "compressedDepth" in form:
         if data.size <= _PREFIX.size or "rvl" in form:
-            raise UnreadableImageError(f"is compressed in a way that is not read ({form})")
+            raise UnreadableImageError(f"has an unsupported compression ({form})")
         _, a, b = _PREFIX.unpack(data[: _PREFIX.size].tobytes())
         data = data[_PREFIX.size :]
     try:

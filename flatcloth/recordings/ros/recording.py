@@ -1,4 +1,4 @@
-"""ROS recordings: which topics are the color and depth images of one camera, and their views."""
+"""ROS recordings: finding the color and depth topics of one camera, and reading their views."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MODELS = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Topic:
-    """An image topic: what it holds, and the camera that is published beside it (None if none is)."""
+    """An image topic: its content, and the camera info published beside it (None if there is none)."""
 
     name: str
     look: Look
@@ -42,8 +42,8 @@ class _Topic:
 class RosRecording:
     """Color and depth of a ROS recording; open it with :func:`open_ros`.
 
-    Pixels are read when asked for; nothing is cached. Lens distortion is undone as ``camera_info``
-    tells, unless the images are rectified already.
+    Pixels are read on demand; nothing is cached. Lens distortion is corrected according to
+    ``camera_info``, unless the images are rectified.
     """
 
     rotation_axis: RotationAxis | None = None
@@ -77,21 +77,21 @@ class RosRecording:
         return len(self._views)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with lens distortion undone.
+        """Read one view, with lens distortion corrected.
 
         Raises
         ------
         IndexError
             If there is no such view; negative numbers do not count from the end.
         RecordingError
-            If a message is damaged or shows nothing.
+            If a message is damaged or has no depth.
         """
         check_index(self, view_index)
         angle, *places = self._views[view_index]
         color, depth = (self._pixels(t, p, view_index) for t, p in zip(self._topics, places, strict=True))
         depth_m = self._lens.undistort(depth, blend=False)
         if not depth_m.any():
-            self._fail(f"{self._topics[1]}, view {view_index}: no depth at all", "Record the view again.")
+            self._fail(f"{self._topics[1]}, view {view_index}: no depth", "Record the view again.")
         return RgbdFrame(
             view_index=view_index,
             angle_deg=angle,
@@ -123,9 +123,9 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     path : Path
         A ``.bag`` of ROS 1, a ``.mcap`` or ``.db3`` of ROS 2, or the folder of a ROS 2 recording.
     angles : GivenAngles
-        Of the pairs of color and depth, in order of their time stamps.
+        Angles of the pairs of color and depth, in order of their time stamps.
     progress : callable
-        Told how much of a film was looked through.
+        Called with the share of a film that has been searched.
 
     Raises
     ------
@@ -139,12 +139,12 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     intrinsics, lens = _camera(path, color, depth)
     times = {topic.name: _times(bag.stamps(topic.name)) for topic in (color, depth)}
     (color_places, color_s), (depth_places, depth_s) = times[color.name], times[depth.name]
-    # Half the interval between frames, but what stands still may be taken a little apart.
+    # Half the interval between frames; frames of a still item may be a little farther apart.
     interval_s = float(np.median(np.diff(np.sort(color_s)))) if len(color_s) > 1 else _MOST_APART_S
     pairs = pair_by_time(color_s, depth_s, min(max(0.5 * interval_s, 0.005), _MOST_APART_S))
     if not pairs:
         raise RecordingError(
-            f"{path}: no image of {color.name} was taken at the time of one of {depth.name}. "
+            f"{path}: no image of {color.name} has the time of one of {depth.name}. "
             "Record both with their time stamps."
         )
     taken_s = [color_s[i] for i, _ in pairs]
@@ -167,7 +167,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
 
 
 def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
-    """Return the places, and their times; when nothing was stamped, the times of writing."""
+    """Return the positions and times; the times of writing if no message has a stamp."""
     stamped = any(time for _, time in stamps)
     return [p for p, _ in stamps], [t if stamped else 1e-9 * p.written_ns for p, t in stamps]
 
@@ -192,7 +192,7 @@ def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
         color, depth = colors[0], depths[0]
         sizes = [f"{t.name} ({t.look.width}x{t.look.height} px)" for t in (color, depth)]
         raise RecordingError(
-            f"{path}: color {sizes[0]} and depth {sizes[1]} are not of one camera. Record the depth that is "
+            f"{path}: color {sizes[0]} and depth {sizes[1]} are of two cameras. Record the depth that is "
             "registered to the color (for a RealSense: aligned_depth_to_color)."
         )
     return min(pairs, key=lambda pair: _rank(*pair))
@@ -222,7 +222,7 @@ def _rank(color: _Topic, depth: _Topic) -> tuple[Any, ...]:
 
 
 def _info(bag: Bag, topic: str) -> Any:
-    """Return the first camera_info that is published beside a topic; None if there is none."""
+    """Return the first camera_info published beside a topic; None if there is none."""
     base = next((topic.removesuffix(t) for t in _TRANSPORTS if topic.endswith(t)), topic)
     name = f"{base.rsplit('/', 1)[0]}/camera_info"
     return bag.first(name) if name in bag.topics(CAMERA_INFO) else None
@@ -256,8 +256,8 @@ def _camera(path: Path, color: _Topic, depth: _Topic) -> tuple[Intrinsics, Lens]
     size = (color.look.width, color.look.height)
     if (int(info.width), int(info.height)) != size:
         fail(
-            f"is of {info.width}x{info.height} px, the images are {size[0]}x{size[1]}",
-            "Record the images' own.",
+            f"is for {info.width}x{info.height} px, but the images have {size[0]}x{size[1]}",
+            "Record the camera_info of these images.",
         )
     matrix = _matrix(topic)
     if not np.isfinite(matrix).all() or not math.isclose(matrix[2, 2], 1.0):
@@ -265,11 +265,11 @@ def _camera(path: Path, color: _Topic, depth: _Topic) -> tuple[Intrinsics, Lens]
     intrinsics = checked_intrinsics(
         size, (float(matrix[0, 0]), float(matrix[1, 1])), (float(matrix[0, 2]), float(matrix[1, 2])), fail
     )
-    # Rectified images were undistorted before they were published.
+    # Rectified images have no distortion left.
     numbers = [] if _is_rectified(topic) else _field(info, "d")
     model = "" if _is_rectified(topic) else str(info.distortion_model)
     if not any(numbers) and _MODELS.get(model) != "fisheye":
         model = ""
     if model not in _MODELS:
-        fail(f"the distortion model {model!r} is not known", f"Known are {', '.join(filter(None, _MODELS))}.")
+        fail(f"distortion model {model!r} is not supported", f"Known are {', '.join(filter(None, _MODELS))}.")
     return intrinsics, checked_lens(intrinsics, numbers, fail, model=_MODELS[model])

@@ -29,7 +29,7 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.engine.live_camera import CameraPlayer, cloud_of
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import apply_table, height_table
-from flatcloth.viewer.modes.controller import Audience, Stage
+from flatcloth.viewer.modes.controller import ClientSink, SceneView
 from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import Shown
 from flatcloth.viewer.modes.playhead import RateMeter
@@ -77,11 +77,11 @@ class CaptureSettings:
 
 
 class CaptureApplication(LiveApplication):
-    """The page of a camera; see :class:`flatcloth.viewer.modes.controller.PageDesk`.
+    """The page of a camera; see :class:`flatcloth.viewer.modes.controller.PageController`.
 
     Parameters
     ----------
-    integration, folder, stage, audience
+    integration, folder, scene_view, sink
         The integration is that of a :class:`flatcloth.engine.live_camera.CameraRecording`.
     feed : CameraFeed
         The camera; started and stopped with the page.
@@ -93,13 +93,13 @@ class CaptureApplication(LiveApplication):
         self,
         integration: Integration,
         folder: SessionFolder,
-        stage: Stage,
-        audience: Audience,
+        scene_view: SceneView,
+        sink: ClientSink,
         feed: CameraFeed,
         settings: CaptureSettings,
     ) -> None:
         player = CameraPlayer(integration, feed)
-        super().__init__(integration, folder, stage, audience, player, feed.camera.fps)
+        super().__init__(integration, folder, scene_view, sink, player, feed.camera.fps)
         self._feed, self._settings = feed, settings
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
@@ -148,7 +148,7 @@ class CaptureApplication(LiveApplication):
             self._put(None, self._publish)
         if changed or now_s - self._told_s >= STATUS_INTERVAL_S:
             self._told_s = now_s
-            self._audience.tell(None, {"type": "capture", **self.status()})
+            self._sink.tell(None, {"type": "capture", **self.status()})
         if not self._busy.is_set() and self._loop.head.playing:
             self._busy.set()
             self._beside.put(lambda: self._look(frame, now_s))
@@ -174,7 +174,7 @@ class CaptureApplication(LiveApplication):
                     gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M
                     anew = bool(gone and self._page_settings.now.follow)
                     self._framed_at = center if anew or self._framed_at is None else self._framed_at
-            self._stage.see(points, colors, anew=anew)
+            self._scene_view.see(points, colors, anew=anew)
         except Exception:  # noqa: BLE001 - the next frame may do; the thread must live on
             _log.exception("the cloud of a camera's frame could not be shown")
         finally:
@@ -380,8 +380,8 @@ def _picture(view: TakenView) -> bytes:
     return layers.png(np.concatenate([both, opaque], axis=2))
 
 
-def capture_desk(
+def capture_controller(
     integration: Integration, folder: SessionFolder, feed: CameraFeed, settings: CaptureSettings
-) -> Callable[[Stage, Audience], CaptureApplication]:
+) -> Callable[[SceneView, ClientSink], CaptureApplication]:
     """Return what makes the page of a camera, for :func:`flatcloth.viewer.server.app.serve`."""
-    return lambda stage, audience: CaptureApplication(integration, folder, stage, audience, feed, settings)
+    return lambda scene_view, sink: CaptureApplication(integration, folder, scene_view, sink, feed, settings)

@@ -21,10 +21,10 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
 from flatcloth.grasping.measuring import measure
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picks import PickDesk, PlaceBook
+from flatcloth.viewer.protocol.picks import PickStore, PlaceStore
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
-from flatcloth.viewer.protocol.settings import Settings, SettingsBook, numbers_route
-from flatcloth.viewer.protocol.snapshot import Desk, Note
+from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
+from flatcloth.viewer.protocol.snapshot import Note, PageStatus
 from flatcloth.viewer.routes.sources import place_under
 from flatcloth.viewer.worker import Worker
 
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 MESSAGES_KEPT = 100
 
 
-class Audience(Protocol):
+class ClientSink(Protocol):
     """Who is told: the open tabs. All methods may be called from any thread and return at once."""
 
     def show(self, state: dict[str, Any]) -> None:
@@ -53,7 +53,7 @@ class Audience(Protocol):
         """Send a frame to one tab; it replaces one that was not sent yet."""
 
 
-class Stage(Protocol):
+class SceneView(Protocol):
     """The 3D side of the page."""
 
     def show(self, picture: Picture | None) -> None:
@@ -83,7 +83,7 @@ class Stage(Protocol):
         """Let the cameras follow the view, or not."""
 
 
-class PageDesk(ABC):
+class PageController(ABC):
     """The part of a page's application that does not depend on its mode.
 
     Parameters
@@ -92,24 +92,24 @@ class PageDesk(ABC):
         What is shown.
     folder : SessionFolder
         Keeps the picks.
-    stage, audience
+    scene_view, sink
         Where things are shown.
     """
 
     def __init__(
-        self, integration: Integration, folder: SessionFolder, stage: Stage, audience: Audience
+        self, integration: Integration, folder: SessionFolder, scene_view: SceneView, sink: ClientSink
     ) -> None:
         self._integration = integration
         self._folder = folder
-        self._stage = stage
-        self._audience = audience
-        self._desk = Desk()
+        self._scene_view = scene_view
+        self._sink = sink
+        self._page_status = PageStatus()
         # A session that is kept in memory keeps its settings there too.
-        self._page_settings = SettingsBook(
+        self._page_settings = SettingsStore(
             getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
         )
-        self._picks = PickDesk(folder, integration.axis, stage.show_pick)
-        self._places = PlaceBook()
+        self._picks = PickStore(folder, integration.axis, scene_view.show_pick)
+        self._places = PlaceStore()
         self._picture: Picture | None = None
         self._note_ids = itertools.count(1)
         self._revision = 0
@@ -145,7 +145,7 @@ class PageDesk(ABC):
     def stop(self) -> None:
         """Stop all threads."""
 
-    def leave(self, client: int) -> None:  # noqa: B027 - a desk need not mind
+    def leave(self, client: int) -> None:  # noqa: B027 - not every mode minds
         """Hear that a tab has closed."""
 
     def receive(self, client: int, text: str) -> None:
@@ -204,7 +204,7 @@ class PageDesk(ABC):
             self._tell(client, "error", str(error))
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r}. The terminal shows more.")
+            self._tell(client, "error", f"Unexpected error: {error!r}. See the terminal.")
 
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)
@@ -224,9 +224,9 @@ class PageDesk(ABC):
             case messages.Set():
                 self._set(message)
             case messages.Hover():
-                self._audience.tell(client, self.describe(message))
+                self._sink.tell(client, self.describe(message))
             case messages.Measure():
-                self._audience.tell(client, self._measured(message))
+                self._sink.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
 
@@ -255,19 +255,21 @@ class PageDesk(ABC):
     def _publish(self) -> None:
         self._revision += 1
         self._snapshot = {**self._state_of_page(self._revision), "settings": self._page_settings.told()}
-        self._audience.show(self._snapshot)
+        self._sink.show(self._snapshot)
 
     def _tell(self, client: int | None, level: str, text: str) -> None:
         note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
         if client is None:
-            self._desk = replace(self._desk, log=(*self._desk.log, note)[-MESSAGES_KEPT:])
+            self._page_status = replace(
+                self._page_status, log=(*self._page_status.log, note)[-MESSAGES_KEPT:]
+            )
             self._publish()
         else:
-            self._audience.tell(client, {"type": "note", **note.plain()})
+            self._sink.tell(client, {"type": "note", **note.plain()})
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background picks nothing and changes nothing.
-        if self._picks.add_on_ray(self._picture, self._stage.visible_points(), origin_m, direction):
+        if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()
 
     def _set(self, message: messages.Set) -> None:
@@ -276,5 +278,5 @@ class PageDesk(ABC):
             self._page_settings.reset()
         if values:
             self._page_settings.change(**values)
-        self._stage.follow(self._page_settings.now.follow)
+        self._scene_view.follow(self._page_settings.now.follow)
         self._publish()

@@ -1,4 +1,4 @@
-"""Tells the page why a proposal lies where it does; computed beside the session, when it is asked for."""
+"""Tells the page what placed a proposal; computed beside the session, when it is asked for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from flatcloth.viewer.protocol.picture import Picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.viewer.modes.controller import Stage
+    from flatcloth.viewer.modes.controller import SceneView
 
 _log = logging.getLogger(__name__)
 
@@ -34,8 +34,8 @@ _MOST_LINE_PIXELS = 1500
 _GONE = "This proposal is no longer shown; a newer state is on its way."
 
 
-class WhyDesk:
-    """Answers why; the last answer is kept.
+class DiagnosticsService:
+    """Answers with curves, lines and strained edges; the last answer is kept.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class WhyDesk:
         The session's; only asked.
     picture : callable
         Returns the present picture; called from any thread.
-    stage : Stage
+    scene_view : SceneView
         Draws strained edges in 3D, where they are wished.
     later : callable
         Takes a job for the worker.
@@ -53,11 +53,11 @@ class WhyDesk:
         self,
         integration: Integration,
         picture: Callable[[], Picture | None],
-        stage: Stage,
+        scene_view: SceneView,
         later: Callable[[Callable[[], None]], None],
     ) -> None:
         self._integration, self._picture = integration, picture
-        self._stage, self._later = stage, later
+        self._scene_view, self._later = scene_view, later
         self._lock = threading.Lock()
         self._last: tuple[tuple[int, int], Reasons] | None = None
         self._drawing = False
@@ -65,7 +65,7 @@ class WhyDesk:
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of this."""
         return [
-            Route("/why/{revision:int}-{overlay:int}.json", self._serve),
+            Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
             Route("/hypothesis/{revision:int}-{view:int}/{index:int}.png", self._thumbnail),
         ]
 
@@ -76,7 +76,7 @@ class WhyDesk:
         if on and picture is not None and picture.overlay is not None:
             self._later(lambda: self._draw(picture))
         else:
-            self._stage.show_edges(None, None)
+            self._scene_view.show_edges(None, None)
 
     def picture_changed(self) -> None:
         """Draw the edges of the new picture, if they are wished."""
@@ -93,7 +93,7 @@ class WhyDesk:
             both = (found.shape_edges, found.new_edges)
             ends = np.concatenate([edges.xyz_m for edges in both])
             colors = np.concatenate([edge_colors(edges) for edges in both])
-            self._stage.show_edges(ends, np.repeat(colors[:, None], 2, axis=1))
+            self._scene_view.show_edges(ends, np.repeat(colors[:, None], 2, axis=1))
 
     def _of(self, picture: Picture) -> Reasons:
         assert picture.overlay is not None

@@ -14,7 +14,7 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.rendering import layers
-from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.player import LiveLoop, Player, Shown
 from flatcloth.viewer.modes.playhead import Playhead
 from flatcloth.viewer.protocol import messages
@@ -33,13 +33,13 @@ STATE_INTERVAL_S = 0.25
 _LENGTH = struct.Struct("<I")
 
 
-class LiveApplication(PageDesk):
+class LiveApplication(PageController):
     """Plays a recording; see :class:`flatcloth.viewer.modes.player.LiveLoop` for the thread that does.
 
     Parameters
     ----------
-    integration, folder, stage, audience
-        See :class:`flatcloth.viewer.modes.controller.PageDesk`.
+    integration, folder, scene_view, sink
+        See :class:`flatcloth.viewer.modes.controller.PageController`.
     player : Player
         Flattens the frames.
     fps : float
@@ -50,12 +50,12 @@ class LiveApplication(PageDesk):
         self,
         integration: Integration,
         folder: SessionFolder,
-        stage: Stage,
-        audience: Audience,
+        scene_view: SceneView,
+        sink: ClientSink,
         player: Player,
         fps: float = DEFAULT_FPS,
     ) -> None:
-        super().__init__(integration, folder, stage, audience)
+        super().__init__(integration, folder, scene_view, sink)
         self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._staged: Shown | None = None
@@ -89,7 +89,7 @@ class LiveApplication(PageDesk):
     # --- the page's own thread ---------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._stage.follow(self._page_settings.now.follow)
+        self._scene_view.follow(self._page_settings.now.follow)
         self._publish()
 
     def _take(self, client: int, message: messages.Message) -> None:
@@ -111,7 +111,7 @@ class LiveApplication(PageDesk):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         shown = self._shown
-        points_m = self._stage.visible_points()
+        points_m = self._scene_view.visible_points()
         if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
             self._held(shown.sequence)
             self._publish()
@@ -128,7 +128,7 @@ class LiveApplication(PageDesk):
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         return live_snapshot(
-            revision, self._loop.head, self._shown, self._desk, self._picks, self._integration,
+            revision, self._loop.head, self._shown, self._page_status, self._picks, self._integration,
             self._places,
         )  # fmt: skip
 
@@ -141,14 +141,14 @@ class LiveApplication(PageDesk):
             self._put_on_stage(shown)
         frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
         for client, layer in tabs.items():
-            self._audience.send_frame(client, frames[layer])
+            self._sink.send_frame(client, frames[layer])
         now_s = time.monotonic()
         if not self._loop.head.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
             self._state_at_s = now_s
             self._put(None, self._publish)
 
     def _put_on_stage(self, shown: Shown) -> None:
-        self._stage.play(shown.picture)
+        self._scene_view.play(shown.picture)
 
     def _frame(self, shown: Shown, layer: str) -> bytes:
         picture, integration = shown.picture, self._integration

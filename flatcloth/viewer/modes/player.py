@@ -268,7 +268,7 @@ class LiveLoop:
         _log.error("playing failed", exc_info=error)
         with self._changed:
             self._head = replace(self._head, playing=False)
-        text = f"Unexpected error while playing: {error!r}. The terminal shows more."
+        text = f"Unexpected error while playing: {error!r}. See the terminal."
         self._keep(self._head.frame, None, text, None)
         self._report(text)
 

@@ -33,7 +33,7 @@ _STILL_MM = 0.05
 _STILL_DEG = 0.005
 
 
-class RepairBench:
+class RepairService:
     """Computes what repairs need; its methods may be called from any thread and return at once.
 
     Parameters
@@ -79,7 +79,7 @@ class RepairBench:
                 failed(str(error))
             except Exception as error:  # noqa: BLE001 - told and logged
                 _log.exception("a refinement failed")
-                failed(f"Unexpected error while refining: {error!r}. The terminal shows more.")
+                failed(f"Unexpected error while refining: {error!r}. See the terminal.")
             else:
                 done(found)
 
@@ -95,7 +95,7 @@ class RepairBench:
             told = {"why": str(error)}
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a preview could not be computed")
-            told = {"why": f"Unexpected error: {error!r}. The terminal shows more."}
+            told = {"why": f"Unexpected error: {error!r}. See the terminal."}
         else:
             told = told_reach(found)
         self._tell(client, {"type": "preview", "id": number, **told})

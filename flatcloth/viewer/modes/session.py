@@ -28,9 +28,9 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
 )
-from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
-from flatcloth.viewer.modes.diagnostics import WhyDesk
-from flatcloth.viewer.modes.repair import RepairBench, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
+from flatcloth.viewer.modes.diagnostics import DiagnosticsService
+from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Picture, make_picture
@@ -49,7 +49,7 @@ _log = logging.getLogger(__name__)
 PROGRESS_INTERVAL_S = 0.05
 
 
-class Application(PageDesk):
+class Application(PageController):
     """Owns one session and its page; see the module's docstring for its threads.
 
     Parameters
@@ -58,7 +58,7 @@ class Application(PageDesk):
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
         Holds the state to start from, and keeps every decision and pick.
-    stage, audience
+    scene_view, sink
         Where things are shown.
     """
 
@@ -66,18 +66,18 @@ class Application(PageDesk):
         self,
         integration: Integration,
         folder: SessionFolder,
-        stage: Stage,
-        audience: Audience,
+        scene_view: SceneView,
+        sink: ClientSink,
     ) -> None:
-        super().__init__(integration, folder, stage, audience)
+        super().__init__(integration, folder, scene_view, sink)
         self._made: Picture | None = None
         self._asked: Document | None = None
         self._cancel: tuple[int, threading.Event] | None = None
         self._progress_at_s = 0.0
         self._going_on = False
         self._back = Worker("flatcloth-work")
-        self._repair = RepairBench(integration, audience.tell)
-        self._why = WhyDesk(integration, lambda: self._picture, stage, self._back.put)
+        self._repair = RepairService(integration, sink.tell)
+        self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
     @property
     def _state(self) -> SessionState:
@@ -87,7 +87,7 @@ class Application(PageDesk):
 
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of a session."""
-        return [*super().routes(), *self._why.routes()]
+        return [*super().routes(), *self._diagnostics.routes()]
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -103,7 +103,7 @@ class Application(PageDesk):
     # --- the application thread --------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._stage.follow(self._page_settings.now.follow)
+        self._scene_view.follow(self._page_settings.now.follow)
         document = self._state.document
         if self._state.request is None and document.start_view is None:
             self._do(Start())
@@ -138,11 +138,11 @@ class Application(PageDesk):
                 self._picks.add(self._picture, u, v)
                 self._publish()
             case messages.ShowEdges(show=show):
-                self._desk = replace(self._desk, edges=show)
-                self._why.show_edges(show)
+                self._page_status = replace(self._page_status, edges=show)
+                self._diagnostics.show_edges(show)
                 self._publish()
             case messages.SetAuto(running=running):
-                self._desk = replace(self._desk, auto=running)
+                self._page_status = replace(self._page_status, auto=running)
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
@@ -190,7 +190,7 @@ class Application(PageDesk):
         if pairs.fit:
             self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
             fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
-        self._audience.tell(client, told_fit(fit))
+        self._sink.tell(client, told_fit(fit))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
@@ -207,12 +207,12 @@ class Application(PageDesk):
         if self._state.request is not None:
             raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
         self._folder.keep_axis(axis)
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._back.put(lambda: self._work_on_axis(axis))
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
-        self._stage.set_axis(axis)
+        self._scene_view.set_axis(axis)
         self._asked = None
         self._settle()
         self._tell(None, "info", text)
@@ -231,7 +231,7 @@ class Application(PageDesk):
 
     def _by_hand(self, command: Command) -> None:
         # Whoever decides by hand takes over from Auto.
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
@@ -248,13 +248,13 @@ class Application(PageDesk):
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
-                self._stage.show(None)
-                self._why.picture_changed()
+                self._scene_view.show(None)
+                self._diagnostics.picture_changed()
         elif self._asked is not document:
             self._asked = document
             self._back.put(lambda: self._work_on_picture(document))
         self._publish()
-        if self._desk.auto:
+        if self._page_status.auto:
             self._put(None, self._auto_step)
         elif self._going_on and self._state.phase is not Phase.COMPUTING:
             self._put(None, self._go_on)
@@ -270,19 +270,19 @@ class Application(PageDesk):
         if self._cancel is not None and (request is None or self._cancel[0] != request.token):
             self._cancel[1].set()
             self._cancel = None
-            self._desk = replace(self._desk, progress=None)
+            self._page_status = replace(self._page_status, progress=None)
         if request is not None and self._cancel is None:
             cancelled = threading.Event()
             self._cancel = (request.token, cancelled)
-            self._desk = replace(self._desk, progress=(0.0, "Waiting"))
+            self._page_status = replace(self._page_status, progress=(0.0, "Waiting"))
             document = self._state.document
             self._back.put(lambda: self._work_on_request(document, request, cancelled))
 
     def _auto_step(self) -> None:
-        state, desk, threshold = self._state, self._desk, self._page_settings.now.auto_threshold
+        state, status, threshold = self._state, self._page_status, self._page_settings.now.auto_threshold
         up_to_date = self._picture is not None and self._picture.document is state.document
         started = state.document.start_view is not None
-        if not desk.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
+        if not status.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
             return
         pending = state.document.pending
         if state.phase is Phase.FINISHED:
@@ -299,12 +299,18 @@ class Application(PageDesk):
             )
 
     def _end_auto(self, level: str, text: str) -> None:
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         return snapshot(
-            revision, self._state, self._desk, self._picks, self._picture, self._integration, self._places
+            revision,
+            self._state,
+            self._page_status,
+            self._picks,
+            self._picture,
+            self._integration,
+            self._places,
         )
 
     # --- the worker --------------------------------------------------------------------------
@@ -325,7 +331,7 @@ class Application(PageDesk):
             _log.warning("%s", error)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the work on %s failed", request)
-            text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+            text = f"Unexpected error while computing: {error!r}. See the terminal."
         else:
             self._put(None, lambda: self._answered(event))
             return
@@ -340,18 +346,18 @@ class Application(PageDesk):
     def _failed(self, request: Request, text: str) -> None:
         if self._state.request != request:
             return
-        self._desk = replace(self._desk, auto=False)
+        self._page_status = replace(self._page_status, auto=False)
         self._do(Failed(request.token))
         self._tell(None, "error", text)
 
     def _note_progress(self, request: Request, share: float, text: str) -> None:
         if self._state.request != request:
             return
-        self._desk = replace(self._desk, progress=(share, text))
+        self._page_status = replace(self._page_status, progress=(share, text))
         now_s = time.monotonic()
         if now_s - self._progress_at_s >= PROGRESS_INTERVAL_S:
             self._progress_at_s = now_s
-            self._audience.tell(None, {"type": "progress", "share": share, "text": text})
+            self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
         # After this, what is in the queue is computed with the new axis.
@@ -372,7 +378,7 @@ class Application(PageDesk):
             text = str(error)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("a picture could not be computed")
-            text = f"Unexpected error while drawing: {error!r}. The terminal shows more."
+            text = f"Unexpected error while drawing: {error!r}. See the terminal."
         else:
             self._put(None, lambda: self._show_picture(picture))
             return
@@ -382,7 +388,7 @@ class Application(PageDesk):
         if self._asked is not picture.document:
             return
         self._picture = picture
-        self._stage.show(picture)
+        self._scene_view.show(picture)
         self._picks.redraw(picture)
-        self._why.picture_changed()
+        self._diagnostics.picture_changed()
         self._settle()

@@ -43,7 +43,7 @@ Tell = Callable[[bytes, bool], None]
 """Called with a record, and whether it is the last one; from any thread."""
 
 
-class TeachingDesk:
+class TeachingRoutes:
     """Answers what the teaching mode of a page asks; computes one lesson after the other.
 
     Parameters
@@ -90,7 +90,7 @@ class TeachingDesk:
                 answer = record({"kind": "error", "text": str(error)})
             except Exception as error:  # noqa: BLE001 - told and logged
                 _log.exception("the lesson %s failed", part)
-                text = f"Unexpected error while computing: {error!r}. The terminal shows more."
+                text = f"Unexpected error while computing: {error!r}. See the terminal."
                 answer = record({"kind": "error", "text": text})
             tell(answer, True)
 

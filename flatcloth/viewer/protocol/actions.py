@@ -83,7 +83,13 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action("undo", "Undo", ("u", "Ctrl+z"), "Take the last decision back.", "session"),
     Action("redo", "Redo", ("y", "Ctrl+y"), "Make the decision that was taken back again.", "session"),
-    Action("auto", "Auto", ("g",), "Accept by the score and step on, until finished or unsure.", "session"),
+    Action(
+        "auto",
+        "Auto",
+        ("g",),
+        "Accept by the score and step on, until finished or below its limit.",
+        "session",
+    ),
     Action("cancel", "Cancel", ("Escape",), "Give up the running computation.", "session"),
     Action(
         "restart",
@@ -106,7 +112,9 @@ ACTIONS: tuple[Action, ...] = (
         "Go to the next view on the timeline that waits for a decision.",
         "timeline",
     ),
-    Action("least_sure", "Least sure", ("q",), "Go to the accepted view with the lowest score.", "timeline"),
+    Action(
+        "lowest_score", "Lowest score", ("q",), "Go to the accepted view with the lowest score.", "timeline"
+    ),
     Action(
         "left",
         "Move left",
@@ -177,7 +185,11 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action(
-        "why", "Why", ("i",), "Show why the proposal lies there: curves, lines, strained edges.", "proposal"
+        "diagnostics",
+        "Diagnostics",
+        ("i",),
+        "Show what placed the proposal: curves, lines, strained edges.",
+        "proposal",
     ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
     Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
@@ -195,7 +207,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("layer_stretch", "Stretch", ("5",), "Show how much the flattening changed lengths.", "view"),
     Action("layer_incidence", "Incidence", ("6",), "Show how obliquely each pixel was seen.", "view"),
     Action("layer_density", "Density", ("7",), "Show how densely the cloth was measured.", "view"),
-    Action("layer_place", "Sureness", ("8",), "Show how sure the place of each pixel is.", "view"),
+    Action("layer_place", "Uncertainty", ("8",), "Show the uncertainty of each pixel's place.", "view"),
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
@@ -331,7 +343,7 @@ def why_not(name: str, state: SessionState) -> str | None:
 
 def _why_not_timeline(name: str, state: SessionState) -> str | None:
     document = state.document
-    if name == "least_sure":
+    if name == "lowest_score":
         return None if document.accepted else "No view has been accepted yet."
     if name == "reopen":
         if state.phase is Phase.COMPUTING:

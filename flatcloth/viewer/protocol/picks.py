@@ -21,7 +21,7 @@ from flatcloth.grasping.grasps import (
     pixel_of_point,
     point_on_ray,
 )
-from flatcloth.grasping.grips import GripBook, grip_numbers
+from flatcloth.grasping.grips import GripStore, grip_numbers
 from flatcloth.viewer.protocol.picture import Picture
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class CurrentPick:
         return grasp_pose(picture.view, self.pick.position_held_m, self.pick.normal_held, axis, self.grip)
 
 
-class PickDesk:
+class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
     ``show(position, normal, gripper)`` puts the ball, the arrow and the gripper's lines into the
@@ -76,7 +76,7 @@ class PickDesk:
         self._axis = axis
         self._show = show
         # A session that is kept in memory keeps its grips there too.
-        self._book = GripBook(getattr(folder, "folder", None))
+        self._book = GripStore(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
         self.current: CurrentPick | None = None
 
@@ -192,7 +192,7 @@ def _shown(picture: Picture | None) -> Picture:
     return picture
 
 
-class PlaceBook:
+class PlaceStore:
     """Remembers where each pick lies on the shape, until the shape changes."""
 
     def __init__(self) -> None:

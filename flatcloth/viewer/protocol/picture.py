@@ -14,7 +14,8 @@ from flatcloth.rendering.layers import legends
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration, Proposal, ViewCloud
+    from flatcloth.engine.integration import Integration, Proposal
+    from flatcloth.engine.views import ViewCloud
     from flatcloth.methods.base import AlignmentScore
 
 

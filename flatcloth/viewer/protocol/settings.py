@@ -99,7 +99,7 @@ SETTINGS = (
 )
 
 
-class SettingsBook:
+class SettingsStore:
     """The settings of a session; ``folder`` None keeps them in memory only. Used by one thread.
 
     Raises

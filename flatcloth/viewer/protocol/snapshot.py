@@ -12,7 +12,7 @@ from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
-from flatcloth.viewer.protocol.picks import CurrentPick, PickDesk, PlaceBook, numbers
+from flatcloth.viewer.protocol.picks import CurrentPick, PickStore, PlaceStore, numbers
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Note:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Desk:
+class PageStatus:
     """What belongs to the page and not to the session: Auto, progress, messages."""
 
     auto: bool = False
@@ -49,18 +49,18 @@ class Desk:
 def snapshot(
     revision: int,
     state: SessionState,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     picture: Picture | None,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     """Return the whole state of the page."""
     recording = integration.recording
     document = state.document
     present = document.present_view
     return {
-        **_common(revision, desk, picks, picture, integration, places),
+        **_common(revision, status, picks, picture, integration, places),
         "mode": "session",
         "phase": state.phase.value,
         "step": len(document.used_views),
@@ -77,7 +77,9 @@ def snapshot(
         "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
-        "progress": None if desk.progress is None else {"share": desk.progress[0], "text": desk.progress[1]},
+        "progress": None
+        if status.progress is None
+        else {"share": status.progress[0], "text": status.progress[1]},
         "pending": _pending(document, None if picture is None else picture.overlay),
     }
 
@@ -86,16 +88,16 @@ def live_snapshot(
     revision: int,
     head: Playhead,
     shown: Shown | None,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     """Return the whole state of the page in live mode; what changes with each frame comes with it."""
     angles_deg = integration.recording.angles_deg
     present = None if shown is None else shown.frame
     return {
-        **_common(revision, desk, picks, None if shown is None else shown.picture, integration, places),
+        **_common(revision, status, picks, None if shown is None else shown.picture, integration, places),
         "mode": "live",
         "phase": "live",
         "step": 0,
@@ -121,11 +123,11 @@ def live_snapshot(
 
 def _common(
     revision: int,
-    desk: Desk,
-    picks: PickDesk,
+    status: PageStatus,
+    picks: PickStore,
     picture: Picture | None,
     integration: Integration,
-    places: PlaceBook,
+    places: PlaceStore,
 ) -> dict[str, Any]:
     recording = integration.recording
     return {
@@ -138,12 +140,12 @@ def _common(
             "n_views": len(recording),
         },
         "notes": list(integration.notes),
-        "auto": {"running": desk.auto},
-        "edges": desk.edges,
+        "auto": {"running": status.auto},
+        "edges": status.edges,
         "layers": None if picture is None else _layers(picture),
         "pick": _pick(picks.current, picture, places, integration.axis),
         "picks": [_listed(p, picture, places) for p in picks.picks],
-        "log": [n.plain() for n in desk.log],
+        "log": [n.plain() for n in status.log],
     }
 
 
@@ -298,7 +300,7 @@ def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
 
 
 def _pick(
-    current: CurrentPick | None, picture: Picture | None, places: PlaceBook, axis: RotationAxis
+    current: CurrentPick | None, picture: Picture | None, places: PlaceStore, axis: RotationAxis
 ) -> dict[str, Any] | None:
     if current is None or picture is None:
         return None
@@ -306,7 +308,7 @@ def _pick(
     return numbers(current, place, picture, axis)
 
 
-def _listed(pick: Pick, picture: Picture | None, places: PlaceBook) -> dict[str, Any]:
+def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
     listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
     if picture is not None:
         place = places.place(picture, pick.position_held_m)

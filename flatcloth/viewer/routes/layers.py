@@ -22,23 +22,23 @@ from flatcloth.viewer.protocol.picture import Picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.viewer.modes.controller import PageDesk
+    from flatcloth.viewer.modes.controller import PageController
 
 PICTURES_KEPT = 12
 
 
-class PngDesk:
+class LayerRoutes:
     """Answers requests for pictures of what the page shows at present.
 
     Parameters
     ----------
-    application : PageDesk
+    application : PageController
         Knows the present picture.
     integration : Integration
         The session's; only its axis and number of views are read.
     """
 
-    def __init__(self, application: PageDesk, integration: Integration) -> None:
+    def __init__(self, application: PageController, integration: Integration) -> None:
         self._application = application
         self._integration = integration
         self._lock = threading.Lock()

@@ -22,7 +22,7 @@ from flatcloth.rendering import layers
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.viewer.modes.controller import PageDesk
+    from flatcloth.viewer.modes.controller import PageController
 
 THUMB_PX = 72
 IMAGES_KEPT = 16
@@ -32,18 +32,18 @@ _SHADE = 150
 _EDGE = (255, 210, 60, 255)
 
 
-class SourceDesk:
+class SourceRoutes:
     """Answers requests for source images, and for the views that saw a pick.
 
     Parameters
     ----------
-    application : PageDesk
+    application : PageController
         Knows the picks.
     integration : Integration
         Reads the views; safe to be used by several threads.
     """
 
-    def __init__(self, application: PageDesk, integration: Integration) -> None:
+    def __init__(self, application: PageController, integration: Integration) -> None:
         self._application = application
         self._integration = integration
         self._lock = threading.Lock()

@@ -33,7 +33,7 @@ SHAPE, ALL, NEW, CONFLICTS = "Shape and view", "All views", "Only new points", "
 POINTS = (SHAPE, ALL, NEW, CONFLICTS)
 COLORS = {
     "Color": "color", "Source view": "source", "Z-angle": "z_angle", "Height z": "height",
-    "Stretch": "stretch", "Incidence": "incidence", "Density": "density", "Sureness": "place",
+    "Stretch": "stretch", "Incidence": "incidence", "Density": "density", "Uncertainty": "place",
 }  # fmt: skip
 _HINTS = {
     NEW: "There is no proposal: nothing is new.",

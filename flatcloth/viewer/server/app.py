@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import secrets
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
@@ -25,19 +24,21 @@ from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.resources import static_folder
-from flatcloth.viewer.modes.controller import Audience, PageDesk, Stage
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.modes.player import Player
 from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.modes.teaching import TeachingDesk
+from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.routes.exports import ExportDesk
-from flatcloth.viewer.routes.layers import PngDesk
-from flatcloth.viewer.routes.sources import SourceDesk
+from flatcloth.viewer.routes.exports import ExportRoutes
+from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.hub import Hub, Tab
+from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol
 from flatcloth.viewer.server.relay import relay
+from flatcloth.viewer.server.token import kept_token, new_token
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -46,6 +47,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STATIC = static_folder()
+_ALL_HEADERS = {
+    # Pages of other addresses cannot embed what is served here.
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
 _PAGE_HEADERS = {
     # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
     # the page itself never evaluates text.
@@ -53,6 +58,7 @@ _PAGE_HEADERS = {
     " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
+    **_ALL_HEADERS,
 }
 
 
@@ -62,16 +68,19 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        What to show, see :class:`flatcloth.viewer.modes.controller.PageDesk`.
+        What to show, see :class:`flatcloth.viewer.modes.controller.PageController`.
     host : str
-        Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
+        Address to bind.
     port : int
         0 chooses a free one.
+    token : bool
+        Ask for the token that is part of :attr:`url`. False lets every user and program of this
+        computer in; beyond loopback that is refused.
     player : Player, optional
         Given for live mode: flattens the frames that are played.
     fps : float
         In live mode, frames a second to begin with.
-    desk : callable, optional
+    controller : callable, optional
         Makes the application of another mode, such as that of a camera.
     """
 
@@ -82,22 +91,26 @@ class PageServer:
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
+        token: bool = True,
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
-        desk: Callable[[Stage, Audience], PageDesk] | None = None,
+        controller: Callable[[SceneView, ClientSink], PageController] | None = None,
     ) -> None:
+        if not token and not is_loopback(host):
+            raise ServerError(
+                f"Without a token {host} would let everybody in; use --host 127.0.0.1, or a token."
+            )
         self._integration = integration
         self._socket = bind(host, port)
-        self._token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        self.token = _token(host) if token else None
         self._host = host
         self.port: int = self._socket.getsockname()[1]
-        self._relay_key = secrets.token_urlsafe(24)
         axis = integration.axis
-        self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
+        self._scene = Scene(axis, integration.recording.intrinsics)
         self._hub = Hub()
-        self.application: PageDesk
-        if desk is not None:
-            self.application = desk(self._scene, self._hub)
+        self.application: PageController
+        if controller is not None:
+            self.application = controller(self._scene, self._hub)
         elif player is not None:
             self.application = LiveApplication(integration, folder, self._scene, self._hub, player, fps)
         else:
@@ -108,21 +121,23 @@ class PageServer:
         if isinstance(self.application, Application):
             self._scene.offer_clouds(integration)
             self._scene.offer_axis(self.application.adjust_axis)
-        self._pngs = PngDesk(self.application, integration)
-        self._sources = SourceDesk(self.application, integration)
-        self._teaching = TeachingDesk(integration)
-        self._exports = ExportDesk(integration, folder)
+        self._pngs = LayerRoutes(self.application, integration)
+        self._sources = SourceRoutes(self.application, integration)
+        self._teaching = TeachingRoutes(integration)
+        self._exports = ExportRoutes(integration, folder)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
             log_config=None,
             access_log=False,
             ws="websockets-sansio",
-            ws_max_size=2**31 - 1,
+            ws_max_size=MAX_MESSAGE_BYTES,
             ws_per_message_deflate=False,
             ws_ping_interval=20.0,
             ws_ping_timeout=60.0,
             timeout_graceful_shutdown=1,
+            http=LimitedProtocol,
+            limit_concurrency=MAX_REQUESTS,
         )
         self._uvicorn = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
@@ -132,7 +147,7 @@ class PageServer:
         """The address to open, with the token if one is needed."""
         host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
         host = f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def start(self) -> PageServer:
         """Start serving; returns when the page answers."""
@@ -147,6 +162,7 @@ class PageServer:
         self._thread.join(timeout=5.0)
         self.application.stop()
         self._teaching.stop()
+        self._exports.stop()
         self._scene.stop()
         self._socket.close()
 
@@ -188,8 +204,8 @@ class PageServer:
             WebSocketRoute("/viser", self._viser_socket),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        guard = Middleware(Guard, names=own_names(self._host), token=self._token, port=self.port)
-        return Starlette(routes=routes, middleware=[guard, Middleware(_Headers)], lifespan=lifespan)
+        guard = Middleware(Guard, names=own_names(self._host), token=self.token, port=self.port)
+        return Starlette(routes=routes, middleware=[Middleware(_Headers), guard], lifespan=lifespan)
 
     async def _messages(self, browser: WebSocket) -> None:
         def receive(key: int, tab: Tab, text: str) -> None:
@@ -202,7 +218,7 @@ class PageServer:
         await self._hub.serve(browser, self.application.last_snapshot, receive)
 
     async def _viser_socket(self, browser: WebSocket) -> None:
-        await relay(browser, self._scene.port, self._relay_key)
+        await relay(browser, self._scene.path)
 
     async def _grasps(self, _request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
@@ -213,20 +229,26 @@ class PageServer:
         return JSONResponse(grasps, headers=headers)
 
 
+def _token(host: str) -> str:
+    """Return the user's own token on this computer; beyond it, where it may be overheard, a new one."""
+    return kept_token() if is_loopback(host) else new_token()
+
+
 class _Headers:
-    """ASGI middleware that adds the page's protective headers to what is not viser's."""
+    """ASGI middleware that adds protective headers; viser's page gets fewer."""
 
     def __init__(self, app: Any) -> None:
         self._app = app
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] != "http" or scope["path"].startswith("/viser"):
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        added = _ALL_HEADERS if scope["path"].startswith("/viser") else _PAGE_HEADERS
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                extra = [(k.lower().encode(), v.encode()) for k, v in _PAGE_HEADERS.items()]
+                extra = [(k.lower().encode(), v.encode()) for k, v in added.items()]
                 message["headers"] = [*message.get("headers", []), *extra]
             await send(message)
 
@@ -290,16 +312,17 @@ def serve(
     *,
     host: str = "127.0.0.1",
     port: int = 8080,
+    token: bool = True,
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
-    desk: Callable[[Stage, Audience], PageDesk] | None = None,
+    controller: Callable[[SceneView, ClientSink], PageController] | None = None,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, player, fps, desk
+    integration, folder, host, port, token, player, fps, controller
         See :class:`PageServer`.
     open_url
         Called with the page's address once it answers; the default prints it.
@@ -307,9 +330,18 @@ def serve(
     Raises
     ------
     ServerError
-        If the address cannot be bound.
+        If the address cannot be bound, or would let everybody in.
     """
-    with PageServer(integration, folder, host=host, port=port, player=player, fps=fps, desk=desk) as server:
+    with PageServer(
+        integration,
+        folder,
+        host=host,
+        port=port,
+        token=token,
+        player=player,
+        fps=fps,
+        controller=controller,
+    ) as server:
         (open_url or _print_url)(server.url)
         try:
             server.join()

@@ -6,19 +6,16 @@ import numpy as np
 import pytest
 from scenes import AXIS, placement_error_m, views
 
-from flatcloth.core.config import AlignmentConfig
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines
 from flatcloth.methods.paper.matching import Matcher
 
-CONFIG = AlignmentConfig()
-
 
 @pytest.mark.parametrize("turn_deg", [20.0, -20.0, 40.0, 50.0])
 def test_a_known_turn_is_found_to_two_pixels(turn_deg: float) -> None:
     current, new = views(0.0, turn_deg)
-    found = align_by_z_angle(current, new, AXIS, (0.0, turn_deg), Rigid2(), 50.0, CONFIG)
+    found = align_by_z_angle(current, new, AXIS, (0.0, turn_deg), Rigid2(), 50.0)
     assert placement_error_m(current, new, found.current_from_new) < 0.004
     assert found.score.total > 0.85
     assert found.score.total >= found.initial_score.total - 1e-9
@@ -26,7 +23,7 @@ def test_a_known_turn_is_found_to_two_pixels(turn_deg: float) -> None:
 
 def test_the_initial_estimate_comes_from_lines_of_the_common_z_angle() -> None:
     current, new = views(0.0, 40.0)
-    made = correspond(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0, CONFIG)
+    made = correspond(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0)
     assert made.rotation_deg == 40.0
     # Seen by both within 50 deg: from -50 to 10 deg before the turn.
     assert made.common_range_deg == pytest.approx((-49.5, 9.5), abs=2.0)
@@ -43,13 +40,13 @@ def test_the_initial_estimate_comes_from_lines_of_the_common_z_angle() -> None:
 def test_views_without_common_z_angle_are_refused_with_a_remedy() -> None:
     current, new = views(0.0, 140.0)
     with pytest.raises(AlignmentError, match="smaller rotation"):
-        align_by_z_angle(current, new, AXIS, (0.0, 140.0), Rigid2(), 50.0, CONFIG)
+        align_by_z_angle(current, new, AXIS, (0.0, 140.0), Rigid2(), 50.0)
 
 
 def test_the_score_falls_with_the_displacement_and_names_its_parts() -> None:
     current, new = views(0.0, 20.0)
-    matcher = Matcher(current, new, AXIS, CONFIG)
-    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0, CONFIG).current_from_new
+    matcher = Matcher(current, new, AXIS)
+    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0).current_from_new
     scores = [matcher.score(Rigid2(0.0, shift, shift) @ right) for shift in (0.0, 0.004, 0.012)]
     assert scores[0].total > scores[1].total > scores[2].total
     assert scores[0].parts["height_rms_mm"] < 1.5 < scores[2].parts["height_rms_mm"]
@@ -59,8 +56,8 @@ def test_the_score_falls_with_the_displacement_and_names_its_parts() -> None:
 
 def test_the_search_finds_back_from_a_displaced_start() -> None:
     current, new = views(0.0, 20.0)
-    matcher = Matcher(current, new, AXIS, CONFIG)
-    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0, CONFIG).current_from_new
+    matcher = Matcher(current, new, AXIS)
+    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0).current_from_new
     center = new.uv_from_rc(np.argwhere(new.valid)).mean(axis=0)
     found = matcher.search(right @ Rigid2(math.radians(8), 0.03, -0.025).about(center))
     assert placement_error_m(current, new, found) < 0.004
@@ -68,6 +65,6 @@ def test_the_search_finds_back_from_a_displaced_start() -> None:
 
 def test_plain_cloth_gets_a_score_from_height_alone() -> None:
     current, new = views(0.0, 20.0, square_m=10.0)
-    found = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0, CONFIG)
+    found = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0)
     assert found.score.parts["height_rms_mm"] < 2.0
     assert np.isfinite(found.score.total)

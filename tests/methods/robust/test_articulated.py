@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import JointConfig, UncertaintyConfig
 from flatcloth.methods.robust.articulated import (
     FlexibleSheet,
     flexible,
@@ -18,9 +17,14 @@ from flatcloth.methods.robust.articulated import (
     settle_flexible,
 )
 from flatcloth.methods.robust.observations import _offsets
-from flatcloth.methods.robust.uncertainty import _layer_rims, placement_std_m, undetermined
+from flatcloth.methods.robust.uncertainty import (
+    LEAST_STD_M,
+    MOST_STD_M,
+    _layer_rims,
+    placement_std_m,
+    undetermined,
+)
 
-CONFIG = JointConfig()
 STEP_M = 0.008
 
 
@@ -64,7 +68,7 @@ def turned_about(uv: np.ndarray, which: np.ndarray, center: np.ndarray, degrees:
 
 def test_plates_on_a_strip_are_two_parts_and_the_strip_is_none() -> None:
     uv, edges, plate = plates(neck=2)
-    rigid_part = rigid_parts(uv, edges, CONFIG)
+    rigid_part = rigid_parts(uv, edges)
     assert len(set(rigid_part[plate == 0])) == len(set(rigid_part[plate == 1])) == 1
     assert rigid_part[0] != rigid_part[plate == 1][0]
     assert (rigid_part[plate == 2] == -1).any()
@@ -76,7 +80,7 @@ def test_plates_on_a_strip_are_two_parts_and_the_strip_is_none() -> None:
 
 def test_plates_that_are_joined_all_along_are_one_part() -> None:
     uv, edges, _ = plates(neck=2, gap=STEP_M)
-    rigid_part = rigid_parts(uv, edges, CONFIG)
+    rigid_part = rigid_parts(uv, edges)
     assert set(rigid_part) == {0}
 
 
@@ -84,16 +88,16 @@ def test_parts_that_overlap_on_the_plane_stay_apart() -> None:
     uv, edges, plate = plates(neck=2)
     folded = uv.copy()
     folded[plate == 1] -= (0.1, 0.0)
-    rigid_part = rigid_parts(folded, edges, CONFIG)
+    rigid_part = rigid_parts(folded, edges)
     assert set(rigid_part[plate == 0]).isdisjoint(rigid_part[plate == 1])
 
 
 @pytest.mark.parametrize("degrees", [-25.0, 8.0])
 def test_a_hinge_turns_to_where_directions_say(degrees: float) -> None:
     uv, edges, plate = plates(neck=1)
-    rigid_part = rigid_parts(uv, edges, CONFIG)
+    rigid_part = rigid_parts(uv, edges)
     start = turned_about(uv, rigid_part == rigid_part[plate == 1][0], np.array([0.15, 0.04]), degrees)
-    found = settle_flexible(start, sheet(uv, edges), CONFIG)
+    found = settle_flexible(start, sheet(uv, edges))
     assert np.abs(found[plate == 0] - uv[plate == 0]).max() < 1e-6
     assert np.linalg.norm(found - uv, axis=1).max() < 5e-4
 
@@ -101,14 +105,14 @@ def test_a_hinge_turns_to_where_directions_say(degrees: float) -> None:
 def test_a_sheet_without_strips_is_left_alone() -> None:
     uv = grid(12, 12, (0.0, 0.0))
     edges = cKDTree(uv).query_pairs(1.5 * STEP_M, output_type="ndarray").astype(np.int32)
-    assert settle_flexible(uv, sheet(uv, edges), CONFIG) is uv
+    assert settle_flexible(uv, sheet(uv, edges)) is uv
 
 
 def test_contradicted_pairs_do_not_stop_it() -> None:
     uv, edges, plate = plates(neck=2)
     seen = sheet(uv, edges)
     seen.weight[:] = np.where((plate[edges] == 2).all(axis=1), 0.0, 1.0)
-    assert np.isfinite(settle_flexible(uv, seen, CONFIG)).all()
+    assert np.isfinite(settle_flexible(uv, seen)).all()
 
 
 def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
@@ -148,10 +152,9 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
 def std_of_far_plate(neck: int, gap: float) -> tuple[float, np.ndarray]:
     uv, edges, plate = plates(neck, gap)
     shape = shape_of(uv, edges, plate)
-    config = UncertaintyConfig()
-    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
+    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     assert np.median(std[plate == 0]) < 0.003
-    return float(np.median(std[plate == 1])), undetermined(shape, std, config, CONFIG)[plate == 1]
+    return float(np.median(std[plate == 1])), undetermined(shape, std)[plate == 1]
 
 
 def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
@@ -160,18 +163,18 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     string_m, string_floats = std_of_far_plate(neck=1, gap=0.12)
     assert wide_m < 0.005 < strip_m < string_m
     assert not wide_floats.any()
-    assert string_m > UncertaintyConfig().most_std_m
+    assert string_m > MOST_STD_M
     assert string_floats.all()
 
 
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
     uv, edges, plate = plates(2, STEP_M)
-    shape, config = shape_of(uv, edges, plate), UncertaintyConfig()
+    shape = shape_of(uv, edges, plate)
     corner = int(uv.sum(axis=1).argmax())
-    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]), config, CONFIG)
-    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner], config, CONFIG)
+    held_far = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
+    held_here = placement_std_m(shape, shape.nodes.xyz_m[corner])
     assert held_here[corner] > 2.0 * held_far[corner]
-    assert min(held_far.min(), held_here.min()) >= config.least_m
+    assert min(held_far.min(), held_here.min()) >= LEAST_STD_M
 
 
 def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
@@ -189,7 +192,7 @@ def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
             inverse_depth=np.where(depth > 0, 1.0, 0.0),
         ),
     )
-    rims = _layer_rims(surface, UncertaintyConfig())
+    rims = _layer_rims(surface)
     assert rims[20, 26:29].all()  # beside the other layer
     assert not rims[20, :25].any()  # inside, and at an outline beyond which is no other cloth
     assert not rims[5:8, 5:24].any()

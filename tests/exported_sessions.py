@@ -13,7 +13,7 @@ from scenes import AXIS, CAMERA, Cylinder
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.grasping.grasps import Grip, grasp_at
-from flatcloth.grasping.grips import GripBook
+from flatcloth.grasping.grips import GripStore
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
@@ -100,7 +100,7 @@ def write_session(folder: Path, recording: Path) -> Path:
             session.add_pick(
                 name, grasp.position_held_m + away, grasp.normal_held, grasp.view_index, grasp.source_rc
             )
-        GripBook(folder).set(1, Grip(opening_m=0.06))
+        GripStore(folder).set(1, Grip(opening_m=0.06))
     finally:
         session.close()
     return folder

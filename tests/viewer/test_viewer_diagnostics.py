@@ -13,10 +13,10 @@ from viewer_fakes import PIXEL_M
 
 from flatcloth.core.types import Rigid2
 from flatcloth.rendering.thumbnails import HEIGHT_PX, WIDTH_PX, thumbnail
-from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, WhyDesk, edge_colors
+from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, DiagnosticsService, edge_colors
 
 
-class Stage:
+class SceneView:
     def __init__(self):
         self.drawn = []
 
@@ -25,8 +25,8 @@ class Stage:
 
 
 @pytest.fixture
-def desk():
-    views, stage, jobs = CylinderViews(), Stage(), []
+def held():
+    views, stage, jobs = CylinderViews(), SceneView(), []
     hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
     proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
     overlay = SimpleNamespace(revision=7, proposal=proposal)
@@ -34,14 +34,14 @@ def desk():
     held = SimpleNamespace(
         picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
     )
-    made = WhyDesk(views, lambda: held.picture, stage, jobs.append)
+    made = DiagnosticsService(views, lambda: held.picture, stage, jobs.append)
     return SimpleNamespace(
-        desk=made, views=views, stage=stage, jobs=jobs, held=held, get=RouteClient(made.routes()).get
+        service=made, views=views, stage=stage, jobs=jobs, held=held, get=RouteClient(made.routes()).get
     )
 
 
-def test_the_page_is_told_curves_lines_and_edges_in_its_units(desk):
-    told = desk.get("/why/3-7.json").json()
+def test_the_page_is_told_curves_lines_and_edges_in_its_units(held):
+    told = held.get("/diagnostics/3-7.json").json()
     assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
     u, a_z = np.array(told["current"]["u_mm"]), np.array(told["current"]["a_z_deg"])
     np.testing.assert_allclose(a_z, np.degrees(u / 150.0), atol=1.2)
@@ -53,14 +53,14 @@ def test_the_page_is_told_curves_lines_and_edges_in_its_units(desk):
     assert told["trouble"] == ""
 
 
-def test_what_cannot_be_computed_is_told_in_one_line(desk):
-    desk.held.picture.document = proposed(4)
-    told = desk.get("/why/3-7.json").json()
+def test_what_cannot_be_computed_is_told_in_one_line(held):
+    held.held.picture.document = proposed(4)
+    told = held.get("/diagnostics/3-7.json").json()
     assert told["lines"] is None
     assert "no Z-angle in common" in told["trouble"]
-    desk.held.picture.overlay.revision = 8
-    desk.held.picture.document = SimpleNamespace(pending=None)
-    failed = desk.get("/why/3-8.json")
+    held.held.picture.overlay.revision = 8
+    held.held.picture.document = SimpleNamespace(pending=None)
+    failed = held.get("/diagnostics/3-8.json")
     assert failed.status_code == 409
     assert "\n" not in failed.text
 
@@ -68,23 +68,23 @@ def test_what_cannot_be_computed_is_told_in_one_line(desk):
 @pytest.mark.parametrize(
     "path",
     [
-        "/why/2-7.json",
-        "/why/3-6.json",
+        "/diagnostics/2-7.json",
+        "/diagnostics/3-6.json",
         "/hypothesis/2-1/0.png",
         "/hypothesis/3-2/0.png",
         "/hypothesis/3-1/2.png",
     ],
 )
-def test_what_is_no_longer_shown_is_not_there(desk, path):
-    assert desk.get(f"/{path}").status_code == 404
-    desk.held.picture = None
-    assert desk.get(f"/{path}").status_code == 404
+def test_what_is_no_longer_shown_is_not_there(held, path):
+    assert held.get(f"/{path}").status_code == 404
+    held.held.picture = None
+    assert held.get(f"/{path}").status_code == 404
 
 
-def test_the_hypotheses_are_pictures_of_where_each_would_lie(desk):
+def test_the_hypotheses_are_pictures_of_where_each_would_lie(held):
     images = []
     for index in (0, 1):
-        answer = desk.get(f"/hypothesis/3-1/{index}.png")
+        answer = held.get(f"/hypothesis/3-1/{index}.png")
         assert answer.headers["content-type"] == "image/png"
         images.append(cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED))
     assert images[0].shape == (HEIGHT_PX, WIDTH_PX, 4)
@@ -103,32 +103,32 @@ def test_a_picture_shows_the_shape_pale_and_the_view_as_it_is():
     assert image[0, 0, 3] == 0
 
 
-def test_edges_are_drawn_in_3d_while_they_are_wished(desk):
-    desk.desk.picture_changed()
-    assert (desk.jobs, desk.stage.drawn) == ([], [])
-    desk.desk.show_edges(True)
-    desk.jobs.pop()()
-    ends, colors = desk.stage.drawn.pop()
+def test_edges_are_drawn_in_3d_while_they_are_wished(held):
+    held.service.picture_changed()
+    assert (held.jobs, held.stage.drawn) == ([], [])
+    held.service.show_edges(True)
+    held.jobs.pop()()
+    ends, colors = held.stage.drawn.pop()
     assert ends.shape == (2, 2, 3)
     assert colors.shape == (2, 2, 3)
     assert colors[0, 0].tolist() == list(LONGER)
-    desk.desk.picture_changed()
-    assert len(desk.jobs) == 1
-    desk.held.picture.overlay = None  # accepted meanwhile
-    desk.desk.picture_changed()
-    assert desk.stage.drawn.pop() == (None, None)
-    desk.held.picture = None  # begun anew
-    desk.desk.picture_changed()
-    assert desk.stage.drawn.pop() == (None, None)
-    desk.desk.show_edges(False)
-    assert desk.stage.drawn.pop() == (None, None)
+    held.service.picture_changed()
+    assert len(held.jobs) == 1
+    held.held.picture.overlay = None  # accepted meanwhile
+    held.service.picture_changed()
+    assert held.stage.drawn.pop() == (None, None)
+    held.held.picture = None  # begun anew
+    held.service.picture_changed()
+    assert held.stage.drawn.pop() == (None, None)
+    held.service.show_edges(False)
+    assert held.stage.drawn.pop() == (None, None)
 
 
-def test_a_late_drawing_of_an_older_picture_is_dropped(desk):
-    desk.desk.show_edges(True)
-    desk.held.picture = SimpleNamespace(**vars(desk.held.picture))
-    desk.jobs.pop()()
-    assert desk.stage.drawn == []
+def test_a_late_drawing_of_an_older_picture_is_dropped(held):
+    held.service.show_edges(True)
+    held.held.picture = SimpleNamespace(**vars(held.held.picture))
+    held.jobs.pop()()
+    assert held.stage.drawn == []
 
 
 def test_longer_and_shorter_have_colours_of_their_own():

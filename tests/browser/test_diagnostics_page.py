@@ -1,4 +1,4 @@
-"""Why a proposal lies where it does: curves linked to the canvas, lines, strained edges, hypotheses."""
+"""What placed a proposal: curves linked to the canvas, lines, strained edges, hypotheses."""
 
 from __future__ import annotations
 
@@ -28,41 +28,45 @@ def asked_why(open_tab, **size):
     tab.close_viser_notice()
     tab.step()
     tab.page.keyboard.press("i")
-    tab.until("flatcloth.why.known !== null")
+    tab.until("flatcloth.diagnostics.known !== null")
     return tab
 
 
 def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
     tab = asked_why(open_tab)
-    plot = tab.page.locator(".why-plots canvas")
+    plot = tab.page.locator(".diagnostics-plots canvas")
     box = plot.bounding_box()
     tab.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
-    tab.until("Number.isFinite(flatcloth.why.marked.current)")
-    marked = tab.page.evaluate("flatcloth.why.marked.current")
-    expect(tab.page.locator(".why-column")).to_contain_text(re.compile(r"Shape u [\d.]+ mm: h \d+ px, A"))
+    tab.until("Number.isFinite(flatcloth.diagnostics.marked.current)")
+    marked = tab.page.evaluate("flatcloth.diagnostics.marked.current")
+    expect(tab.page.locator(".diagnostics-column")).to_contain_text(
+        re.compile(r"Shape u [\d.]+ mm: h \d+ px, A")
+    )
     # The column is drawn on the canvas: above the cloth, where nothing else is.
-    theta, du, _ = tab.page.evaluate("flatcloth.why.known.front_from_current")
+    theta, du, _ = tab.page.evaluate("flatcloth.diagnostics.known.front_from_current")
     layers = tab.state()["layers"]
     top = layers["origin_uv_m"][1] - 0.02
     u = (marked / 1000 - du + math.sin(theta) * top) / math.cos(theta)
     assert max(color[3] for color in drawn(tab, [u, top])) > 0
     assert max(color[3] for color in drawn(tab, [u + 0.05, top])) == 0
-    tab.shoot("why-column")
+    tab.shoot("diagnostics-column")
 
     on_canvas = [u + 0.03, layers["origin_uv_m"][1] + 0.3]
     at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", on_canvas)
     tab.page.mouse.move(at["x"], at["y"])
-    tab.until("Number.isFinite(flatcloth.why.marked.new)")
+    tab.until("Number.isFinite(flatcloth.diagnostics.marked.new)")
     there = 1000 * (math.cos(theta) * on_canvas[0] - math.sin(theta) * on_canvas[1] + du)
-    assert tab.page.evaluate("flatcloth.why.marked.current") == pytest.approx(there, abs=3.0)
+    assert tab.page.evaluate("flatcloth.diagnostics.marked.current") == pytest.approx(there, abs=3.0)
 
 
 def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
     tab = asked_why(open_tab)
-    tab.page.locator(".why-plots canvas").focus()
+    tab.page.locator(".diagnostics-plots canvas").focus()
     tab.page.keyboard.press("ArrowRight")
     tab.page.keyboard.press("ArrowRight")
-    told = tab.page.evaluate("[flatcloth.why.marked.current, flatcloth.why.known.current.u_mm[1]]")
+    told = tab.page.evaluate(
+        "[flatcloth.diagnostics.marked.current, flatcloth.diagnostics.known.current.u_mm[1]]"
+    )
     assert told[0] == told[1]
     tab.page.wait_for_timeout(400)
     assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
@@ -70,7 +74,7 @@ def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
 
 def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
     tab = asked_why(open_tab)
-    line = tab.page.evaluate("flatcloth.why.known.lines.current")
+    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
     shown = drawn(tab, line["point_uv_m"])
     tab.page.get_by_label("Lines", exact=True).uncheck()
     assert drawn(tab, line["point_uv_m"]) != shown
@@ -85,14 +89,14 @@ def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
     )
     tab.page.get_by_label(re.compile("Strained edges")).check()
     tab.until("flatcloth.state.edges")
-    edges = tab.page.evaluate("flatcloth.why.known.edges")
+    edges = tab.page.evaluate("flatcloth.diagnostics.known.edges")
     assert edges["shape"]["total"] > 1000
     if edges["shape"]["strain"] or edges["new"]["strain"]:
         tab.scene.wait_for_function(visible)
-    tab.shoot("why-edges")
+    tab.shoot("diagnostics-edges")
     tab.page.keyboard.press("i")
     tab.until("!flatcloth.state.edges")
-    expect(tab.page.locator("#why")).to_be_hidden()
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
 
 
 def test_hypotheses_are_pictures_to_choose_from(open_tab):
@@ -109,26 +113,26 @@ def test_hypotheses_are_pictures_to_choose_from(open_tab):
     tab.page.get_by_role("button", name=re.compile(f"score {hypotheses[1]['score']:.2f}")).first.click()
     tab.until(f"flatcloth.state.pending.score !== {score}")
     assert tab.state()["pending"]["score"] == pytest.approx(hypotheses[1]["score"], abs=0.02)
-    tab.shoot("why-hypotheses")
+    tab.shoot("diagnostics-hypotheses")
 
 
 def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab):
     tab = asked_why(open_tab)
-    first = tab.page.evaluate("flatcloth.why.known.view_index")
+    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
     tab.accept()
-    expect(tab.page.locator("#why")).to_be_hidden()
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
     tab.step()
-    tab.until(f"flatcloth.why.known.view_index !== {first}")
-    expect(tab.page.locator("#why h2")).to_have_text(re.compile(r"Why view \d+ lies here"))
+    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
+    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
 
 
 @pytest.mark.parametrize("program", ["recordings/trousers-waist-d435 --method paper"], indirect=True)
 def test_the_papers_method_shows_its_own_curves(open_tab):
     tab = asked_why(open_tab, width=2560, height=1440, scheme="dark")
-    known = tab.page.evaluate("flatcloth.why.known")
+    known = tab.page.evaluate("flatcloth.diagnostics.known")
     assert known["side"] in tab.page.evaluate("flatcloth.state.pending.reason")
     assert known["lines"] is not None
-    expect(tab.page.locator(".why-facts")).to_contain_text("the paper would turn by")
+    expect(tab.page.locator(".diagnostics-facts")).to_contain_text("the paper would turn by")
     tab.page.get_by_label(re.compile("Strained edges")).check()
     tab.until("flatcloth.state.edges")
-    tab.shoot("why-paper")
+    tab.shoot("diagnostics-paper")

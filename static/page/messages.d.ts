@@ -1,0 +1,181 @@
+// Made by flatcloth/viewer/protocol/typescript.py from messages.py; not to be edited.
+
+/** Perform a session action; ``view_index`` is the view the user means, if the action has one. */
+export interface Do {
+  type: "do";
+  action: "accept" | "cancel" | "redo" | "reject" | "reopen" | "restart" | "skip" | "step" | "undo" | "view";
+  view_index?: number | null;
+  reason?: string | null;
+}
+
+/** Move the pending view: turn about its own centre, then shift on the plane. */
+export interface Move {
+  type: "move";
+  view_index: number;
+  theta_rad?: number;
+  u_m?: number;
+  v_m?: number;
+}
+
+/** Lay the pending view where one of its hypotheses says; ``index`` 0 is the best. */
+export interface Choose {
+  type: "choose";
+  view_index: number;
+  index: number;
+}
+
+/** Ask how the pending view would fit if it were moved so; ``id`` comes back with the answer. */
+export interface Preview {
+  type: "preview";
+  view_index: number;
+  theta_rad?: number;
+  u_m?: number;
+  v_m?: number;
+  id: number;
+}
+
+/** Refine the pending view from where it lies. */
+export interface Refine {
+  type: "refine";
+  view_index: number;
+}
+
+/** Place another connected part of the pending view, the largest being 0. */
+export interface TakePart {
+  type: "take_part";
+  view_index: number;
+  component: number;
+}
+
+/** Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so. */
+export interface Pairs {
+  type: "pairs";
+  view_index: number;
+  new_uv_m: [number, number][];
+  shape_uv_m: [number, number][];
+  weights: number[];
+  fit?: boolean;
+}
+
+/** Ask for all attributes at a place of the plane; ``id`` comes back with the answer. */
+export interface Hover {
+  type: "hover";
+  id: number;
+  u_m: number;
+  v_m: number;
+  view?: number | null;
+}
+
+/** Ask for the distance between two places of the plane; ``id`` comes back with the answer. */
+export interface Measure {
+  type: "measure";
+  id: number;
+  from_u_m: number;
+  from_v_m: number;
+  to_u_m: number;
+  to_v_m: number;
+}
+
+/** Pick the cloth at (or nearest to) a place of the plane. */
+export interface PickAt {
+  type: "pick";
+  u_m: number;
+  v_m: number;
+  revision?: number | null;
+}
+
+/** Make a pick of the list the current one; None: none is current. */
+export interface ShowPick {
+  type: "show_pick";
+  id?: number | null;
+}
+
+/** Give a pick of the list another name. */
+export interface RenamePick {
+  type: "rename_pick";
+  id: number;
+  name: string;
+}
+
+/** Delete a pick from the list. */
+export interface DeletePick {
+  type: "delete_pick";
+  id: number;
+}
+
+/** Change how a pick is gripped: ``axis_deg`` on the plane (u towards v) or along the outline; opening. */
+export interface SetGrip {
+  type: "grip";
+  id: number;
+  axis_deg?: number | null;
+  outline?: boolean | null;
+  opening_m?: number | null;
+}
+
+/** Switch Auto on or off. */
+export interface SetAuto {
+  type: "auto";
+  running: boolean;
+}
+
+/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before. */
+export interface Set {
+  type: "set";
+  reset?: boolean;
+  auto_threshold?: number | null;
+  advance?: boolean | null;
+  follow?: boolean | null;
+  step_mm?: number | null;
+  step_deg?: number | null;
+}
+
+/** Draw the edges that the flattening strained in the 3D scene as well, or not. */
+export interface ShowEdges {
+  type: "edges";
+  show: boolean;
+}
+
+/** Live mode: play or pause, turn round, change the rate, or show a frame by hand. */
+export interface Play {
+  type: "play";
+  playing?: boolean | null;
+  forward?: boolean | null;
+  fps?: number | null;
+  frame?: number | null;
+  step?: number | null;
+}
+
+/** Live mode: the tab has drawn what it was sent, and takes the next frame with this layer. */
+export interface Ready {
+  type: "ready";
+  layer: string;
+}
+
+/** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
+export interface Capture {
+  type: "capture";
+  action: "aim" | "begin" | "finish" | "keep" | "repeat" | "turned";
+  angle_deg?: number | null;
+}
+
+/** All that the page may say to the server. */
+export type ClientMessage = Do
+  | Move
+  | Choose
+  | Preview
+  | Refine
+  | TakePart
+  | Pairs
+  | Hover
+  | Measure
+  | PickAt
+  | ShowPick
+  | RenamePick
+  | DeletePick
+  | SetGrip
+  | SetAuto
+  | Set
+  | ShowEdges
+  | Play
+  | Ready
+  | Capture;

@@ -1,0 +1,50 @@
+// A pane with all of a picture, and one with a part of it larger.
+
+import { number } from "/static/page/format.js";
+import { columns } from "/static/teaching/draw.js";
+
+const DETAIL = 3.2; // how much larger the detail is drawn, at least
+
+export const imageBox = (image) => ({ left: -0.5, top: -0.5, right: image.width - 0.5, bottom: image.height - 0.5 });
+
+/** Width share of a pane that shows a box at the full height of the sheet. */
+export function shareOf(box, rect, least = 0.22, most = 0.5) {
+  const wide = (rect.h * (box.right - box.left)) / (box.bottom - box.top);
+  return Math.min(most, Math.max(least, (1.08 * wide) / rect.w));
+}
+
+/** A pane with all of it, and one with a part of it larger; `draw(map, size)` draws either. */
+export function withDetail(sheet, rect, key, title, box, ui, draw) {
+  const share = shareOf(box, rect);
+  const [left, right] = columns(rect, [share, 1 - share]);
+  const whole = sheet.pane(key, box, sheet.titled(left, title), { zoom: false });
+  const scale = Math.max(DETAIL, right.w / (whole.scaleX * (box.right - box.left)));
+  const inner = sheet.titled(right, "Detail", `${number(scale, 1)} times as large; move the pointer over the left`);
+  const half = [inner.w / (2 * scale * whole.scaleX), inner.h / (2 * scale * whole.scaleY)];
+  const at = [held(box.left, box.right, half[0], ui.at[0]), held(box.top, box.bottom, half[1], ui.at[1])];
+  const part = { left: at[0] - half[0], right: at[0] + half[0], top: at[1] - half[1], bottom: at[1] + half[1] };
+  const detail = sheet.pane("detail", part, inner, { margin: 0 });
+  for (const [map, size] of [
+    [whole, 1],
+    [detail, scale],
+  ]) {
+    sheet.within(map.rect, () => draw(map, size));
+    sheet.frame(map.rect);
+  }
+  const [x0, y0] = whole.at(part.left, part.top);
+  const [x1, y1] = whole.at(part.right, part.bottom);
+  sheet.within(whole.rect, () => sheet.frame({ x: x0, y: y0, w: x1 - x0, h: y1 - y0 }, sheet.color.text));
+}
+
+/** The middle of a part that stays within the whole. */
+const held = (low, high, half, at) =>
+  2 * half >= high - low ? (low + high) / 2 : Math.max(low + half, Math.min(high - half, at));
+
+export function onImage(sheet, rect, lesson, ui, draw) {
+  const image = lesson.picture.image;
+  const box = imageBox(image);
+  withDetail(sheet, rect, "image", `Image of view ${lesson.view_index}`, box, ui, (map, size) => {
+    sheet.picture(map, image, box, 0.5);
+    draw(map, size);
+  });
+}
