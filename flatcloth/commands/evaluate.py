@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import statistics
 import time
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,8 @@ def run(options: argparse.Namespace) -> None:
         row = _evaluate_one(source, options)
         rows.append(row)
         print(_table_row(row), flush=True)
+        if "garment" in row:
+            print(_garment_line(row["garment"]), flush=True)
     if options.json is not None:
         try:
             options.json.parent.mkdir(parents=True, exist_ok=True)
@@ -66,13 +69,47 @@ def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
     comparison = compare(view, truth, recording)
     if options.pictures is not None:
         _write_picture(options.pictures, recording.name, comparison)
+    garment = _garment(integration, state.document, truth)
     return {
         "recording": recording.name,
         "method": options.method,
         **dataclasses.asdict(comparison.evaluation),
         "views": sorted(state.document.used_views),
         "seconds": round(seconds, 2),
+        **garment,
     }
+
+
+def _garment(integration: Any, document: Any, truth: Any) -> dict[str, Any]:
+    """Compare the garment with ``truth/points.json``, where there is one."""
+    from flatcloth.engine.garment_truth import compare_garment, read_true_points
+    from flatcloth.engine.garments import garment_of
+
+    points = read_true_points(Path(integration.recording.location))
+    if points is None:
+        return {}
+    canonical = integration.canonical(document)
+    found = garment_of(integration, document)
+    if isinstance(found, str):
+        return {"garment": {"kind": None, "true_kind": points.kind, "reason": found}}
+    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    return {"garment": dataclasses.asdict(compared)}
+
+
+def _garment_line(garment: dict[str, Any]) -> str:
+    """Return what was recognised in a line."""
+    if "reason" in garment:
+        return f"  garment: none told, truly {garment['true_kind']}: {garment['reason']}"
+    seen, unseen = garment["seen_mm"].values(), garment["unseen_mm"].values()
+    text = f"  garment: {garment['kind']}, truly {garment['true_kind']} ({garment['probability']:.0%})"
+    for name, errors in (("seen", seen), ("unseen", unseen)):
+        if errors:
+            text += f"; {len(errors)} points {name}: median {statistics.median(errors):.0f} mm"
+    if sizes := [abs(e) for e in garment["dimension_errors"].values()]:
+        text += f"; dimensions: median {statistics.median(sizes):.1%}"
+    if garment["pieces_mm"]:
+        text += f"; pieces placed: {', '.join(f'{e:.0f}' for e in garment['pieces_mm'])} mm off"
+    return text
 
 
 def _write_picture(folder: Path, name: str, comparison: Any) -> None:

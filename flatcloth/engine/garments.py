@@ -1,10 +1,12 @@
-"""From a session's document to what its shape says of the garment."""
+"""From a session's document to the garment that its shape is, and that compared with the truth."""
 
 from __future__ import annotations
 
+from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.evidence import SeenFrom
+from flatcloth.garments.evidence import SeenFrom, evidence_of
+from flatcloth.garments.recognition import Recognition, recognise
 from flatcloth.session.document import Document
 
 
@@ -29,3 +31,27 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
             )
         )
     return views
+
+
+def recognised(integration: Integration, document: Document) -> Recognition:
+    """Return what garment a document's shape is (flatcloth.garments.recognition).
+
+    Raises
+    ------
+    GarmentError
+        If the shape shows too little, or was seen in one view only.
+    """
+    views = seen_from(integration, document)
+    if len(views) < 2:
+        raise GarmentError("The shape was made of one view; a garment is not recognised by one. Add views.")
+    canonical = integration.canonical(document)
+    evidence = [evidence_of(piece, views) for piece in (canonical.view, *canonical.floating)]
+    return recognise(canonical.view, evidence)
+
+
+def garment_of(integration: Integration, document: Document) -> Recognition | str:
+    """Return what garment a document's shape is, or why nothing can be said of it."""
+    try:
+        return recognised(integration, document)
+    except GarmentError as error:
+        return str(error)

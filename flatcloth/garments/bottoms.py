@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.sizes import ARTF, FREE, SIZES
 from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
+from flatcloth.garments.sizes import ARTF, FREE, SIZES
 
 
 def _nodes(p: Float64) -> Float64:
@@ -20,7 +20,7 @@ def _nodes(p: Float64) -> Float64:
         (inner_x, length + tilt),
         (zero, rise),
         (0.55 * x, waist_bulge),
-        ((x + outer_x) / 2 + 2 * hip, length / 2),
+        (x + 0.35 * (outer_x - x) + 2 * hip, 0.35 * length),
     )
 
 

@@ -16,7 +16,13 @@ _CORNER_SPAN = 1e-9
 
 @njit(cache=True, nogil=True)
 def to_edges(
-    q: Float64, normal: Float64, outline: Float64, side: Int64, share: Float64, away: Float64, distance: Float64
+    q: Float64,
+    normal: Float64,
+    outline: Float64,
+    side: Int64,
+    share: Float64,
+    away: Float64,
+    distance: Float64,
 ) -> None:
     """Find for each true edge (N, 2) with its outward normal the side of the outline it belongs to.
 
@@ -63,7 +69,7 @@ def to_edges(
 def outside(
     q: Float64, outline: Float64, side: Int64, share: Float64, away: Float64, distance: Float64
 ) -> None:
-    """Find how far places (N, 2) with cloth lie outside of the outline; 0 inside. Fills as :func:`to_edges`."""
+    """Find how far places (N, 2) with cloth lie outside of the outline, 0 inside; see :func:`to_edges`."""
     count = len(outline)
     for i in range(len(q)):
         best = 1e30

@@ -29,9 +29,9 @@ _INSIDE_M = 0.018
 _STEP_M = 0.001
 _FARTHEST_M = 0.020
 _FACING_COS = math.cos(math.radians(62.0))
-"""At a steeper incidence a fold's silhouette looks like an edge (grazing limit of the surface: 75 degrees)."""
+"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees)."""
 _SAME_M = 0.006
-"""Depth that still counts as the surface going on: noise of a D435 at 0.85 m (1.5 mm, 3 sigma) and its bend."""
+"""Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
 _PATCH_M = 0.014
 
 
@@ -255,7 +255,7 @@ def _ends(
 
 
 def _in_runs(known: Bool, places_m: Float64) -> Bool:
-    """Keep what is known where most of the neighbours along the border (K, 2), in its order, are known too."""
+    """Keep what is known where most neighbours along the border (K, 2), in its order, are known too."""
     votes, voters = np.zeros(len(known)), np.zeros(len(known))
     for shift in range(-3, 4):
         near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * _SPACING_M
@@ -268,7 +268,7 @@ def _in_runs(known: Bool, places_m: Float64) -> Bool:
 def _tangents(
     piece: FlattenedView, border_rc: Float64, outward: Float64
 ) -> tuple[Float64, Float64, Float64, Bool]:
-    """Return point, normal and outward direction in space (K, 3) at the border, and whether they are known."""
+    """Return point, normal and outward direction in space (K, 3) at the border; whether they are known."""
     count = len(border_rc)
     start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     fine = np.zeros(count, dtype=np.bool_)
@@ -277,11 +277,13 @@ def _tangents(
     rows, cols = piece.shape
     for k in range(count):
         r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
-        box = np.s_[max(r - reach, 0) : min(r + reach + 1, rows), max(c - reach, 0) : min(c + reach + 1, cols)]
+        box = np.s_[
+            max(r - reach, 0) : min(r + reach + 1, rows), max(c - reach, 0) : min(c + reach + 1, cols)
+        ]
         valid = piece.valid[box]
         if valid.sum() < 12:
             continue
-        rc = np.argwhere(valid) + (max(r - reach, 0), max(c - reach, 0))
+        rc = np.argwhere(valid) + np.array([max(r - reach, 0), max(c - reach, 0)])
         xyz = piece.xyz_m[box][valid].astype(np.float64)
         middle = np.median(xyz, axis=0)
         near = np.linalg.norm(xyz - middle, axis=1) < 2.5 * _PATCH_M

@@ -64,7 +64,7 @@ class Pull:
 
     name: str
     uv_m: Float64
-    std_m: float = 0.002
+    std_m: float = 0.001
 
 
 def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, Rigid2]]:
@@ -144,9 +144,7 @@ class _Problem:
         for n, piece in enumerate(self.pieces):
             at = count + 3 * n
             pose = x[at : at + 3]
-            cost, own_edges = self._add_edges(
-                piece, pose, at, outline, slope, widened, gradient, matrix
-            )
+            cost, own_edges = self._add_edges(piece, pose, at, outline, slope, widened, gradient, matrix)
             edge_cost, edges = edge_cost + cost, edges + own_edges
             energy += self._add_insides(piece, pose, at, outline, slope, widened, gradient, matrix)
         energy += edge_cost
@@ -163,9 +161,7 @@ class _Problem:
         turn = _turn(pose[0])
         q = piece.edge_uv_m @ turn.T + pose[1:]
         found = _Found(len(q))
-        to_edges(
-            q, piece.edge_normal @ turn.T, outline, found.side, found.share, found.away, found.distance
-        )
+        to_edges(q, piece.edge_normal @ turn.T, outline, found.side, found.share, found.away, found.distance)
         std = widened * np.hypot(EDGE_STD_M, piece.edge_std_m)
         z = found.distance / std
         bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
@@ -186,7 +182,17 @@ class _Problem:
         # Huber's cost: cloth far outside must not be forgotten.
         far = np.maximum(z, _INSIDE_BOUND)
         cost = np.where(z <= _INSIDE_BOUND, 0.5 * z * z, _INSIDE_BOUND * (z - 0.5 * _INSIDE_BOUND))
-        _add(found, q - pose[1:], slope, at, z / std, piece.inside_weight * _INSIDE_BOUND / far, std, gradient, matrix)
+        _add(
+            found,
+            q - pose[1:],
+            slope,
+            at,
+            z / std,
+            piece.inside_weight * _INSIDE_BOUND / far,
+            std,
+            gradient,
+            matrix,
+        )
         return float(piece.inside_weight * cost.sum())
 
     def _add_pulls(self, x: Float64, gradient: Float64, matrix: Float64) -> float:
@@ -283,7 +289,7 @@ def refine(
     energy, _, matrix, edge_cost = problem.normal_equations(x, 1.0)
     energy += crossing_energy(kind.outline(x[:count, None])[:, :, 0], pieces, x[count:].reshape(-1, 3))
     known = matrix + np.diag(np.concatenate([np.zeros(count), *([_POSE_PRECISION] * len(poses))]))
-    covariance = np.linalg.inv(known)
+    covariance: Float64 = np.linalg.inv(known).astype(np.float64)
     sign, logdet = np.linalg.slogdet(known)
     prior = 2.0 * np.log(kind.std).sum() + len(poses) * 2.0 * np.log(_POSE_STD).sum()
     evidence = -energy - 0.5 * (logdet + prior) if sign > 0 else -np.inf

@@ -102,7 +102,7 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     )
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
     rated = []
-    for k in np.argsort(cost)[: 20 * _TRIED]:
+    for k in np.argsort(cost)[: 8 * _TRIED]:
         pose = Rigid2(*poses[k].tolist()) @ back
         extra = _contradiction(outline, fit.garment_from_piece[0], pose, main, piece)
         rated.append((4.0 * float(cost[k]) + extra / max(1.0, 0.1 * len(insides)), pose))
@@ -124,10 +124,10 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
 def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) -> tuple[float, Fit]:
     pieces = (main.thinned(2), piece.thinned(2))
     steps = ((3.0, 6), (1.0, 8))
-    refined = refine(
-        fit.kind, pieces, fit.parameters, (fit.garment_from_piece[0], pose), annealed=steps
+    refined = refine(fit.kind, pieces, fit.parameters, (fit.garment_from_piece[0], pose), annealed=steps)
+    extra = _contradiction(
+        refined.outline, refined.garment_from_piece[0], refined.garment_from_piece[1], main, piece
     )
-    extra = _contradiction(refined.outline, *refined.garment_from_piece, main, piece)
     return refined.energy + extra, refined
 
 

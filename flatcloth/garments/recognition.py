@@ -9,23 +9,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.garments.distance import to_edges
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
-from flatcloth.garments.fit import Fit, Pull, refine, starts
+from flatcloth.garments.fit import EDGE_STD_M, Fit, Pull, refine, starts
 from flatcloth.garments.model import Kind
 from flatcloth.garments.placing import Placed, place_piece
 from flatcloth.garments.registry import known_kinds
 
 NONE = "none of these"
 TEMPERATURE = 3.0
-"""From ``python -m benchmarks garments``: makes the probabilities come true, garment left out or not."""
+"""Adjacent evidence is alike over more than an edge's extent; see the reliability in docs/garments.md."""
 MISFIT, MISFIT_STD = 0.135, 0.016
-"""Energy per true edge at which a fit is as likely to be of an unknown garment, and how sharply that turns."""
+"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns."""
 HOLE_M = 0.10
 """Length of true edges round holes that makes an unknown garment e times as likely."""
 LEAST_EDGES = 40
@@ -34,7 +35,9 @@ SURE = 0.90
 POINT_STD_M = 0.012
 """Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
 SEEN_M = 0.015
-PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.015
+FOLLOWED_M = 0.09
+"""True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
+PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 _STARTS, _FINISHED, _THINNED = 6, 2, 3
 
 
@@ -124,7 +127,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
             f"Only {100 * 0.006 * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
             "a garment is not recognised by so few. Add views that face its edges."
         )
-    fits = sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
+    fits = fits_of(main)
     placed: dict[str, list[Placed]] = {}
     gains: dict[str, float] = {}
     for fit in fits:
@@ -136,14 +139,33 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
     least = min(gains.values(), default=0.0)
     fits.sort(key=lambda f: -(f.log_evidence + gains.get(f.kind.name, least)))
     probabilities = _probabilities(fits, gains, least, main)
-    best = fits[0]
+    best = _with_pieces(fits[0], placed[fits[0].kind.name])
+    fits[0] = best
     return Recognition(
         probabilities=probabilities,
         fits=tuple(fits),
         dimensions=dimensions_of(best),
-        points=points_of(best, shape),
+        points=points_of(best, shape, main),
         pieces=tuple(placed[best.kind.name]),
     )
+
+
+def fits_of(main: PieceEvidence) -> list[Fit]:
+    """Return the best fit of every kind to one piece, the most probable first."""
+    return sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
+
+
+def probabilities_of(main: PieceEvidence) -> dict[str, float]:
+    """Return the probabilities of the kinds and of :data:`NONE` by one piece alone."""
+    return _probabilities(fits_of(main), {}, 0.0, main)
+
+
+def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
+    """Return the fit to the main piece and to the largest other that surely belongs to it."""
+    sure = [piece for piece in pieces if is_sure(piece)]
+    if not sure:
+        return fit
+    return replace(sure[0].fit, energy=fit.energy, log_evidence=fit.log_evidence)
 
 
 def _cost(placed: Placed, alone: Fit) -> float:
@@ -205,8 +227,11 @@ def dimensions_of(fit: Fit) -> dict[str, Measure]:
     }
 
 
-def points_of(fit: Fit, shape: FlattenedView) -> dict[str, Point]:
-    """Return the named points of a fit on the plane of the shape."""
+def points_of(fit: Fit, shape: FlattenedView, main: PieceEvidence) -> dict[str, Point]:
+    """Return the named points of a fit on the plane of the shape.
+
+    Cloth is never quite symmetric: a point whose true edges were seen follows them.
+    """
     count = len(fit.kind.parameters)
     pose = fit.garment_from_piece[0]
     joint = fit.covariance[: count + 3, : count + 3]
@@ -223,15 +248,43 @@ def points_of(fit: Fit, shape: FlattenedView) -> dict[str, Point]:
     variance = np.einsum("kp,pq,kq->k", slope, joint, slope)
     seen_rc = np.argwhere(shape.valid)
     seen_uv = shape.uv_from_rc(seen_rc)
-    points = {}
+    outline_uv = pose.inverse().apply(fit.outline)
+    points: dict[str, Point] = {}
     for n, name in enumerate(names):
-        uv = value[2 * n : 2 * n + 2]
-        std = math.sqrt(float(variance[2 * n : 2 * n + 2].mean()) + POINT_STD_M**2)
+        own = np.s_[2 * n : 2 * n + 2]
+        told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
+        uv, std = _followed(value[own], told_std, outline_uv, main)
         off = np.linalg.norm(seen_uv - uv, axis=1)
         nearest = int(off.argmin())
         row, col = seen_rc[nearest].tolist()
         points[name] = Point(uv_m=uv, std_m=std, pixel=(row, col) if off[nearest] <= SEEN_M else None)
     return points
+
+
+def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidence) -> tuple[Float64, float]:
+    """Return a named point moved with the true edges nearby, and its standard deviation then.
+
+    The corner of the outline is shifted so that its sides meet the edges on either side of it: linear
+    least squares of the shift (2,), with the fit as the prior and robust weights.
+    """
+    near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= FOLLOWED_M
+    if near.sum() < 6:
+        return uv, std_m
+    q, normal = main.edge_uv_m[near], main.edge_normal[near]
+    shift: Float64 = np.zeros(2)
+    precision = np.eye(2) / std_m**2
+    for _ in range(4):
+        count = len(q)
+        side, share = np.zeros(count, dtype=np.int64), np.zeros(count)
+        away, distance = np.zeros((count, 2)), np.zeros(count)
+        to_edges(q - shift, normal, outline_uv, side, share, away, distance)
+        z = distance / EDGE_STD_M
+        weight = main.edge_weight * np.square(9.0 / (9.0 + np.square(z))) / EDGE_STD_M**2
+        matrix = precision + (away * weight[:, None]).T @ away
+        pull: Float64 = away.T @ (weight * (distance + away @ shift))
+        shift = np.linalg.solve(matrix, pull).astype(np.float64)
+    variance = float(np.trace(np.linalg.inv(matrix))) / 2
+    return uv + shift, math.hypot(math.sqrt(variance), POINT_STD_M)
 
 
 def _with_slope(function: object, x: Float64) -> tuple[Float64, Float64]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.sizes import ARTF, FREE, SIZES
 from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
+from flatcloth.garments.sizes import ARTF, FREE, SIZES
 
 
 def _nodes(p: Float64) -> Float64:

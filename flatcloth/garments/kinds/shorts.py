@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flatcloth.garments.bottoms import legs
-from flatcloth.garments.sizes import ARTF, FREE
 from flatcloth.garments.model import Parameter
+from flatcloth.garments.sizes import ARTF, FREE
 
 KIND = legs(
     "shorts",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.sizes import FREE, SIZES
 from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
+from flatcloth.garments.sizes import FREE, SIZES
 
 
 def _nodes(p: Float64) -> Float64:

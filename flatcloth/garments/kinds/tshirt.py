@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flatcloth.garments.sizes import ARTF
 from flatcloth.garments.model import Parameter
+from flatcloth.garments.sizes import ARTF
 from flatcloth.garments.tops import shirt
 
 KIND = shirt(
