@@ -147,6 +147,7 @@ class CylinderIntegration:
     def canonical(self, document: Document) -> Canonical:
         key = (document.start_view, document.accepted)
         if key not in self._canonicals:
+            assert document.start_view is not None
             views = [document.start_view, *(a.view_index for a in document.accepted)]
             self._canonicals[key] = Canonical(
                 view=cylinder_view({i: self._held_angle(i) for i in views}),
@@ -190,6 +191,7 @@ class CylinderIntegration:
             error, self.error = self.error, None
             raise error
         pending = document.pending
+        assert pending is not None
         at_best = replace(document, pending=replace(pending, nudge=Rigid2()))
         refined = Rigid2(0.0, 0.0001, 0.0) @ pending.proposed if pending.moved else pending.proposed
         return Reach(score=self.score(document), refined=refined, refined_score=self.score(at_best))

@@ -1,8 +1,8 @@
-"""Computes what a session asks for, and remembers it: frames, flattened views, proposals, shapes.
+"""Computes and caches what a session requests: frames, flattened views, proposals, shapes.
 
-The session holds only decisions and rigid motions; everything heavy is derived from them here and
-cached (the canonical view by the prefix of accepted placements), so undo is exact and cheap. All
-methods may be called from several threads.
+The session contains only decisions and rigid motions. Everything heavy is computed here and cached (the
+canonical view by the list of accepted placements), so undo is exact and cheap. All methods may be called
+from several threads.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ _VIEWS_AHEAD = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """A view laid on the canonical shape.
+    """A view placed on the canonical shape.
 
-    ``placing`` is where the method lays which part of it, and why; ``plan`` is None for a view that
-    the operator chose.
+    ``placement`` is the method's placement of one component, with its reasons; ``plan`` is None for a
+    view that the operator chose.
     """
 
     view_index: int
@@ -64,24 +64,24 @@ class Proposal:
 
     @property
     def component(self) -> int:
-        """The connected part of the view that was laid on."""
+        """The component of the view that is placed."""
         return self.placement.component
 
     @property
     def alignment(self) -> Alignment:
-        """How that part was laid on."""
+        """The alignment of that component."""
         return self.placement.alignment
 
 
 class Integration(RecordedViews):
-    """One recording, one configuration, one method, and all that is derived from them.
+    """A recording, a configuration and a method, and everything computed from them.
 
     Parameters
     ----------
     recording : Recording
         The views.
     config : Config, optional
-        The numbers of the method; by default the method's own.
+        The method's parameters; by default its own.
     method : str, optional
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
     segmenter : Segmenter, optional
@@ -92,7 +92,7 @@ class Integration(RecordedViews):
     algorithm : Method
         The method, made for this recording, axis and masks.
     notes : tuple of str
-        What the operator must know about this recording.
+        Remarks on this recording for the operator.
 
     Raises
     ------
@@ -123,22 +123,22 @@ class Integration(RecordedViews):
 
     @property
     def accept_score(self) -> float:
-        """Unattended, a proposal with a lower score is refused."""
+        """Smallest score of a proposal that is accepted unattended."""
         return self.algorithm.accept_score
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view of a document's accepted views (remembered).
+        """Return the canonical view of a document's accepted views (cached).
 
         Raises
         ------
         FlatclothError
-            If the session has no start view yet.
+            If the session has no start view.
         """
         self.segment(document.strokes)
         return self.algorithm.canonical(document)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
-        """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
+        """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
         return fronts(document, self.recording.angles_deg)
 
     def plan(self, document: Document) -> Plan:
@@ -148,7 +148,7 @@ class Integration(RecordedViews):
     # ---------------------------------------------------------------- proposals
 
     def proposal(self, document: Document) -> Proposal:
-        """Return the proposal behind a document's pending view; computed again after a resume."""
+        """Return the proposal of a document's pending view; after resuming it is computed again."""
         pending = document.pending
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
@@ -156,7 +156,7 @@ class Integration(RecordedViews):
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
-        """Return the pending view, rastered on the current plane at the placement in force."""
+        """Return the pending view, rasterised on the current plane at its effective placement."""
         pending = document.pending
         assert pending is not None
         placed = pending.view_index, pending.component, pending.current_from_new
@@ -166,7 +166,7 @@ class Integration(RecordedViews):
         )
 
     def new_points(self, document: Document) -> Bool:
-        """Return (H, W) of :meth:`overlay`: where it lies beyond the canonical view."""
+        """Return the pixels (H, W) of :meth:`overlay` that lie beyond the canonical view."""
         overlay, current = self.overlay(document), self.canonical(document).view
         rc = np.rint(current.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
         inside = ((rc >= 0) & (rc < current.shape)).all(axis=1)
@@ -177,33 +177,33 @@ class Integration(RecordedViews):
         return fresh
 
     def score(self, document: Document) -> AlignmentScore:
-        """Score the placement in force, nudges included."""
+        """Score the effective placement, with the operator's nudges."""
         pending = document.pending
         assert pending is not None
         return self.algorithm.score(document, pending.view_index, pending.component, pending.current_from_new)
 
     def reach(self, document: Document) -> Reach:
-        """Return how the placement in force fits, and what refining it from there reaches."""
+        """Return the scores of the effective placement and of its refinement."""
         return reach(self.algorithm, document)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
-        """Do the work that a session asked for.
+        """Compute the answer to a session's request.
 
         Parameters
         ----------
         document : Document
-            The session's document when it asked.
+            The session's document at the time of the request.
         request : Request
-            What it asked for.
+            The requested work.
         progress : callable
-            Told how far the work is; may raise ``CancelledError``.
+            Called with the progress of the work; may raise ``CancelledError``.
 
         Raises
         ------
         FlatclothError
-            If the work fails; report it, then answer the session with ``Failed``.
+            If the computation fails; report it, then answer the session with ``Failed``.
         CancelledError
-            Whatever ``progress`` raised.
+            If ``progress`` raised it.
         """
         self.segment(document.strokes, progress)
         if request.kind == "start":
@@ -230,19 +230,19 @@ class Integration(RecordedViews):
             if folded_share <= self.config.flattening.max_folded_share:
                 return int(view)
         raise FlatteningError(
-            f"{self.recording.location}: no view shows enough cloth that flattens without folds. "
+            f"{self.recording.location}: no view shows enough cloth that can be flattened without folds. "
             "Check depth and masks."
         )
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:
-        """Propose the planned view; a view that cannot be flattened or aligned is passed over."""
+        """Propose the planned view; a view that cannot be flattened or aligned is left out."""
         tried: list[str] = []
         passed = set(document.rejected)
         while True:
             progress(0.05, "choosing the rotation")
             plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
-                reason = plan.reason + (" Passed over: " + " ".join(tried) if tried else "")
+                reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
@@ -258,7 +258,7 @@ class Integration(RecordedViews):
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:
             proposal = self._unaligned(document, view_index, side, error)
-            return self._proposed(document, token, proposal, f"{error} It lies beside the shape to be moved.")
+            return self._proposed(document, token, proposal, f"{error} Move it from beside the shape.")
         return self._proposed(document, token, proposal)
 
     def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
@@ -270,7 +270,7 @@ class Integration(RecordedViews):
     def _unaligned(
         self, document: Document, view_index: int, side: Side | None, error: AlignmentError
     ) -> Proposal:
-        """Lay the largest part that is not folded beside the shape; if all are, by hand is no help."""
+        """Place the largest component without folds beside the shape; raise if all are folded."""
         most = self.config.flattening.max_folded_share
         components = enumerate(self.flattening(view_index).components)
         parts = {n: component.view for n, component in components if component.folded_share <= most}
@@ -287,7 +287,7 @@ class Integration(RecordedViews):
         return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
     def _read_ahead_of(self, view_index: int) -> None:
-        """Decode the views that a next rotation from this one may lead to, the likeliest first."""
+        """Decode the views that a rotation from this one may lead to next, the likeliest first."""
         angles = np.asarray(self.recording.angles_deg)
         turn = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
@@ -322,10 +322,10 @@ def _notes(views: RecordedViews) -> tuple[str, ...]:
         )
     elif not views.recording.has_masks:
         notes.append(
-            "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
+            "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
         )
     if len(views.recording) == 1:
         notes.append(
-            "This recording has one view: it is flattened and can be picked, but there is nothing to add."
+            "This recording has one view: it is flattened and can be picked, but no view can be added."
         )
     return tuple(notes)

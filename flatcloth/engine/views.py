@@ -36,7 +36,7 @@ _MIB = 1 << 20
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCloud:
-    """Foreground points of one view: ``xyz_m`` (N, 3) held frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
+    """Foreground points of a view: ``xyz_m`` (N, 3) object frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
 
     view_index: int
     xyz_m: Float32
@@ -67,7 +67,7 @@ class RecordedViews:
     Attributes
     ----------
     axis : RotationAxis
-        Turning axis, held frame; estimated if the recording has none.
+        Turning axis, object frame; estimated if the recording has none.
     held_point_m : (3,) float64
         Where the item is held.
     axis_notes : tuple of str
@@ -90,9 +90,9 @@ class RecordedViews:
         self.turn_about(hanging.axis)
 
     def turn_about(self, axis: RotationAxis) -> None:
-        """Take another turning axis, held frame; what was derived with the last one is forgotten.
+        """Replace the turning axis, object frame, and clear everything computed with the previous one.
 
-        To be called while no other thread computes.
+        No other thread may compute meanwhile.
         """
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
@@ -106,7 +106,7 @@ class RecordedViews:
         """Forget what was derived from the single views: the axis or the masks are others."""
 
     def axis_agreement(self) -> str:
-        """Say in a sentence how well the views agree about the present axis."""
+        """Describe in a sentence how well the views agree with the present axis."""
         return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
 
     # ---------------------------------------------------------------- the side of interest
@@ -149,17 +149,17 @@ class RecordedViews:
         return self._frames.get(view_index, lambda: self.recording[view_index])
 
     def cloud(self, view_index: int) -> ViewCloud:
-        """Return the foreground points of a view, held frame."""
+        """Return the foreground points of a view, object frame."""
         key = view_index, self._mask_key(view_index)
         return self._clouds.get(key, lambda: self._cloud(view_index))
 
     def flattening(self, view_index: int) -> Flattening:
-        """Return a view's flattened view with its intermediates.
+        """Return a view's flattened view with its intermediate results.
 
         Raises
         ------
         SurfaceError, FlatteningError
-            If the view shows too little; the same error again at the next call, without the work.
+            If the view shows too little cloth; the error is cached as well.
         """
         if self.masks is None:
             self.segment(())
@@ -170,10 +170,10 @@ class RecordedViews:
         return made
 
     def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one connected part of a view's flattened view, the largest being 0."""
+        """Return one component of a view's flattened view; the largest is 0."""
         components = self.flattening(view_index).components
         if not 0 <= component < len(components):
-            raise FlatclothError(f"View {view_index} has {len(components)} parts, none numbered {component}.")
+            raise FlatclothError(f"View {view_index} has {len(components)} components, not {component + 1}.")
         return components[component].view
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:

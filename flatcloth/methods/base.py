@@ -282,6 +282,8 @@ class Method(Protocol):
     name: ClassVar[str]
     """As registered."""
     angles_deg: Sequence[float]
+    is_unattended: bool = False
+    """Set by a run without an operator: what a further view would add decides, not a number of views."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
@@ -303,7 +305,7 @@ class Method(Protocol):
         Raises
         ------
         FlatclothError
-            If the session has no start view yet.
+            If the session has no start view.
         """
 
     @abstractmethod

@@ -52,7 +52,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 def state_folder() -> Path:
     """Return where the user's state is kept: below ``$XDG_STATE_HOME`` (``~/.local/state``)."""
     state_home = os.environ.get("XDG_STATE_HOME", "")
-    # The XDG specification tells to ignore relative paths.
+    # The XDG specification says to ignore relative paths.
     root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
     return root / "flatcloth"
 

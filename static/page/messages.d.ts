@@ -40,6 +40,12 @@ export interface Refine {
   view_index: number;
 }
 
+/** Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies. */
+export interface PlacePiece {
+  type: "place_piece";
+  label: string;
+}
+
 /** Place another connected part of the pending view, the largest being 0. */
 export interface TakePart {
   type: "take_part";
@@ -164,6 +170,7 @@ export type ClientMessage = Do
   | Choose
   | Preview
   | Refine
+  | PlacePiece
   | TakePart
   | Pairs
   | Hover

@@ -93,7 +93,7 @@ def errors(found: RotationAxis, truth: RotationAxis, half_height_m: float = 0.15
     for height in (-half_height_m, half_height_m):
         at = truth.point_m + height * truth.direction
         along = (at - found.point_m) @ found.direction
-        ends.append(np.linalg.norm(found.point_m + along * found.direction - at))
+        ends.append(float(np.linalg.norm(found.point_m + along * found.direction - at)))
     return max(ends), math.degrees(math.acos(min(1.0, float(found.direction @ truth.direction))))
 
 

@@ -73,7 +73,7 @@ def test_a_turntable_captures_a_turn_by_itself(
         answer = robot.post("angle", {"angle_deg": angle})
         assert answer.status_code == 200
         assert answer.json()["phase"] == "settle"
-        status = robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)
+        status = robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)  # type: ignore[misc]
         assert len(open_recording(tmp_path / "coat")) == n + 1  # it is on disk when it is told
         assert status["phase"] == "turn"
         assert status["announced"] is True
@@ -307,7 +307,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
     [
         (["--camera"], "No RealSense camera is connected"),
         (["--camera", "none.db3"], "no such file"),
-        (["--camera", "--live"], "give one of them"),
+        (["--camera", "--live"], "give only one of them"),
         (["--camera", "--step", "0"], "step of 0"),
         (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out belongs to --camera"),

@@ -178,7 +178,7 @@ def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -
         assert "known are page.html" in unknown.text
         in_memory = get(running, "/export/page.html", timeout=120)
         assert in_memory.status_code == 409
-        assert "not kept on disk" in in_memory.text
+        assert "not saved on disk" in in_memory.text
         assert "\n" not in in_memory.text
 
 

@@ -33,7 +33,9 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
 
 def decoded(answer: httpx.Response) -> np.ndarray:
     assert answer.status_code == 200, answer.text
-    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image
 
 
 def picked(server: PageServer) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def column_curves(
     Parameters
     ----------
     view : FlattenedView
-        The flattened view, attributes in the held frame.
+        The flattened view, attributes in the object frame.
     axis : RotationAxis
         Axis of the recording.
     angle_deg : float

@@ -402,7 +402,7 @@ def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> t
             narrow=narrow,
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std, _ROBUST_STD)
+        weight = _robust_weight(residual / std)
     sheet = FlexibleSheet(
         edges=edges,
         member=links.member[inside],
@@ -416,8 +416,8 @@ def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> t
     return uv, weight
 
 
-def _robust_weight(normed: Float64, robust_std: float) -> Float64:
-    """Geman-McClure weights of residuals that are given in standard deviations."""
-    scale = robust_std * max(1.0, 1.48 * float(np.median(np.abs(normed))))
+def _robust_weight(normed: Float64) -> Float64:
+    """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
+    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
     weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
     return weight

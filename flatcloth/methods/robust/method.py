@@ -52,8 +52,6 @@ class RobustMethod(Method):
         """Choose the view from which the most new area is expected, given enough overlap."""
         c = self._config.robust
         used = document.used_views
-        if len(used) >= c.most_views:
-            return _no_plan(f"{len(used)} views are used, as many as a shape is made of.")
         looked = used | document.refused_views | unusable
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
@@ -62,6 +60,8 @@ class RobustMethod(Method):
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             return _no_plan(f"Nothing more to give: the best view left promises {1e4 * best.new_m2:.0f} cm2.")
+        if len(used) >= c.most_views and not self.is_unattended:
+            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2))
         return Plan(
             view_index=best.view_index,
             side=None,
@@ -145,6 +145,14 @@ class RobustMethod(Method):
             edges=shape.links.edges,
             length_m=shape.links.length_m,
         )
+
+
+def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
+    more = [area for area in new_m2 if area >= least_new_m2]
+    return (
+        f"{used} views, as many as are proposed; {len(more)} more promise up to "
+        f"{1e4 * max(more):.0f} cm2 each. Choose one to go on."
+    )
 
 
 def _no_plan(reason: str) -> Plan:

@@ -9,8 +9,11 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import RotationAxis, finite
+from flatcloth.core.types import Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import place_of_piece
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -19,9 +22,11 @@ from flatcloth.session.machine import (
     Failed,
     Followed,
     Nudge,
+    Pending,
     Phase,
     Propose,
     Reject,
+    Reopen,
     Request,
     SessionState,
     Skip,
@@ -33,7 +38,7 @@ from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
@@ -121,13 +126,16 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                self._repair.preview(client, message, self._state.document, self._center())
+                by = self._meant(message.theta_rad, message.u_m, message.v_m)
+                self._repair.preview(client, message, self._state.document, by)
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+                self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
                 pending = meant(self._state.document, view)
                 self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+            case messages.PlacePiece(label=label):
+                self._place_piece(label)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -158,13 +166,33 @@ class Application(PageController):
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
-    def _center(self) -> tuple[float, float]:
-        """Return what a nudge turns about: the centre of the proposal."""
+    def _placed(self) -> tuple[Pending, Overlay] | None:
+        """Return the proposal with the picture of it, None while there is none."""
         overlay = None if self._picture is None else self._picture.overlay
         pending = self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
-            return 0.0, 0.0
-        return center_uv_m(pending, overlay)
+            return None
+        return pending, overlay
+
+    def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+        """Return the nudge that is meant by a turn about the proposal's centre and a shift, as shown."""
+        placed = self._placed()
+        if placed is None:
+            return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+        pending, overlay = placed
+        return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+
+    def _place_piece(self, label: str) -> None:
+        """Decide again about the view that shows most of a floating piece, with that component of it."""
+        sheet = None if self._picture is None else self._picture.sheet
+        pieces = () if sheet is None else sheet.pieces
+        piece = next((p for p in pieces if p.label == label), None)
+        if piece is None:
+            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+        accepted = [a.view_index for a in self._state.document.accepted]
+        found = place_of_piece(self._integration, piece, accepted)
+        self._by_hand(Reopen(found.view_index))
+        self._do(TakePart(found.view_index, found.component, found.placement))
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -179,17 +207,24 @@ class Application(PageController):
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
-        by, text = told_refined(pending, found, self._center())
+        placed = self._placed()
+        own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
+        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        pending = meant(self._state.document, pairs.view_index)
-        fit = fit_of(pending, pairs)
+        meant(self._state.document, pairs.view_index)
+        placed = self._placed()
+        if placed is None:
+            raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+        pending, overlay = placed
+        fit = fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
-            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
-            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
+            fitted = fit.by @ overlay.shown(pending)
+            self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
+            fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
 
     def _score_now(self) -> float | None:

@@ -86,6 +86,12 @@ class TakePart(_Said, tag="take_part", frozen=True, kw_only=True):
     component: Count
 
 
+class PlacePiece(_Said, tag="place_piece", frozen=True, kw_only=True):
+    """Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies."""
+
+    label: str
+
+
 class Refine(_Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
@@ -219,6 +225,7 @@ Message = (
     | Choose
     | Preview
     | Refine
+    | PlacePiece
     | TakePart
     | Pairs
     | Hover

@@ -105,7 +105,7 @@ class SettingsStore:
     Raises
     ------
     FlatclothError
-        If the file that is there is damaged.
+        If the existing file is damaged.
     """
 
     def __init__(self, folder: Path | None, defaults: Settings) -> None:
