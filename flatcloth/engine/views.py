@@ -99,7 +99,11 @@ class RecordedViews:
         self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
         self.masks: Masks | None = None
         segmenter = self._segmenter
-        self.sides = None if segmenter is None else Sides(lambda progress: segmenter(self, progress))
+        self.sides = (
+            None
+            if segmenter is None
+            else Sides(lambda progress: segmenter(self, progress), len(self.recording))
+        )
         self.derive_anew()
 
     def derive_anew(self) -> None:
