@@ -14,6 +14,7 @@ from flatcloth.engine.garment_truth import compare_garment, read_true_points
 from flatcloth.engine.garments import garment_of
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.session.machine import Document, MemorySession, SessionState
@@ -40,7 +41,7 @@ def evaluate_one(
     FlatclothError
         If it cannot be read or integrated, has no truth, or the picture cannot be written.
     """
-    integration = Integration(open_recording(source), method=method)
+    integration = Integration(open_recording(source), method=method, segmenter=prepare)
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()

@@ -381,6 +381,6 @@ def _check(message: Message) -> None:
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
             raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
         case Ready(layer=layer) if layer not in LAYERS:
-            raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
+            raise MessageError(f"Unknown layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")
