@@ -12,7 +12,18 @@ from benchmarks.output import Options
 ON_ALL_CORES = ("size", "canvas")
 ASKED_FOR = ("soak",)
 """Take an hour, so they run by name only."""
-ON_ONE_CORE = ("flattening", "page", "confidence", "registration", "fused", "growth", "reach", "speed")
+ON_ONE_CORE = (
+    "flattening",
+    "page",
+    "confidence",
+    "registration",
+    "segmentation",
+    "fused",
+    "growth",
+    "reach",
+    "garments",
+    "speed",
+)
 
 
 def pin_to_one_core() -> None:

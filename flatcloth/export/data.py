@@ -84,6 +84,7 @@ def export_shape(
     folder: Path,
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
+    named: Sequence[NamedPoint] = (),
 ) -> list[Path]:
     """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
@@ -99,7 +100,7 @@ def export_shape(
         "flattened.npz": lambda file: _write_npz(view, file),
         "flattened.png": lambda file: file.write(png_bytes(view)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
-        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames).encode()),
+        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames, named).encode()),
     }
     for n, piece in enumerate(floating, start=1):
         files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
@@ -222,12 +223,16 @@ def ply_bytes(view: FlattenedView) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
-def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
+def grasps_text(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> str:
     """Return the content of ``grasps.json``."""
-    return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
+    return json.dumps(grasps_document(view, picks, frames, named), indent=1, allow_nan=False) + "\n"
 
 
-def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> dict[str, Any]:
+def grasps_document(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
     axis, base = frames.axis, frames.base_from_camera
     return {
@@ -238,6 +243,7 @@ def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: Gr
         "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(view, pick, frames) for pick in picks],
+        "garment_points": [_grasp(view, point, frames) for point in named],
     }
 
 
