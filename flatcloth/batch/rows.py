@@ -68,6 +68,7 @@ COLUMNS = (
     Column("seconds_integrating", "number", "of it: flattening, choosing views, aligning, joining"),
     Column("seconds_writing", "number", "of it: exports"),
     Column("seconds_measuring", "number", "of it: coverage estimate and thumbnail"),
+    Column("cpu_seconds", "number", "processor time of the task"),
     Column("peak_memory_mb", "number", "largest resident memory of the task's process"),
     Column("memory_after_mb", "number", "resident memory of that process after the task"),
     Column("worker", "text", "host and process"),

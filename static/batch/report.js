@@ -22,6 +22,7 @@ const FORMATS = {
   least_score: number(2),
   angles_off_deg: number(2),
   seconds: number(1),
+  cpu_seconds: number(1),
   seconds_opening: number(2),
   seconds_integrating: number(2),
   seconds_writing: number(2),
