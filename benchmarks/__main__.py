@@ -10,7 +10,9 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
-ON_ONE_CORE = ("flattening", "page", "confidence", "registration", "fused", "growth", "reach", "speed")
+ON_ONE_CORE = (
+    "flattening", "page", "confidence", "registration", "segmentation", "fused", "growth", "reach", "speed",
+)  # fmt: skip
 
 
 def pin_to_one_core() -> None:

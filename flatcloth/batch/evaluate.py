@@ -12,6 +12,7 @@ from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.session.machine import MemorySession, SessionState
@@ -38,7 +39,7 @@ def evaluate_one(
     FlatclothError
         If it cannot be read or integrated, has no truth, or the picture cannot be written.
     """
-    integration = Integration(open_recording(source), method=method)
+    integration = Integration(open_recording(source), method=method, segmenter=prepare)
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()

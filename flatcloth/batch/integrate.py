@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores, outcome_of, write_outcome
+from flatcloth.engine.segmenting import take_strokes
 from flatcloth.export.data import export_shape
 from flatcloth.export.session import frames_of
 from flatcloth.grasping.grips import read_grips
@@ -52,6 +54,7 @@ def integrate(
     out: Path,
     *,
     base_from_camera: Rigid3 | None = None,
+    strokes: Sequence[Decision] = (),
     progress: Progress = no_progress,
     stages: Stages | None = None,
 ) -> Integrated:
@@ -67,6 +70,8 @@ def integrate(
         The session folder.
     base_from_camera : Rigid3, optional
         Hand-eye transform, for grasp poses in the robot's frame.
+    strokes : sequence of Decision
+        Strokes and cuts that say which side is of interest, for a recording without masks.
     progress : callable
         Told how far the work is.
     stages : Stages, optional
@@ -81,6 +86,7 @@ def integrate(
     folder = SessionFolder.open(out, integration.recording, integration.config, integration.method)
     try:
         settle_axis(folder.folder, integration)
+        take_strokes(integration, folder, strokes)
         with stages.stage("integrating"):
             unattended = Run(integration, folder)
             document = unattended.finish(progress).document

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Rigid2, RotationAxis, finite
+from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import place_of_piece
+from flatcloth.grasping.grasps import point_on_ray
+from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -36,10 +38,12 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -84,6 +88,8 @@ class Application(PageController):
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
+        self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
+
     @property
     def _state(self) -> SessionState:
         return self._folder.state
@@ -92,7 +98,11 @@ class Application(PageController):
 
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of a session."""
-        return [*super().routes(), *self._diagnostics.routes()]
+        return [
+            *super().routes(),
+            *self._diagnostics.routes(),
+            *self._sides.routes(lambda: self._picture),
+        ]
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -104,6 +114,7 @@ class Application(PageController):
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
         self._repair.stop(timeout_s=2.0)
+        self._sides.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -144,11 +155,20 @@ class Application(PageController):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._turn_to_pick()
                 self._publish()
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
                 self._publish()
+            case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
+                self._by_hand(paint(self._sides.decision(message, self._picture)))
+            case messages.Brush():
+                self._sides.brush = message if message.side is not None else None
+            case messages.WhereToStroke():
+                self._sides.where_next(
+                    self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
+                )
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -227,6 +247,29 @@ class Application(PageController):
             fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
 
+    def _pixels_per_m(self) -> float:
+        """Return how many pixels of the image a metre of the item covers, at the distance of the axis."""
+        return self._integration.recording.intrinsics.fx / float(self._integration.axis.point_m[2])
+
+    def _sides_told(self, changed: str) -> None:
+        """Say what a stroke changed; the labels of the cloth are others."""
+        if changed:
+            self._tell(None, "info", changed)
+        else:
+            self._publish()
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        if self._sides.brush is None:
+            super()._pick_on_ray(origin_m, direction)
+            return
+        picture, points = self._picture, self._scene_view.visible_points()
+        hit = point_on_ray(points, origin_m, direction) if len(points) else None
+        if picture is None or hit is None:
+            return
+        nowhere = np.full(3, np.nan)
+        place = place_in_view(self._integration, picture.present_view, points[hit], nowhere)
+        self._by_hand(paint(self._sides.dab(picture.present_view, place.row, place.col)))
+
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
         picture = self._picture
@@ -278,8 +321,9 @@ class Application(PageController):
 
     def _settle(self) -> None:
         """Bring the work, the picture, Auto and the tabs in line with the state."""
-        self._settle_work()
         document = self._state.document
+        self._sides.follow(document)
+        self._settle_work()
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
@@ -338,7 +382,7 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        return snapshot(
+        told = snapshot(
             revision,
             self._state,
             self._page_status,
@@ -347,6 +391,7 @@ class Application(PageController):
             self._integration,
             self._places,
         )
+        return {**told, "sides": self._sides.plain(), "pixels_per_m": self._pixels_per_m()}
 
     # --- the worker --------------------------------------------------------------------------
 

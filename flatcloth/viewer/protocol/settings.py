@@ -38,6 +38,7 @@ class Settings:
     auto_threshold: float = 0.75
     advance: bool = False
     follow: bool = True
+    turn_to_pick: bool = True
     step_mm: float = 2.0
     step_deg: float = 1.0
 
@@ -95,6 +96,12 @@ SETTINGS = (
         name="follow",
         title="3D camera follows",
         description="The 3D camera stands where the real camera stood for the view that is shown.",
+    ),
+    Setting(
+        name="turn_to_pick",
+        title="Turn the item to a pick",
+        description="A pick that faces away from the 3D camera is looked at from where it was seen."
+        " Off: its mark shows through the cloth.",
     ),
 )
 

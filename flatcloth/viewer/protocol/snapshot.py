@@ -336,7 +336,13 @@ def _pick(
 
 
 def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
-    listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
+    listed: dict[str, Any] = {
+        "id": pick.id,
+        "name": pick.name,
+        "view_index": pick.view_index,
+        "position_held_m": [float(x) for x in pick.position_held_m],
+        "uv_m": None,
+    }
     if picture is not None:
         place = places.place(picture, pick.position_held_m)
         if place.in_shape:

@@ -216,6 +216,15 @@ class Scene:
         if on:
             self._aim_all()
 
+    def look_from(self, angle_deg: float) -> None:
+        """Let all cameras look from where the real camera stood at an angle, the item in the middle."""
+        with self._lock:
+            if self._view_from is None:
+                return
+            eye_m = held_from_camera(self._axis, angle_deg).translation_m
+            self._view_from = (self._view_from[0], eye_m, *self._view_from[2:])
+        self._aim_all()
+
     def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
         self._filled[name] = len(points_m) > 0
         if len(points_m):

@@ -209,13 +209,20 @@ class PageServer:
 
     async def _messages(self, browser: WebSocket) -> None:
         def receive(key: int, tab: Tab, text: str) -> None:
-            hover = _hover(text)
-            if hover is None:
+            answer = self._pointed_at(text)
+            if answer is None:
                 self.application.receive(key, text)
             else:
-                tab.put(json.dumps(self.application.describe(hover), allow_nan=False))
+                tab.put(json.dumps(answer, allow_nan=False))
 
         await self._hub.serve(browser, self.application.last_snapshot, receive)
+
+    def _pointed_at(self, text: str) -> dict[str, Any] | None:
+        """Answer a question about what is under the pointer; None for any other message."""
+        hover = _hover(text)
+        if isinstance(hover, messages.HoverRay):
+            return self.application.describe_ray(hover)
+        return None if hover is None else self.application.describe(hover)
 
     async def _viser_socket(self, browser: WebSocket) -> None:
         await relay(browser, self._scene.path)
@@ -267,15 +274,15 @@ async def _viser_page(_request: Request) -> Response:
     return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
 
 
-def _hover(text: str) -> messages.Hover | None:
+def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
     # Hover read-outs need no turn in the queue: they only read the present picture.
-    if '"hover"' not in text[:200]:
+    if '"hover' not in text[:200]:
         return None
     try:
         message = messages.parse(text)
     except FlatclothError:
         return None  # the application thread reports it
-    return message if isinstance(message, messages.Hover) else None
+    return message if isinstance(message, messages.Hover | messages.HoverRay) else None
 
 
 def bind(host: str, port: int) -> socket.socket:
