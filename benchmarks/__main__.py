@@ -11,8 +11,9 @@ from benchmarks.output import Options
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
 ON_ONE_CORE = (
-    "flattening", "page", "confidence", "registration", "segmentation", "fused", "growth", "reach", "speed",
-)  # fmt: skip
+    *("flattening", "page", "confidence", "registration", "segmentation"),
+    *("fused", "growth", "reach", "garments", "speed"),
+)
 
 
 def pin_to_one_core() -> None:
