@@ -66,6 +66,7 @@ COLUMNS = (
     Column("seconds", "number", "wall time of the task"),
     Column("seconds_opening", "number", "of it: comparing with what is done, opening, finding the axis"),
     Column("seconds_integrating", "number", "of it: flattening, choosing views, aligning, joining"),
+    Column("seconds_garment", "number", "of it: recognising the garment"),
     Column("seconds_writing", "number", "of it: exports"),
     Column("seconds_measuring", "number", "of it: coverage estimate and thumbnail"),
     Column("cpu_seconds", "number", "processor time of the task"),

@@ -25,6 +25,7 @@ const FORMATS = {
   cpu_seconds: number(1),
   seconds_opening: number(2),
   seconds_integrating: number(2),
+  seconds_garment: number(2),
   seconds_writing: number(2),
   seconds_measuring: number(2),
   peak_memory_mb: number(0),
