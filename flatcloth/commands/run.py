@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
+    from flatcloth.export.garment import told as garment_told
 
     base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
@@ -42,6 +43,6 @@ def run(options: argparse.Namespace) -> None:
             strokes=decisions,
             progress=bar.show,
         )
-    for line in told(done.outcome):
+    for line in (*told(done.outcome), *garment_told(done.garment)):
         print(line)
     print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")

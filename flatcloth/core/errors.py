@@ -50,6 +50,10 @@ class EvaluationError(FlatclothError):
     """A result cannot be compared with the truth."""
 
 
+class GarmentError(FlatclothError):
+    """A shape says nothing of a garment (too little cloth), or its file cannot be read."""
+
+
 class ServerError(FlatclothError):
     """The page cannot be served (busy port, unknown host)."""
 
