@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -22,8 +22,10 @@ from flatcloth.export.garment import garment_document, garment_points
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.session.document import Document
-from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.picture import Picture
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.modes.controller import PageController
+    from flatcloth.viewer.protocol.picture import Picture
 
 _POLL_S = 0.1
 
