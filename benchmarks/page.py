@@ -43,17 +43,23 @@ def _one_start(recording: str) -> dict[str, float]:
         )
         try:
             assert process.stdout is not None
-            said = re.search(r"http://[^\s/]+", process.stdout.readline())
+            said = re.search(r"(http://[^\s/]+)/\?token=(\S+)", process.stdout.readline())
             assert said is not None
-            url, address_s = said.group(), time.perf_counter() - started
-            with urllib.request.urlopen(url + "/") as page:
+            url, address_s = said[1], time.perf_counter() - started
+            token = {"Authorization": f"Bearer {said[2]}"}
+            with urllib.request.urlopen(urllib.request.Request(url + "/", headers=token)) as page:
                 page.read()
             served_s = time.perf_counter() - started
-            with connect(url.replace("http", "ws") + "/ws", origin=url, max_size=None) as socket:  # type: ignore[arg-type]
+            with connect(
+                url.replace("http", "ws") + "/ws",
+                origin=url,  # type: ignore[arg-type]
+                max_size=None,
+                additional_headers=token,
+            ) as socket:
                 state = _until(socket, lambda m: m["type"] == "state" and bool(m.get("layers")))
                 layers = state["layers"]
                 address = f"{url}/layers/{layers['revision']}/{layers['names'][0]}.png"
-                with urllib.request.urlopen(address) as image:
+                with urllib.request.urlopen(urllib.request.Request(address, headers=token)) as image:
                     image.read()
                 first_view_s = time.perf_counter() - started - served_s
                 clicks = [_click(socket, n) for n in range(CLICKS)]

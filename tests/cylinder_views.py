@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 from viewer_fakes import CylinderRecording, cylinder_view
@@ -21,7 +22,7 @@ class _Fronts(PaperMethod):
     """The paper's method on views that are laid already."""
 
     def canonical(self, document):
-        return self._views.canonical(document)
+        return cast("CylinderViews", self._views).canonical(document)
 
 
 class _Neighbouring(_Fronts):

@@ -4,25 +4,44 @@ from __future__ import annotations
 
 import json
 import time
+from typing import Any
 
 import httpx
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 from flatcloth.viewer import PageServer
 
 WAIT_S = 20
 
 
-def get(server: PageServer, path: str, **headers: str) -> httpx.Response:
-    return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers)
+def bearer(server: PageServer) -> dict[str, str]:
+    """The header with which a program shows the token."""
+    return {"Authorization": f"Bearer {server.token}"}
+
+
+def get(server: PageServer, path: str, timeout: float = WAIT_S, **headers: str) -> httpx.Response:
+    """Ask as a program that has the token."""
+    address = f"http://127.0.0.1:{server.port}{path}"
+    return httpx.get(address, headers={**bearer(server), **headers}, timeout=timeout)
+
+
+def post(server: PageServer, path: str, **more: Any) -> httpx.Response:
+    """Send as a program that has the token."""
+    return httpx.post(f"http://127.0.0.1:{server.port}{path}", headers=bearer(server), timeout=WAIT_S, **more)
+
+
+def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> ClientConnection:
+    """Open a socket as a page that has the token."""
+    address = f"127.0.0.1:{server.port}"
+    usual = {"origin": f"http://{address}", "max_size": None, "additional_headers": bearer(server)}
+    return connect(f"ws://{address}{path}", **{**usual, **options})
 
 
 class Tab:
     """A tab of the page: remembers what it was told."""
 
     def __init__(self, server: PageServer, origin: str | None = None) -> None:
-        address = f"127.0.0.1:{server.port}"
-        self._socket = connect(f"ws://{address}/ws", origin=origin or f"http://{address}", max_size=None)
+        self._socket = open_socket(server, **({} if origin is None else {"origin": origin}))
         self.notes: list[dict] = []
         self.state: dict = {}
 

@@ -105,7 +105,7 @@ def _frames_in(path: Path) -> int:
         return int(counted.fetchone()[0])
 
 
-def _send(sensor: object, profile: object, pixels: np.ndarray, bpp: int, at_s: float, number: int) -> None:
+def _send(sensor: Any, profile: Any, pixels: np.ndarray, bpp: int, at_s: float, number: int) -> None:
     """Give a sensor one frame."""
     rs = load_realsense()
     frame = rs.software_video_frame()

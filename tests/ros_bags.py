@@ -79,8 +79,8 @@ def write(path: Path, messages: Sequence[Message], *, packed: bool = False) -> P
         return path
     plugin = StoragePlugin.SQLITE3 if path.suffix == ".db3" else StoragePlugin.MCAP
     folder = path.with_name(path.stem + "-folder") if path.suffix else path
-    with Writer2(folder, version=9, storage_plugin=plugin) as bag:
-        _fill(bag, messages, ros2=True)
+    with Writer2(folder, version=9, storage_plugin=plugin) as bag2:
+        _fill(bag2, messages, ros2=True)
     if not path.suffix:
         return path
     (data,) = folder.glob(f"*{path.suffix}")

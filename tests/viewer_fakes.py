@@ -16,9 +16,9 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.integration import ViewCloud
 from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.repair import Reach
+from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.base import AlignmentScore, Canonical
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import (
@@ -110,6 +110,7 @@ class CylinderIntegration:
         self.accept_score = self.config.alignment.accept_score
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
+        self.sides = None
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
@@ -147,6 +148,7 @@ class CylinderIntegration:
     def canonical(self, document: Document) -> Canonical:
         key = (document.start_view, document.accepted)
         if key not in self._canonicals:
+            assert document.start_view is not None
             views = [document.start_view, *(a.view_index for a in document.accepted)]
             self._canonicals[key] = Canonical(
                 view=cylinder_view({i: self._held_angle(i) for i in views}),
@@ -190,6 +192,7 @@ class CylinderIntegration:
             error, self.error = self.error, None
             raise error
         pending = document.pending
+        assert pending is not None
         at_best = replace(document, pending=replace(pending, nudge=Rigid2()))
         refined = Rigid2(0.0, 0.0001, 0.0) @ pending.proposed if pending.moved else pending.proposed
         return Reach(score=self.score(document), refined=refined, refined_score=self.score(at_best))

@@ -1,1 +1,1 @@
-"""The commands, a module each: ``NAME``, ``SUMMARY``, ``EXAMPLES``, ``add_options``, ``run``."""
+"""The commands, one module each: ``NAME``, ``SUMMARY``, ``EXAMPLES``, ``add_options``, ``run``."""

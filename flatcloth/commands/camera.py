@@ -11,26 +11,26 @@ from flatcloth.core.errors import FlatclothError
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--camera`` and what belongs to a capture."""
+    """Declare ``--camera`` and the options of a capture."""
     group = parser.add_argument_group("camera")
     group.add_argument(
         "--camera",
         nargs="?",
         const="",
         metavar="SERIAL",
-        help="show a RealSense camera instead of a recording; a RealSense file plays in its place",
+        help="show a RealSense camera instead of a recording; a RealSense file is played in its place",
     )
     group.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
-        help="recording folder that a guided capture writes (default: one named after the time, here)",
+        help="recording folder that a guided capture writes (default: a new one here, named after the time)",
     )
     add_capture_options(group)
 
 
 def serve_camera(options: argparse.Namespace) -> bool:
-    """Serve the page of a camera until it is stopped; False if none was asked for.
+    """Serve the page of a camera until it is stopped; return False without ``--camera``.
 
     Raises
     ------
@@ -40,10 +40,10 @@ def serve_camera(options: argparse.Namespace) -> bool:
     if options.camera is None:
         given = [n for n in ("out", "frames", "align", "resume") if getattr(options, n) not in (None, False)]
         if given:
-            raise FlatclothError(f"--{given[0]} belongs to --camera; give both, or neither.")
+            raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
         return False
     if options.live:
-        raise FlatclothError("--live plays a recording, and --camera shows a camera; give one of them.")
+        raise FlatclothError("--live plays a recording, and --camera shows a camera; give only one of them.")
     _serve(options)
     return True
 
@@ -65,7 +65,7 @@ def _serve(options: argparse.Namespace) -> None:
         frames=capture.FRAMES if options.frames is None else options.frames,
         resume=options.resume,
     )
-    capture.begin(settings.step_deg, settings.frames)  # what makes no sense is said before a camera starts
+    capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
     feed = CameraFeed(open_camera(options.camera, options.align or "depth"))
     try:
         integration = Integration(CameraRecording(feed), method=options.method)
@@ -81,6 +81,7 @@ def _serve(options: argparse.Namespace) -> None:
                 folder,
                 host=options.host,
                 port=options.port,
+                token=not options.no_token,
                 controller=capture_controller(integration, folder, feed, settings),
             )
         finally:

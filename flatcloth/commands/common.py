@@ -1,4 +1,4 @@
-"""What the commands of the command line share: options, opening a session's inputs, progress."""
+"""The common parts of the commands: options, opening a session's inputs, progress."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from flatcloth.methods.registry import method_entry, method_names
 
 if TYPE_CHECKING:
+    from flatcloth.batch.runner import Limits
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import SourceOptions
 
@@ -23,7 +24,7 @@ def add_method(parser: argparse.ArgumentParser) -> None:
         "--method",
         choices=method_names(),
         default=method_entry().name,
-        help="way of integrating the views (default: %(default)s)",
+        help="method of integrating the views (default: %(default)s)",
     )
 
 
@@ -42,20 +43,20 @@ def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> N
 
 
 def add_source_options(parser: argparse._ActionsContainer) -> None:
-    """Declare what a source may not tell itself: its angles and its camera (docs/datasets.md)."""
+    """Declare the options that a source may need: its angles and its camera (docs/datasets.md)."""
     given = parser.add_mutually_exclusive_group()
     given.add_argument(
         "--angles",
         type=Path,
         metavar="CSV",
-        help="for sources without angles: a table with a line for each view, its angle in degrees, or "
+        help="for sources without angles: a table with one line per view, its angle in degrees, or "
         "columns file, view or time_s, and angle_deg",
     )
     given.add_argument(
         "--step",
         type=float,
         metavar="DEG",
-        help="instead: how far each view is turned from the one before; negative if the side that faces "
+        help="instead: the rotation from view to view in degrees; negative if the side that faces "
         "the camera moves to the left",
     )
     given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
@@ -69,30 +70,30 @@ TURNING = (
 
 
 def add_camera_options(parser: argparse._ActionsContainer) -> None:
-    """Declare what a source may not tell of its camera, and which part of a data set's recording is read."""
+    """Declare the options on a source's camera, and on the part of a data set's recording to read."""
     parser.add_argument(
-        "--sweep", choices=("forth", "back"), help="which turn of a data set is read (default: forth)"
+        "--sweep", choices=("forth", "back"), help="turn of a data set that is read (default: forth)"
     )
     parser.add_argument(
         "--camera-file",
         type=Path,
         metavar="FILE",
-        help="for sources that do not describe their camera: its intrinsics, as intrinsic.json",
+        help="for sources without a camera: a file with its intrinsics, like intrinsic.json",
     )
     parser.add_argument(
         "--fov",
         type=float,
         nargs=2,
         metavar=("H", "V"),
-        help="instead, roughly: its field of view in degrees; with --camera-file, that file is made",
+        help="instead, approximately: its field of view in degrees; with --camera-file, writes that file",
     )
     parser.add_argument(
-        "--format", metavar="NAME", help="format of the source, if it is not to be found by what is in it"
+        "--format", metavar="NAME", help="format of the source (default: found from its content)"
     )
 
 
 def source_options_of(options: argparse.Namespace) -> SourceOptions:
-    """Return what the command line says about its source."""
+    """Return the options of the source."""
     from flatcloth.recordings import SourceOptions
 
     return SourceOptions(
@@ -107,21 +108,75 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
 
 
 def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
-    """Open a recording and what is derived from it; the heavy modules load here, not for ``--help``."""
+    """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
+    from flatcloth.engine.segmenting import prepare
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, options), method=method)
+    return Integration(open_recording(source, options), method=method, segmenter=prepare)
+
+
+def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:
+    """Declare what many recordings run on, and within which limits."""
+    where = parser.add_mutually_exclusive_group()
+    default = "all cores" if jobs is None else str(jobs)
+    where.add_argument(
+        "--jobs",
+        type=_count,
+        default=jobs,
+        metavar="N",
+        help=f"recordings at the same time, on this machine (default: {default})",
+    )
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="instead: on the workers of a Dask scheduler, tcp://host:8786"
+    )
+    parser.add_argument(
+        "--memory",
+        type=_positive,
+        default=2.0,
+        metavar="GB",
+        help="memory that a recording may take beyond the libraries (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=_positive,
+        default=1800.0,
+        metavar="S",
+        help="seconds that a recording may take (default: %(default)g)",
+    )
+
+
+def limits_of(options: argparse.Namespace) -> Limits:
+    """Return the limits of a task that the command line gives."""
+    from flatcloth.batch.runner import Limits
+
+    return Limits(memory_bytes=int(options.memory * 1e9), seconds=options.time_limit)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of recordings; give 1 to 1024")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return number
 
 
 class ProgressBar:
-    """A bar on stderr where that is a terminal; else nothing, so that logs stay readable."""
+    """A bar on stderr if that is a terminal; otherwise nothing, so that logs stay readable."""
 
     def __init__(self, title: str) -> None:
         self._title = title
         self._shown = sys.stderr.isatty()
 
-    def __enter__(self) -> ProgressBar:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -129,7 +184,7 @@ class ProgressBar:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
     def show(self, share: float, text: str) -> None:
-        """Draw the bar: ``share`` 0 to 1 and what is being done."""
+        """Draw the bar: ``share`` 0 to 1 and the current step."""
         if self._shown:
             filled = math.floor(20 * share)
             bar = "#" * filled + "." * (20 - filled)

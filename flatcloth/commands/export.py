@@ -1,4 +1,4 @@
-"""The command ``export``: what is taken away from a session."""
+"""The command ``export``: files written from a session."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ _OUTPUTS = ("html", "report", "figures", "animation", "grasps", "outline")
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "session", type=Path, metavar="SESSION_DIR", help="session folder, of --out or --session; only read"
+        "session",
+        type=Path,
+        metavar="SESSION_DIR",
+        help="session folder, of --out or --session; it is not changed",
     )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one page that works offline")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write a report to print (HTML, A4)")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="write every figure as PNG and SVG")
-    parser.add_argument(
-        "--animation", type=Path, metavar="FILE", help="write the growth as .gif or .mp4, by the name's end"
-    )
+    parser.add_argument("--animation", type=Path, metavar="FILE", help="write the growth as .gif or .mp4")
     parser.add_argument("--grasps", type=Path, metavar="FILE", help="write the grasp poses (grasps.json)")
     parser.add_argument(
         "--outline",
@@ -47,12 +48,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--rotation",
         type=_rotation,
         metavar="DEG",
-        help="rotation of the item for --grasps in camera and robot frame (default: of the last view)",
+        help="rotation of the item for --grasps in camera and robot frame (default: that of the last view)",
     )
     parser.add_argument(
-        "--recording", type=Path, metavar="SOURCE", help="where the recording is now, if it was moved"
+        "--recording", type=Path, metavar="SOURCE", help="present location of the recording, if it was moved"
     )
-    add_source_options(parser.add_argument_group("what the session was begun with, if anything"))
+    add_source_options(parser.add_argument_group("options that the session was started with"))
 
 
 def add_hand_eye(parser: argparse.ArgumentParser) -> None:
@@ -66,20 +67,20 @@ def add_hand_eye(parser: argparse.ArgumentParser) -> None:
 
 
 def hand_eye_of(options: argparse.Namespace) -> Rigid3 | None:
-    """Read the hand-eye transform, if one is given."""
+    """Read the hand-eye transform if one is given."""
     from flatcloth.grasping.hand_eye import read_hand_eye
 
     return None if options.hand_eye is None else read_hand_eye(options.hand_eye)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write what was asked for."""
+    """Write the requested files."""
     from flatcloth.export.session import open_session
 
     wanted = [name for name in _OUTPUTS if getattr(options, name) is not None]
     if not wanted:
         listed = ", ".join(f"--{name}" for name in _OUTPUTS)
-        raise FlatclothError(f"{options.session}: nothing to write is named; give one or more of {listed}.")
+        raise FlatclothError(f"{options.session}: no output is given; give one or more of {listed}.")
     base_from_camera = hand_eye_of(options)
     with ProgressBar(str(options.session)) as bar:
         session = open_session(

@@ -1,4 +1,4 @@
-"""The command ``import``: any source that can be opened becomes a recording folder."""
+"""The command ``import``: copies any source into a recording folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 NAME = "import"
 SUMMARY = "copy a RealSense file, or any other source, into a recording folder"
 EXAMPLES = """examples:
-  python app.py import turned.db3 --out my-recording --step 10        its stops, 10 degrees apart
+  python app.py import turned.db3 --out my-recording --step 10        stops every 10 degrees
   python app.py import turning.bag --out my-recording --turning-speed 12
   python app.py import turned.db3 --out my-recording --angles turntable.csv --align color"""
 
@@ -29,13 +29,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--step",
         type=float,
         metavar="DEG",
-        help="angle between views, negative if turned the other way (default for RealSense files: 10)",
+        help="angle between views, negative for the other direction (default for RealSense files: 10)",
     )
     parser.add_argument(
         "--angles",
         type=Path,
         metavar="CSV",
-        help="table of the angles; of a RealSense file: seconds since its first frame, degrees",
+        help="table of angles; for a RealSense file: seconds since its first frame, degrees",
     )
     parser.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
     add_camera_options(parser)
@@ -43,17 +43,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--turning-speed",
         type=float,
         metavar="DEG_PER_S",
-        help="RealSense file of an item that turned all the time: how fast",
+        help="RealSense file of an item that turned continuously: its speed",
     )
     parser.add_argument(
         "--align",
         choices=("depth", "color"),
-        help="RealSense file: the camera whose pixels are kept (default: depth, which stays as measured)",
+        help="RealSense file: the camera whose pixels are kept (default: depth, which is then unchanged)",
     )
 
 
 def run(options: argparse.Namespace) -> None:
-    """Read the source, write the folder, and say what was found."""
+    """Read the source, write the folder, and print a summary."""
     from flatcloth.recordings.copying import copy_recording
 
     with ProgressBar(Path(options.source).name) as bar:
@@ -76,7 +76,7 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
     if not is_realsense(path):
         if options.turning_speed is not None or options.align is not None:
             raise RecordingError(
-                f"{path}: no RealSense file. --turning-speed and --align are for those only."
+                f"{path}: not a RealSense file. --turning-speed and --align apply only to those."
             )
         return open_recording(options.source, source_options_of(options))
     given = {

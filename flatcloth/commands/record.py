@@ -21,7 +21,7 @@ SUMMARY = "capture a hanging item view by view with a RealSense camera"
 EXAMPLES = """examples:
   python app.py record --out my-recording --step 10
   python app.py record --out my-recording --camera 728612070259 --resume
-  python app.py record --out my-recording --camera turned.db3 --yes    a file in the camera's place"""
+  python app.py record --out my-recording --camera turned.db3 --yes    a file in place of a camera"""
 
 _LOOK_EVERY_S = 1.0
 
@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--step",
         type=float,
         metavar="DEG",
-        help="turn between two views (default: 10); negative if the side that faces the camera "
+        help="rotation between two views (default: 10); negative if the side that faces the camera "
         "moves to the left",
     )
     add_capture_options(parser)
@@ -41,28 +41,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--camera",
         default="",
         metavar="SERIAL",
-        help="serial number of the camera if there are several; or a RealSense file that plays as one",
+        help="serial number of the camera if there are several; or a RealSense file to play in its place",
     )
     parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the folder's name)")
     parser.add_argument("--yes", action="store_true", help="keep every view without asking")
 
 
 def add_capture_options(parser: argparse._ActionsContainer) -> None:
-    """Declare what a capture in the page has as well."""
+    """Declare the options that the capture in the page has as well."""
     parser.add_argument("--frames", type=int, metavar="N", help="frames averaged for each view (default: 10)")
     parser.add_argument(
         "--align", choices=("depth", "color"), help="the camera whose pixels are kept (default: depth)"
     )
-    parser.add_argument("--resume", action="store_true", help="go on with the recording in the folder")
+    parser.add_argument("--resume", action="store_true", help="continue the recording in the folder")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Lead through the capture until the turn is complete or the operator ends it."""
+    """Run the capture until the turn is complete or the operator ends it."""
     from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
 
     if not options.yes and not sys.stdin.isatty():
-        raise FlatclothError("record asks on the terminal, and there is none; give --yes to keep every view.")
+        raise FlatclothError("record needs a terminal for its questions; give --yes to keep every view.")
     camera = open_camera(options.camera, options.align or "depth")
     try:
         guided = GuidedCapture(
@@ -92,9 +92,9 @@ def lead(
     Parameters
     ----------
     camera, guided
-        Where frames come from, and where they go.
+        Source of the frames, and the capture that processes them.
     answer : callable
-        Returns what the operator has typed since the last frame, None if nothing.
+        Returns the operator's input since the last frame, None if there is none.
     keeps_itself : bool
         Keep every view without asking.
     """
@@ -150,14 +150,14 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
 
 
 def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
-    """Say what is to be done now; what goes on by itself is on the line of the stillness."""
+    """Print the next step; continuous information is printed by :func:`_show_stillness`."""
     from flatcloth.cameras.capture import Phase
 
     state, number = guided.state, len(guided.state.kept_deg)
     if before is not None and number > before[1]:
         print(f"\rView {number - 1} is kept.\033[K" if sys.stdout.isatty() else f"View {number - 1} is kept.")
     if state.phase is Phase.TURN:
-        hint = " (Enter: it is there; q: end)" if asking else ""
+        hint = " (Enter: done; q: end)" if asking else ""
         print(
             f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}"
         )
@@ -165,10 +165,10 @@ def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: b
         print("View 0: let the item hang still.")
     elif state.phase is Phase.REVIEW and guided.taken is not None:
         view = guided.taken
-        hint = " (Enter: keep; r: repeat; a number: its true angle; q: end)" if asking else ""
+        hint = " (Enter: keep; r: repeat; a number: correct its angle; q: end)" if asking else ""
         print(
             f"View {number} at {state.target_deg:g} degrees: {view.frames} frames, "
-            f"which agree to {view.noise_mm:.1f} mm.{hint}"
+            f"noise {view.noise_mm:.1f} mm.{hint}"
         )
         for warning in view.warnings:
             print(f"  {warning}")
@@ -188,7 +188,7 @@ def _show_stillness(state: Capture) -> None:
 
 
 class _Looker:
-    """Says what is wrong with the sight of the item, when it changes."""
+    """Prints warnings about the view of the item when they change."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -210,7 +210,7 @@ class _Looker:
 
 
 def typed() -> str | None:
-    """Return the line that was typed on the terminal, None if there is none yet; its end means ``q``."""
+    """Return the line typed on the terminal, None if there is none yet; ``q`` at its end."""
     if not select.select([sys.stdin], [], [], 0.0)[0]:
         return None
     return sys.stdin.readline() or "q"

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
 from flatcloth.commands.segment import add_strokes, strokes_of
-
-if TYPE_CHECKING:
-    from flatcloth.core.strokes import Decision
-    from flatcloth.engine.integration import Integration
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
@@ -34,41 +29,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
-    from flatcloth.engine.headless import Run
-    from flatcloth.engine.outcome import earlier_scores, outcome_of, told, write_outcome
-    from flatcloth.export.data import export_shape
-    from flatcloth.export.session import frames_of
-    from flatcloth.grasping.grips import read_grips
-    from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.store import SessionFolder
+    from flatcloth.batch.integrate import integrate
+    from flatcloth.engine.outcome import told
+    from flatcloth.engine.segmenting import check_against_masks
 
-    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
+    base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
-    folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
-    try:
-        settle_axis(folder.folder, integration)
-        integration = _with_sides(integration, decisions, str(options.strokes))
-        with ProgressBar(integration.recording.name) as bar:
-            unattended = Run(integration, folder)
-            state = unattended.finish(bar.show)
-        frames = frames_of(integration, state.document, read_grips(options.out), base_from_camera)
-        canonical = integration.canonical(state.document)
-        files = export_shape(canonical.view, folder.picks, options.out, frames, canonical.floating)
-        outcome = outcome_of(integration, unattended, earlier_scores(options.out))
-        files.append(write_outcome(outcome, options.out))
-    finally:
-        folder.close()
-    for line in told(outcome):
-        print(line)
-    print(f"Written to {options.out}: {', '.join(f.name for f in files)}")
-
-
-def _with_sides(integration: Integration, decisions: tuple[Decision, ...], where: str) -> Integration:
-    """Return the integration with the side of interest found, if the recording has no masks."""
-    from flatcloth.engine.segmenting import check_against_masks, prepare, segmented
-
-    if integration.recording.has_masks:
-        check_against_masks(integration.recording, decisions, where)
-        return integration
+    check_against_masks(integration.recording, strokes, str(options.strokes))
     with ProgressBar(integration.recording.name) as bar:
-        return segmented(integration, prepare(integration, bar.show).solve(decisions))
+        done = integrate(
+            integration, options.out, base_from_camera=base_from_camera, strokes=strokes, progress=bar.show
+        )
+    for line in told(done.outcome):
+        print(line)
+    print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")

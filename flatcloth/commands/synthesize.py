@@ -17,10 +17,8 @@ EXAMPLES = """examples:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "mesh", type=Path, metavar="MESH", help="OBJ, PLY or GLB, in the pose in which it hangs"
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to make")
+    parser.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, PLY or GLB, in its hanging pose")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to write")
     parser.add_argument("--name", help="title of the recording (default: the folder's name)")
     _add_hanging(parser.add_argument_group("the item"))
     _add_camera(parser.add_argument_group("the camera"))
@@ -37,14 +35,14 @@ def _add_hanging(group: argparse._ArgumentGroup) -> None:
     held = group.add_mutually_exclusive_group()
     held.add_argument(
         "--held", type=float, nargs=3, metavar=("X", "Y", "Z"),
-        help="point it is held at, in the file's frame and unit (default: the highest vertex)",
+        help="held point, in the file's frame and unit (default: the highest vertex)",
     )  # fmt: skip
-    held.add_argument("--held-vertex", type=int, metavar="N", help="vertex it is held at, counted from 0")
+    held.add_argument("--held-vertex", type=int, metavar="N", help="held vertex, counted from 0")
     group.add_argument(
-        "--balance", action="store_true", help="turn the mesh, stiff, until it hangs below the held point"
+        "--balance", action="store_true", help="rotate the mesh rigidly so that it hangs below the held point"
     )
     group.add_argument("--panel", default="1", help="side of interest: front, back, or 1 or 2 (default: 1)")
-    group.add_argument("--inside-out", action="store_true", help="the faces of the file look inwards")
+    group.add_argument("--inside-out", action="store_true", help="the faces of the file point inwards")
     group.add_argument(
         "--texture", choices=("checker", "floral", "stripes", "plain", "mesh"),
         help="generated pattern, or the mesh's own colors (default: its own if it has any, else checker)",
@@ -53,11 +51,22 @@ def _add_hanging(group: argparse._ArgumentGroup) -> None:
 
 def _add_camera(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--distance", type=float, default=0.85, metavar="M", help="from the turning axis (default: 0.85)"
+        "--distance",
+        type=float,
+        default=0.85,
+        metavar="M",
+        help="distance from the turning axis (default: 0.85)",
     )
-    group.add_argument("--step", type=float, default=10.0, metavar="DEG", help="between views (default: 10)")
     group.add_argument(
-        "--size", type=int, nargs=2, default=(480, 848), metavar=("W", "H"), help="pixels (default: 480 848)"
+        "--step", type=float, default=10.0, metavar="DEG", help="angle between views (default: 10)"
+    )
+    group.add_argument(
+        "--size",
+        type=int,
+        nargs=2,
+        default=(480, 848),
+        metavar=("W", "H"),
+        help="image size in pixels (default: 480 848)",
     )
     group.add_argument("--focal", type=float, default=425.0, metavar="PX", help="focal length (default: 425)")
     group.add_argument(
@@ -67,22 +76,32 @@ def _add_camera(group: argparse._ArgumentGroup) -> None:
 
 def _add_errors(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--noise", choices=("none", "d435"), default="none", help="of the sensor (default: none)"
+        "--noise", choices=("none", "d435"), default="none", help="sensor noise (default: none)"
     )
     group.add_argument(
-        "--angle-error", type=float, default=0.0, metavar="DEG", help="deviation of the recorded angles"
+        "--angle-error",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="standard deviation of the recorded angles",
     )
     group.add_argument(
-        "--axis-error", type=float, default=0.0, metavar="MM", help="deviation of the recorded axis"
+        "--axis-error", type=float, default=0.0, metavar="MM", help="standard deviation of the recorded axis"
     )
     group.add_argument(
-        "--swing", type=float, default=0.0, metavar="MM", help="how far its lowest point swings between views"
+        "--swing",
+        type=float,
+        default=0.0,
+        metavar="MM",
+        help="standard deviation of the lowest point from view to view",
     )
-    group.add_argument("--seed", type=int, default=0, help="of the pattern and of all errors (default: 0)")
+    group.add_argument(
+        "--seed", type=int, default=0, help="seed of the pattern and of all errors (default: 0)"
+    )
 
 
 def run(options: argparse.Namespace) -> None:
-    """Render, write, and say what was made."""
+    """Render and write the recording, and print a summary."""
     from flatcloth.synthesis.hanging import Looseness
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
 
@@ -115,5 +134,5 @@ def run(options: argparse.Namespace) -> None:
     sides = ", ".join(f"{i} {panel.name}" for i, panel in enumerate(made.panels, start=1))
     print(
         f"{made.views} views written to {made.folder}. "
-        f"Panels: {sides}; of interest: {made.panel_of_interest}."
+        f"Panels: {sides}; side of interest: {made.panel_of_interest}."
     )

@@ -22,7 +22,7 @@ EXAMPLES = """examples:
   python app.py                                    the page, on a bundled recording
   python app.py view recordings/trousers-waist-d435
   python app.py view my-recording --port 9000 --session my-session
-  python app.py view recordings/shirt-corner-d435 --live      play it as if the camera saw it now
+  python app.py view recordings/shirt-corner-d435 --live      play it as if live
   python app.py view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 
@@ -35,6 +35,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
+    )
+    parser.add_argument(
+        "--no-token",
+        action="store_true",
+        help="let every user and program of this computer use the page",
     )
     parser.add_argument(
         "--session",
@@ -52,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--fps",
         type=_fps,
         metavar="N",
-        help="with --live: frames a second to begin with (default: 30)",
+        help="with --live: initial frames per second (default: 30)",
     )
     add_camera(parser)
 
@@ -66,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:
-        raise FlatclothError("--fps is the rate of --live; give both, or neither.")
+        raise FlatclothError("--fps needs --live; give both, or neither.")
     if serve_camera(options):
         return
     integration = integration_of(options.source, options.method, source_options_of(options))
@@ -81,6 +86,7 @@ def run(options: argparse.Namespace) -> None:
             folder,
             host=options.host,
             port=options.port,
+            token=not options.no_token,
             player=LivePlayer(integration) if options.live else None,
             fps=options.fps or 30.0,
         )

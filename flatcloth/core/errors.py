@@ -22,6 +22,10 @@ class SurfaceError(FlatclothError):
     """A view shows no usable cloth surface."""
 
 
+class SegmentationError(FlatclothError):
+    """The item or its side of interest cannot be found."""
+
+
 class FlatteningError(FlatclothError):
     """A surface cannot be flattened."""
 
@@ -40,10 +44,6 @@ class IllegalDecisionError(FlatclothError):
 
 class JournalError(FlatclothError):
     """A session folder cannot be written or read, or belongs to another recording."""
-
-
-class SegmentationError(FlatclothError):
-    """The item, or its side of interest, cannot be told from the views, or a stroke is not valid."""
 
 
 class EvaluationError(FlatclothError):

@@ -56,7 +56,7 @@ def read_plain(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
     raise OSError(errno.EFBIG, f"larger than {most_bytes // 10**6} MB", str(path))
 
 
-def open_new(path: Path) -> BinaryIO:
+def open_new(path: Path, mode: int = 0o644) -> BinaryIO:
     """Create a file for writing; an existing file or link of that name is removed first.
 
     Raises
@@ -66,11 +66,11 @@ def open_new(path: Path) -> BinaryIO:
     """
     with contextlib.suppress(FileNotFoundError):
         path.unlink()
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
     return os.fdopen(fd, "wb")
 
 
-def replace_file(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
     """Write a file atomically; its content is on disk when this returns.
 
     A link of that name is replaced, not followed. After a crash the file is either the old or the new one.
@@ -82,7 +82,7 @@ def replace_file(path: Path, data: bytes) -> None:
     """
     draft = path.with_name(f".{path.name}.partial")
     try:
-        with open_new(draft) as file:
+        with open_new(draft, mode) as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

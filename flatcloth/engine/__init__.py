@@ -1,4 +1,4 @@
-"""Answers what a session asks for: views, proposals, repair, unattended runs, live mode, teaching.
+"""The computations that a session requests: views, proposals, repair, unattended runs, live, teaching.
 
-In: a recording, a configuration and documents. Out: proposals, canonical shapes and reports.
+Input: a recording, a configuration and documents. Output: proposals, canonical shapes and reports.
 """

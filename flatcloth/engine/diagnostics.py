@@ -1,7 +1,7 @@
-"""Why a proposal lies where it lies: the paper's curves and lines for it, and the edges that do not fit.
+"""Diagnostics of a proposal: the paper's curves and lines for it, and the strained edges.
 
-Computed for any method: the curves are those of the shape and of the proposed view, whatever laid it
-there. Costs a few hundredths of a second, and the flattening of the view if that was forgotten.
+They are computed for any method, from the shape and the proposed view at its placement. This takes a few
+hundredths of a second, plus the flattening of the view if it is no longer cached.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 LEAST_STRAIN = 0.04
 LEAST_OFF_M = 0.0005
 MOST_EDGES = 400
-"""An edge is strained from this share and this length on; of more than so many, the worst are told."""
+"""Smallest strain and change of length of a strained edge; at most this many are reported, worst first."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrainedEdges:
-    """Edges that the flattening left much longer or shorter than they are along the cloth (Eq. (2)).
+    """Edges whose length on the plane differs much from their length along the cloth (Eq. (2)).
 
-    ``uv_m`` (K, 2, 2) their ends on the plane of the shape, ``xyz_m`` (K, 2, 3) in the held frame;
-    ``strain`` (K,) the relative change of length, positive where the plane is longer; ``total`` counts
-    all edges.
+    ``uv_m`` (K, 2, 2) their ends on the plane of the shape, ``xyz_m`` (K, 2, 3) in the object frame;
+    ``strain`` (K,) the relative change of length, positive if longer on the plane; ``total`` the
+    number of all edges.
     """
 
     uv_m: Float64
@@ -45,16 +45,16 @@ class StrainedEdges:
 
 @dataclass(frozen=True, kw_only=True)
 class Reasons:
-    """The paper's section 4 for a pending view.
+    """The quantities of the paper's section 4 for a pending view.
 
-    ``front_view`` is the accepted view that it continues on its ``side``: the outermost there by the
-    paper's method, else the one turned least from it; ``turn_deg`` the rotation from
-    that to the proposed one (A, signed). ``curves`` are h(u) and A_z(u) of the shape at the rotation of
-    ``front_view``, on columns of that view's plane, to which ``front_from_current`` leads;
-    ``new_curves`` those of the proposed view, at its own rotation and on its own plane, from which
-    ``current_from_new`` leads. ``u_b_m``, ``a_0_deg`` and ``rotation_deg`` (unsigned) are what the paper
-    would plan there. ``correspondence`` is its initial estimate; None if there is none, and then
-    ``trouble`` says why.
+    ``front_view`` is the accepted view that it continues on its ``side``: the outermost one there by
+    the paper's method, otherwise the one with the smallest rotation to it. ``turn_deg`` is the
+    rotation from that view to the proposed one (A, signed). ``curves`` are h(u) and A_z(u) of the
+    shape at the rotation of ``front_view``, on columns of that view's plane, to which
+    ``front_from_current`` transforms. ``new_curves`` are those of the proposed view at its own
+    rotation on its own plane, from which ``current_from_new`` transforms. ``u_b_m``, ``a_0_deg`` and
+    ``rotation_deg`` (unsigned) are the paper's plan there. ``correspondence`` is its initial estimate;
+    if there is none, it is None and ``trouble`` gives the reason.
     """
 
     view_index: int
@@ -75,7 +75,7 @@ class Reasons:
 
 
 def reasons(integration: Integration, document: Document) -> Reasons:
-    """Compute the reasons for a document's pending view.
+    """Compute the diagnostics of a document's pending view.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     """
     pending = document.pending
     if pending is None:
-        raise FlatclothError("There is no proposal to give reasons for; step first.")
+        raise FlatclothError("There is no proposal to explain. Step first.")
     angles, config, axis = integration.recording.angles_deg, integration.config, integration.axis
     side, front = integration.algorithm.continued(document, pending.view_index, pending.side)
     canonical = integration.canonical(document)
@@ -128,7 +128,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
 
 
 def strained_edges(found: SurfaceEdges, most: int = MOST_EDGES) -> StrainedEdges:
-    """Return the edges that are strained most; those with an end that has no place (NaN) are left out."""
+    """Return the edges with the largest strain, without those that have an unknown end (NaN)."""
     uv_m, xyz_m, edges, length_m = found.uv_m, found.xyz_m, found.edges, found.length_m
     flat = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
     off = flat - length_m

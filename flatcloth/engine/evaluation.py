@@ -1,4 +1,4 @@
-"""A flattened result against the ground truth of a synthetic recording."""
+"""Comparison of a flattened result with the truth of a synthetic recording."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class TrueView(Protocol):
 
     @property
     def flat_uv_m(self) -> Float32:
-        """(H, W, 2) true place on the plane."""
+        """(H, W, 2) true position on the plane."""
         ...
 
 
 class Truth(Protocol):
-    """Truth of a recording: one :class:`TrueView` a view."""
+    """Truth of a recording: one :class:`TrueView` per view."""
 
     panel_of_interest: int
 
@@ -55,14 +55,15 @@ class Truth(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """The figures of one result.
+    """The errors of one result.
 
     ``absolute_*`` after one rigid fit trimmed at 10 %, ``relative_*`` of the distance between pairs
     truly 20 to 200 mm apart, in mm; ``*_far_share`` beyond 20 mm; ``wrong_side_share`` of pixels
     that are not on the outer face of the panel of interest; ``coverage`` of the reachable cells.
-    Where the result says how sure each place is: ``firm_share`` of the pixels with a standard
-    deviation of 10 mm or less, their absolute errors, and ``within_3_std_share`` of all pixels whose
-    error is at most three standard deviations plus 1 mm; else NaN.
+    If the result has a placement uncertainty: ``firm_share`` of the pixels are reliable, with a
+    standard deviation of at most 10 mm; ``firm_*`` are their absolute errors; and
+    ``within_3_std_share`` is the share of all pixels whose error is at most three standard
+    deviations plus 1 mm. Otherwise these are NaN.
     """
 
     absolute_median_mm: float
@@ -84,10 +85,11 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """An evaluation with what a picture of it needs.
+    """An evaluation with the data for a picture of it.
 
-    ``flat_uv_m`` (K, 2) where the pixels were put, moved onto the truth; ``true_uv_m`` (K, 2);
-    ``rgb`` (K, 3); ``reachable_cells`` and ``placed_cells`` (R, C) with ``cell_origin_uv_m``.
+    ``flat_uv_m`` (K, 2) the pixels of the result, aligned to the truth; ``true_uv_m`` (K, 2) their
+    true positions; ``rgb`` (K, 3); ``reachable_cells`` and ``placed_cells`` (R, C) with
+    ``cell_origin_uv_m``.
     """
 
     evaluation: Evaluation
@@ -105,18 +107,18 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     Parameters
     ----------
     view : FlattenedView
-        The result; truth is looked up at its ``view_index`` and ``source_rc``.
+        The result; the truth is read at its ``view_index`` and ``source_rc``.
     truth : Truth
         The truth of the recording.
     recording : Recording
-        Its masks say which cells were reachable.
+        Its masks define the reachable cells.
     seed : int
-        Of the random pairs.
+        Seed of the random pairs.
 
     Raises
     ------
     EvaluationError
-        If no pixel of the result has a truth.
+        If no pixel of the result has a true position.
     """
     looked_up = _look_up(view, truth)
     known = np.isfinite(looked_up[:, 0])
@@ -156,7 +158,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
 
 
 def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
-    """Return the figures of the places' standard deviations, if the result has any."""
+    """Return the evaluation of the placement uncertainty, if the result has one."""
     if view.placement_std_m is None:
         return {}
     std_mm = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
@@ -175,9 +177,9 @@ def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, 
 
 
 def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:
-    """Return points (N, 2) moved onto the target rigidly (no mirror, no scale) so that 90 % fit best.
+    """Return points (N, 2) moved rigidly (no mirror, no scale) onto the target so that 90 % fit best.
 
-    Each round fits the pixels that the last one left nearest; it ends when they stay the same.
+    Each round fits the pixels that were nearest after the previous one, until these no longer change.
     """
     kept = np.ones(len(points), dtype=bool)
     moved = points
@@ -210,7 +212,7 @@ def relative_errors_m(points: Float64, target: Float64, random: np.random.Genera
 
 
 def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
-    """Return the largest connected piece of the cells seen in any mask, 2x2 opened, and its origin (2,)."""
+    """Return the largest connected set of cells seen in any mask, opened by 2x2, and its origin (2,)."""
     seen: list[Float64] = []
     for n in range(len(recording)):
         true, mask = truth[n], recording[n].mask
@@ -227,7 +229,7 @@ def reachable_cells(recording: Recording, truth: Truth) -> tuple[Bool, Float64]:
     opened = ndimage.binary_opening(grid, np.ones((2, 2), dtype=bool))
     labels, count = ndimage.label(opened)
     if count == 0:
-        raise EvaluationError("The masks show no connected piece of the side of interest.")
+        raise EvaluationError("The masks contain no connected area of the side of interest.")
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     largest: Bool = labels == sizes.argmax()
@@ -287,7 +289,7 @@ def of_interest(true: TrueView, panel: int) -> Bool:
 
 
 def bilinear_on_layer(flat: Floats, rc: Floats, layer_m: float = 0.02) -> Float32:
-    """Interpolate (H, W, 2) at (N, 2), without neighbours of another layer; NaN where the nearest is."""
+    """Interpolate (H, W, 2) at (N, 2) within the nearest pixel's layer; NaN where that pixel is NaN."""
     rows, cols = flat.shape[:2]
     row, col = np.rint(rc).astype(int).T
     nearest = flat[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]

@@ -1,8 +1,8 @@
-"""Views that come again: later decisions on a changed shape, skipped views, views to place by hand.
+"""Views that are placed again: later decisions on a changed shape, skipped views, views placed by hand.
 
-A later decision follows a changed one. A placement that the method found is found anew on the
-changed shape; one that was set by hand is carried along. It holds if it fits about as well as when
-it was accepted, or well enough to be accepted unattended; else the operator is asked again.
+A later decision follows a changed one. A placement found by the method is computed again on the changed
+shape; one set by hand moves with the shape. It is kept if it fits about as well as when it was accepted,
+or well enough for unattended acceptance; otherwise the operator decides again.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from flatcloth.methods.base import Alignment, AlignmentScore, ComponentPlacement
 from flatcloth.session.machine import Document, Followed, Side
 
 _MOST_LOSS = 0.1
-"""A score that has fallen by more than this is told to the operator."""
+"""A larger decrease of the score is reported to the operator."""
 _GAP_M = 0.02
 
 
 def follow(
     method: Method, document: Document, token: int, accept_score: float, progress: Progress
 ) -> Followed:
-    """Answer where the next later view of a document lies.
+    """Return the placement of a document's next later view as an answer.
 
     Parameters
     ----------
     method : Method
-        How views are laid on the shape.
+        The method that places views on the shape.
     document : Document
-        With the changed decision, and the later ones.
+        Has the changed decision and the later ones.
     token : int
-        Of the request.
+        Token of the request.
     accept_score : float
-        Unattended, a placement with this score is accepted.
+        Smallest score that is accepted unattended.
     progress : callable
-        Told how far the work is; may raise ``CancelledError``.
+        Called with the progress of the work; may raise ``CancelledError``.
     """
     later = document.later[0]
     decision = later.decision
@@ -55,13 +55,13 @@ def follow(
     before = math.inf if decision.score is None else decision.score - _MOST_LOSS
     if score >= min(accept_score, before):
         return Followed(token, view, motion, score, component)
-    was = "" if decision.score is None else f", it was {decision.score:.2f}"
-    why = f"No longer sure after the change: its score is {score:.2f} now{was}."
+    was = "" if decision.score is None else f", before it was {decision.score:.2f}"
+    why = f"Its score after the change is {score:.2f}{was}."
     return Followed(token, view, motion, score, component, holds=False, why=why)
 
 
 def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
-    """Choose the next view; when the others are done, one that was skipped, the longest ago first."""
+    """Choose the next view; after all others, a skipped one, beginning with the one skipped first."""
     chosen = plan(document)
     for skipped in document.skipped:
         if chosen.view_index is not None:
@@ -73,10 +73,10 @@ def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
 
 
 def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placement:
-    """Lay the first part of a view beside the shape, at one side of it, for the operator to place by hand.
+    """Place the first component of a view beside the shape, for placement by hand.
 
-    Upright as it was seen: both planes have their ``v`` along the turning axis. ``parts`` by their
-    numbers; each may be taken instead.
+    It stays upright: both planes have their ``v`` along the turning axis. ``parts`` are by their
+    number; another one may be taken later.
     """
     component, part = next(iter(parts.items()))
     left, top, right, bottom = _extent_m(shape)

@@ -1,13 +1,15 @@
-"""The same session, headless: a policy decides instead of an operator."""
+"""A session without an operator: a policy decides."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from flatcloth.core.strokes import Decision as Stroke
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.engine.integration import Integration
+from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -25,22 +27,22 @@ from flatcloth.session.machine import (
 
 
 class Policy(Protocol):
-    """Decides about the pending proposal of a state."""
+    """Decides about the pending proposal."""
 
     def __call__(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-        """Return the verdict, or move the proposal to another place first."""
+        """Return the verdict, or first move the proposal to another placement."""
         ...
 
 
 CONTRADICTS = "contradicts the other views"
-"""Reason of an automatic refusal: the joint flattening with this view comes out strained."""
+"""Reason of an automatic rejection: the joint flattening with this view is strained."""
 
 
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-    """Accept what agrees well enough; refuse the rest as unsure, so that it may be tried again later.
+    """Accept proposals with a sufficient score; reject the others as unsure, to be tried again later.
 
-    If the other views contradict the placement once it is accepted (:meth:`Method.is_contradicted`), the
-    next best hypothesis is tried, if its score suffices, and then the view is refused.
+    If the other views contradict an accepted placement (:meth:`Method.is_contradicted`), the next best
+    hypothesis with a sufficient score is tried; if there is none, the view is rejected.
     """
     pending = state.document.pending
     assert pending is not None
@@ -59,7 +61,7 @@ def accept_by_score(integration: Integration, state: SessionState) -> Accept | R
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What was decided about one proposal: its view, the verdict, its score, and why if it was refused."""
+    """A decision about a proposal: its view, the verdict, its score, and the reason of a rejection."""
 
     view_index: int
     accepted: bool
@@ -74,18 +76,18 @@ class Run:
     Parameters
     ----------
     integration : Integration
-        What computes.
+        Computes the answers.
     session : Keeper
-        Owns the state, new or resumed, and records every command and answer.
+        Owns the state, new or resumed, and records all commands and answers.
     policy : Policy
         Decides about proposals.
     watch : callable
-        Told every command and answer once it is recorded, in order.
+        Called with every command and answer after it was recorded, in order.
 
     Attributes
     ----------
     decisions : list of Decision
-        What was decided here, in order.
+        The decisions of this run, in order.
     """
 
     integration: Integration
@@ -96,17 +98,25 @@ class Run:
 
     @property
     def state(self) -> SessionState:
-        """The session as it stands."""
+        """The present state of the session."""
         return self.session.state
 
+    def paint(self, strokes: Sequence[Stroke]) -> None:
+        """Make these decisions about sides first, but for those the session begins with already."""
+        for n, stroke in enumerate(strokes):
+            made = self.state.document.strokes
+            if n >= len(made) or made[n] != stroke:
+                self._do(paint(stroke))
+
     def finish(self, progress: Progress = no_progress) -> SessionState:
-        """Integrate until nothing more is to be had, and return the final state.
+        """Integrate until no view can add anything, and return the final state.
 
         Raises
         ------
         FlatclothError
             If no start view can be flattened.
         """
+        self.integration.algorithm.is_unattended = True
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:
@@ -147,7 +157,7 @@ class Run:
 
 
 def _share_done(integration: Integration, state: SessionState) -> float:
-    """Share of the turn that is covered: the honest measure while the number of views is open."""
+    """Share of the turn that is covered, as the final number of views is unknown."""
     if state.document.start_view is None:
         return 0.0
     return min(1.0, sum(turn for _, turn in integration.fronts(state.document).values()) / 360.0)

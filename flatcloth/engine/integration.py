@@ -1,43 +1,38 @@
-"""Computes what a session asks for, and remembers it: frames, flattened views, proposals, shapes.
+"""Computes and caches what a session requests: frames, flattened views, proposals, shapes.
 
-The session holds only decisions and rigid motions; everything heavy is derived from them here and
-cached (the canonical view by the prefix of accepted placements), so undo is exact and cheap. All
-methods may be called from several threads.
+The session contains only decisions and rigid motions. Everything heavy is computed here and cached (the
+canonical view by the list of accepted placements), so undo is exact and cheap. All methods may be called
+from several threads.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
-from flatcloth.core.cache import Cache, ReadAhead
+from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
-from flatcloth.core.errors import AlignmentError, FlatclothError, FlatteningError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.errors import (
+    AlignmentError,
+    FlatclothError,
+    FlatteningError,
+    SurfaceError,
+)
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
-    Float32,
-    Float64,
     Progress,
-    RgbdFrame,
-    RotationAxis,
-    Uint8,
     no_progress,
 )
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import Reach, reach
-from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place
-from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.session.machine import (
     Document,
     Event,
@@ -50,27 +45,16 @@ from flatcloth.session.machine import (
     Started,
 )
 
-_MIB = 1 << 20
 _LIKELY_ROTATION_DEG = 30.0
 _VIEWS_AHEAD = 6
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewCloud:
-    """Foreground points of one view: ``xyz_m`` (N, 3) held frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
-
-    view_index: int
-    xyz_m: Float32
-    rgb: Uint8
-    of_interest: Bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """A view laid on the canonical shape.
+    """A view placed on the canonical shape.
 
-    ``placing`` is where the method lays which part of it, and why; ``plan`` is None for a view that
-    the operator chose.
+    ``placement`` is the method's placement of one component, with its reasons; ``plan`` is None for a
+    view that the operator chose.
     """
 
     view_index: int
@@ -80,37 +64,35 @@ class Proposal:
 
     @property
     def component(self) -> int:
-        """The connected part of the view that was laid on."""
+        """The component of the view that is placed."""
         return self.placement.component
 
     @property
     def alignment(self) -> Alignment:
-        """How that part was laid on."""
+        """The alignment of that component."""
         return self.placement.alignment
 
 
-class Integration:
-    """One recording, one configuration, one method, and all that is derived from them.
+class Integration(RecordedViews):
+    """A recording, a configuration and a method, and everything computed from them.
 
     Parameters
     ----------
     recording : Recording
         The views.
     config : Config, optional
-        The numbers of the method; by default the method's own.
+        The method's parameters; by default its own.
     method : str, optional
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
+    segmenter : Segmenter, optional
+        Finds the side of interest where the recording has no masks; without it, all of the item is.
 
     Attributes
     ----------
     algorithm : Method
-        The method, made for this recording and axis.
-    axis : RotationAxis
-        Turning axis, held frame; estimated if the recording has none.
-    held_point_m : (3,) float64
-        Where the item is held.
+        The method, made for this recording, axis and masks.
     notes : tuple of str
-        What the operator must know about this recording.
+        Remarks on this recording for the operator.
 
     Raises
     ------
@@ -118,94 +100,45 @@ class Integration:
         If the method is unknown.
     """
 
-    def __init__(self, recording: Recording, config: Config | None = None, method: str | None = None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        config: Config | None = None,
+        method: str | None = None,
+        segmenter: Segmenter | None = None,
+    ) -> None:
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
-        self.recording = recording
-        self.config = config or self._kind.default_config()
         self.method = entry.name
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
-        self._ahead = ReadAhead(self.frame)
-        hanging = resolve_axis(recording, self.frame, self.config.surface)
-        self.held_point_m: Float64 = hanging.held_point_m
-        self.notes = (*_notes(recording), *getattr(recording, "notes", ()), *hanging.notes)
-        self.turn_about(hanging.axis)
+        super().__init__(recording, config or self._kind.default_config(), segmenter)
+        self.notes = (*_notes(self), *getattr(recording, "notes", ()), *self.axis_notes)
 
-    def turn_about(self, axis: RotationAxis) -> None:
-        """Take another turning axis, held frame; what was derived with the last one is forgotten.
-
-        To be called while no other thread computes.
-        """
-        self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
-        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+    def derive_anew(self) -> None:
+        """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
-
-    def axis_agreement(self) -> str:
-        """Say in a sentence how well the views agree about the present axis."""
-        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
-
-    # ---------------------------------------------------------------- single views
-
-    def frame(self, view_index: int) -> RgbdFrame:
-        """Read a view; the last few are kept."""
-        return self._frames.get(view_index, lambda: self.recording[view_index])
-
-    def cloud(self, view_index: int) -> ViewCloud:
-        """Return the foreground points of a view, held frame."""
-        return self._clouds.get(view_index, lambda: self._cloud(view_index))
-
-    def flattening(self, view_index: int) -> Flattening:
-        """Return a view's flattened view with its intermediates.
-
-        Raises
-        ------
-        SurfaceError, FlatteningError
-            If the view shows too little; the same error again at the next call, without the work.
-        """
-        made = self._flattenings.get(view_index, lambda: self._flatten(view_index))
-        if isinstance(made, FlatclothError):
-            raise made
-        return made
-
-    def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one connected part of a view's flattened view, the largest being 0."""
-        components = self.flattening(view_index).components
-        if not 0 <= component < len(components):
-            raise FlatclothError(f"View {view_index} has {len(components)} parts, none numbered {component}.")
-        return components[component].view
-
-    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
-        """Return the observed area of the side of interest in each view (n_views,)."""
-        areas = np.zeros(len(self.recording))
-        for n in range(len(areas)):
-            progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
-            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
-            frame = self.frame(n)
-            areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
-        return areas
 
     # ---------------------------------------------------------------- the shape
 
     @property
     def accept_score(self) -> float:
-        """Unattended, a proposal with a lower score is refused."""
+        """Smallest score of a proposal that is accepted unattended."""
         return self.algorithm.accept_score
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view of a document's accepted views (remembered).
+        """Return the canonical view of a document's accepted views (cached).
 
         Raises
         ------
         FlatclothError
-            If the session has no start view yet.
+            If the session has no start view.
         """
+        self.segment(document.strokes)
         return self.algorithm.canonical(document)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
-        """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
+        """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
         return fronts(document, self.recording.angles_deg)
 
     def plan(self, document: Document) -> Plan:
@@ -215,7 +148,7 @@ class Integration:
     # ---------------------------------------------------------------- proposals
 
     def proposal(self, document: Document) -> Proposal:
-        """Return the proposal behind a document's pending view; computed again after a resume."""
+        """Return the proposal of a document's pending view; after resuming it is computed again."""
         pending = document.pending
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
@@ -223,7 +156,7 @@ class Integration:
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
-        """Return the pending view, rastered on the current plane at the placement in force."""
+        """Return the pending view, rasterised on the current plane at its effective placement."""
         pending = document.pending
         assert pending is not None
         placed = pending.view_index, pending.component, pending.current_from_new
@@ -233,7 +166,7 @@ class Integration:
         )
 
     def new_points(self, document: Document) -> Bool:
-        """Return (H, W) of :meth:`overlay`: where it lies beyond the canonical view."""
+        """Return the pixels (H, W) of :meth:`overlay` that lie beyond the canonical view."""
         overlay, current = self.overlay(document), self.canonical(document).view
         rc = np.rint(current.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
         inside = ((rc >= 0) & (rc < current.shape)).all(axis=1)
@@ -244,34 +177,35 @@ class Integration:
         return fresh
 
     def score(self, document: Document) -> AlignmentScore:
-        """Score the placement in force, nudges included."""
+        """Score the effective placement, with the operator's nudges."""
         pending = document.pending
         assert pending is not None
         return self.algorithm.score(document, pending.view_index, pending.component, pending.current_from_new)
 
     def reach(self, document: Document) -> Reach:
-        """Return how the placement in force fits, and what refining it from there reaches."""
+        """Return the scores of the effective placement and of its refinement."""
         return reach(self.algorithm, document)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
-        """Do the work that a session asked for.
+        """Compute the answer to a session's request.
 
         Parameters
         ----------
         document : Document
-            The session's document when it asked.
+            The session's document at the time of the request.
         request : Request
-            What it asked for.
+            The requested work.
         progress : callable
-            Told how far the work is; may raise ``CancelledError``.
+            Called with the progress of the work; may raise ``CancelledError``.
 
         Raises
         ------
         FlatclothError
-            If the work fails; report it, then answer the session with ``Failed``.
+            If the computation fails; report it, then answer the session with ``Failed``.
         CancelledError
-            Whatever ``progress`` raised.
+            If ``progress`` raised it.
         """
+        self.segment(document.strokes, progress)
         if request.kind == "start":
             view = self._start_view(progress) if request.view_index is None else request.view_index
             progress(0.9, f"flattening view {view}")
@@ -296,19 +230,19 @@ class Integration:
             if folded_share <= self.config.flattening.max_folded_share:
                 return int(view)
         raise FlatteningError(
-            f"{self.recording.location}: no view shows enough cloth that flattens without folds. "
+            f"{self.recording.location}: no view shows enough cloth that can be flattened without folds. "
             "Check depth and masks."
         )
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:
-        """Propose the planned view; a view that cannot be flattened or aligned is passed over."""
+        """Propose the planned view; a view that cannot be flattened or aligned is left out."""
         tried: list[str] = []
         passed = set(document.rejected)
         while True:
             progress(0.05, "choosing the rotation")
             plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
-                reason = plan.reason + (" Passed over: " + " ".join(tried) if tried else "")
+                reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return NothingMore(token, reason)
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
@@ -324,7 +258,7 @@ class Integration:
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:
             proposal = self._unaligned(document, view_index, side, error)
-            return self._proposed(document, token, proposal, f"{error} It lies beside the shape to be moved.")
+            return self._proposed(document, token, proposal, f"{error} Move it from beside the shape.")
         return self._proposed(document, token, proposal)
 
     def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
@@ -336,7 +270,7 @@ class Integration:
     def _unaligned(
         self, document: Document, view_index: int, side: Side | None, error: AlignmentError
     ) -> Proposal:
-        """Lay the largest part that is not folded beside the shape; if all are, by hand is no help."""
+        """Place the largest component without folds beside the shape; raise if all are folded."""
         most = self.config.flattening.max_folded_share
         components = enumerate(self.flattening(view_index).components)
         parts = {n: component.view for n, component in components if component.folded_share <= most}
@@ -353,7 +287,7 @@ class Integration:
         return Proposal(view_index=view_index, side=side, plan=plan, placement=placement)
 
     def _read_ahead_of(self, view_index: int) -> None:
-        """Decode the views that a next rotation from this one may lead to, the likeliest first."""
+        """Decode the views that a rotation from this one may lead to next, the likeliest first."""
         angles = np.asarray(self.recording.angles_deg)
         turn = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
@@ -374,42 +308,24 @@ class Integration:
             why,
         )
 
-    def _flatten(self, view_index: int) -> Flattening | FlatclothError:
-        config = self.config
-        try:
-            surface = observe_item(self.frame(view_index), self.axis, config.surface)
-            return flatten(
-                surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
-            )
-        except (SurfaceError, FlatteningError) as error:
-            return error
-
-    def _unusable(self) -> set[int]:
-        return {cast("int", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)}
-
-    def _cloud(self, view_index: int) -> ViewCloud:
-        frame = self.frame(view_index)
-        shown = foreground_mask(frame, self.axis, self.config.surface)
-        held = held_from_camera(self.axis, frame.angle_deg)
-        xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
-        of_interest = shown if frame.mask is None else frame.mask
-        return ViewCloud(
-            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
-        )
-
 
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:
     return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))
 
 
-def _notes(recording: Recording) -> tuple[str, ...]:
+def _notes(views: RecordedViews) -> tuple[str, ...]:
     notes = []
-    if not recording.has_masks and not hasattr(recording, "segmentation"):
+    if views.sides is not None:
         notes.append(
-            "This recording has no masks: both sides of the cloth, and what holds it, may be in the shape."
+            "This recording has no masks: the side of interest is found from the views. "
+            "Paint the cloth to correct it."
         )
-    if len(recording) == 1:
+    elif not views.recording.has_masks:
         notes.append(
-            "This recording has one view: it is flattened and can be picked, but there is nothing to add."
+            "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
+        )
+    if len(views.recording) == 1:
+        notes.append(
+            "This recording has one view: it is flattened and can be picked, but no view can be added."
         )
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""A recording played as if it were live: each frame flattened from where the last one was."""
+"""Live mode of a recording: each frame is flattened from the result of the previous one."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, RgbdFrame
-from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.views import ViewCloud
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_item
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveFrame:
-    """One frame: its flattened view (own plane, attributes in the held frame) and its cloud.
+    """One frame: its flattened view (own plane, attributes in the object frame) and its cloud.
 
-    ``flatten_ms`` is what surface and flattening took, reading not included.
+    ``flatten_ms`` is the time of surface and flattening, without reading.
     """
 
     view_index: int
@@ -28,13 +29,13 @@ class LiveFrame:
 
 
 class LivePlayer:
-    """Flattens one view after the other, warm-started; not thread-safe.
+    """Flattens views one after the other, each starting from the previous result; not thread-safe.
 
     Parameters
     ----------
     integration : Integration
-        Recording and configuration. Only the finest sampling interval is used: the last frame
-        takes the place of the coarse level.
+        Recording and configuration. Only the finest sampling interval is used: the previous frame
+        replaces the coarse level.
     """
 
     def __init__(self, integration: Integration) -> None:
@@ -46,12 +47,12 @@ class LivePlayer:
         self._last: Flattening | None = None
 
     def show(self, view_index: int) -> LiveFrame:
-        """Flatten a view, starting from the last one shown.
+        """Flatten a view, starting from the one shown before.
 
         Raises
         ------
         FlatclothError
-            If the view shows too little cloth; the next view starts anew.
+            If the view shows too little cloth; the next view then starts from its pixels.
         """
         frame = self._integration.frame(view_index)
         view, took_ms = self.flattened(frame)

@@ -1,4 +1,4 @@
-"""A camera seen live: its newest frame flattened, its cloud, and what stands for a recording of it."""
+"""Live mode of a camera: its newest frame is flattened; the camera in place of a recording."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
-from flatcloth.engine.integration import Integration, ViewCloud
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.live import LiveFrame, LivePlayer
+from flatcloth.engine.views import ViewCloud
 
 NOTHING_YET_S = 2.0
-"""A camera that shows nothing new for this long is told of, where a frame was to be flattened."""
+"""A camera that delivers no new frame for this long is reported."""
 MOST_POINTS = 25_000
-"""Of a live cloud; more would be sent 30 times a second faster than browsers take them."""
+"""Most points of a live cloud; browsers cannot receive more at 30 frames per second."""
 BEHIND_M = 0.7
-"""What is farther behind the nearest thing than this is not drawn."""
+"""Points farther than this behind the nearest one are not drawn."""
 
 
 class CameraPlayer(LivePlayer):
@@ -29,9 +30,9 @@ class CameraPlayer(LivePlayer):
     Parameters
     ----------
     integration : Integration
-        Of a :class:`CameraRecording`.
+        The integration of a :class:`CameraRecording`.
     feed : CameraFeed
-        Where the frames come from.
+        Source of the frames.
     """
 
     def __init__(self, integration: Integration, feed: CameraFeed) -> None:
@@ -40,16 +41,16 @@ class CameraPlayer(LivePlayer):
         self._shown_s: float | None = None
 
     def show(self, view_index: int) -> LiveFrame:
-        """Wait for a frame that was not shown yet, and flatten it.
+        """Wait for a new frame and flatten it.
 
         Raises
         ------
         FlatclothError
-            If none comes, or it shows too little cloth.
+            If no frame arrives, or it shows too little cloth.
         """
         seen = self._feed.newest(self._shown_s, NOTHING_YET_S)
         if seen is None:
-            raise CameraError(f"{self._feed.camera.name}: no picture has come for {NOTHING_YET_S:g} s.")
+            raise CameraError(f"{self._feed.camera.name}: no image for {NOTHING_YET_S:g} s.")
         self._shown_s = seen.time_s
         frame = seen.rgbd(self._feed.camera)
         item = look_at(frame).item
@@ -58,7 +59,7 @@ class CameraPlayer(LivePlayer):
         try:
             view, took_ms = self.flattened(replace(frame, mask=item))
         except FlatclothError as error:
-            # The remedy of a recorded view, to use another one, is none here.
+            # The remedy for recorded views, to use another one, does not apply here.
             raise SurfaceError(str(error).removeprefix("View 0: ").partition(";")[0] + ".") from error
         points, colors = cloud_of(frame)
         cloud = ViewCloud(
@@ -68,9 +69,9 @@ class CameraPlayer(LivePlayer):
 
 
 class CameraRecording:
-    """A camera as a recording of one view: the newest frame, for what wants a recording's header.
+    """A camera as a recording of one view, the newest frame, for code that needs a recording.
 
-    Its axis is the vertical of a level camera, half a metre to a metre away.
+    Its axis is the vertical of a level camera, 0.5 to 1 m away.
     """
 
     rotation_axis: RotationAxis | None = RotationAxis(
@@ -83,7 +84,7 @@ class CameraRecording:
     def __init__(self, feed: CameraFeed) -> None:
         self._feed = feed
         self.name: str = feed.camera.name
-        self.description = "what the camera sees now"
+        self.description = "live camera"
         self.location = f"camera {feed.camera.name}"
         self.intrinsics: Intrinsics = feed.camera.intrinsics
 
@@ -105,19 +106,19 @@ class CameraRecording:
             raise IndexError(f"view {view_index} of 1")
         seen = self._feed.newest(None, NOTHING_YET_S)
         if seen is None:
-            raise CameraError(f"{self.name}: no picture has come yet.")
+            raise CameraError(f"{self.name}: no image yet.")
         return seen.rgbd(self._feed.camera)
 
 
 def cloud_of(frame: RgbdFrame, most: int = MOST_POINTS) -> tuple[Float32, Uint8]:
-    """Return points (N, 3) and colors (N, 3) of what is near in a frame, camera frame.
+    """Return points (N, 3) and colors (N, 3) near the camera in a frame, camera frame.
 
     Parameters
     ----------
     frame : RgbdFrame
         A view.
     most : int
-        At most this many points, evenly thinned.
+        At most this many points, subsampled evenly.
     """
     depth = frame.depth_m
     few = depth[::8, ::8]

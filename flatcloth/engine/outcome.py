@@ -1,4 +1,4 @@
-"""The report of an unattended integration: what was accepted, what was left, and why."""
+"""The report of an unattended integration: which views were accepted or left out, and why."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.segmenting import MaskedRecording, summary
+from flatcloth.engine.segmenting import summary
 from flatcloth.registration.cameras import describe
+from flatcloth.segmentation.result import Segmentation
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
@@ -30,9 +31,9 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
     Parameters
     ----------
     integration : Integration
-        What computed.
+        The integration.
     run : Run
-        The run, finished.
+        The finished run.
     earlier : dict of int to float, optional
         Scores of views that were accepted before this run was resumed; see :func:`earlier_scores`.
     """
@@ -76,12 +77,12 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
 
 def _segmentation(integration: Integration) -> dict[str, Any]:
     """Return what the segmentation of a recording without masks found."""
-    recording = integration.recording
-    return {"segmentation": summary(recording.segmentation)} if isinstance(recording, MaskedRecording) else {}
+    found = None if integration.masks is None else integration.masks.segmentation
+    return {"segmentation": summary(found)} if isinstance(found, Segmentation) else {}
 
 
 def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
-    """Return what the registration of the views' cameras found, if the method registers them."""
+    """Return the results of the registration of the cameras, if the method registers them."""
     registered = integration.algorithm.cameras(run.state.document)
     if registered is None:
         return {}
@@ -114,7 +115,7 @@ def _number(value: float) -> float | None:
 
 
 def told(outcome: dict[str, Any]) -> list[str]:
-    """Return the report in a few lines of words."""
+    """Return the report as a few lines of text."""
     accepted = outcome["accepted"]
     scores = [a["score"] for a in accepted if a["score"] is not None]
     views = [outcome["start_view"], *(a["view_index"] for a in accepted)]
@@ -123,11 +124,11 @@ def told(outcome: dict[str, Any]) -> list[str]:
         f"({', '.join(str(v) for v in sorted(views))}), {outcome['area_cm2']:.0f} cm2."
     ]
     if scores:
-        lines.append(f"Least sure: {min(scores):.2f}.")
+        lines.append(f"Lowest score: {min(scores):.2f}.")
     if "firm_share" in outcome:
         lines.append(
-            f"Place of a pixel: {outcome['placement_std_median_mm']:.1f} mm (median standard deviation); "
-            f"{outcome['firm_share']:.0%} firm."
+            f"Placement uncertainty: {outcome['placement_std_median_mm']:.1f} mm (median std); "
+            f"{outcome['firm_share']:.0%} reliable."
         )
     if "cameras" in outcome:
         lines.append(outcome["cameras"]["found"])
@@ -135,8 +136,8 @@ def told(outcome: dict[str, Any]) -> list[str]:
         lines += [outcome["segmentation"]["text"], *outcome["segmentation"]["conflicts"]]
     if outcome["floating_cm2"]:
         areas = ", ".join(f"{area:.0f}" for area in outcome["floating_cm2"])
-        lines.append(f"Floating pieces, which nothing seen connects: {areas} cm2.")
-    lines += [f"View {view['view_index']} was left: {view['reason']}." for view in outcome["left"]]
+        lines.append(f"Floating pieces, connected by no view: {areas} cm2.")
+    lines += [f"View {view['view_index']} was left out: {view['reason']}." for view in outcome["left"]]
     lines.append(outcome["ended"])
     return lines
 
@@ -151,7 +152,7 @@ class _Kept(msgspec.Struct, frozen=True):
 
 
 def earlier_scores(folder: Path) -> dict[int, float]:
-    """Return the scores of the report in a folder, by view; none if there is no such report."""
+    """Return the scores of the report in a folder, by view; empty without a report."""
     try:
         kept = decoded(read_plain(folder / FILE), _Kept)
     except (OSError, ValueError):
@@ -160,7 +161,7 @@ def earlier_scores(folder: Path) -> dict[int, float]:
 
 
 def write_outcome(outcome: dict[str, Any], folder: Path) -> Path:
-    """Write ``outcome.json``, beside its name first, so that a crash leaves the old or the new one."""
+    """Write ``outcome.json`` atomically."""
     file = folder / FILE
     try:
         replace_file(file, json.dumps(outcome, indent=1).encode() + b"\n")

@@ -1,4 +1,4 @@
-"""Mending a placement by hand: what refinement reaches from where it lies, and pairs of points fitted."""
+"""Correction of a placement by hand: the result of refining it, and a fit to pairs of points."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from flatcloth.methods.base import AlignmentScore, Method
 from flatcloth.session.machine import Document
 
 _LEAST_SPREAD_M = 0.001
-"""Points nearer to each other than this say nothing about the turn."""
+"""Points closer together than this do not determine a rotation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """How a placement fits, and how the placement fits that refinement reaches from there.
+    """The score of a placement and of its refinement.
 
-    ``refined`` is that placement, ``current_from_new``.
+    ``refined`` is the refined placement, ``current_from_new``.
     """
 
     score: AlignmentScore
@@ -29,7 +29,7 @@ class Reach:
 
 
 def reach(method: Method, document: Document) -> Reach:
-    """Return what refining the proposal from where it lies would reach; changes nothing."""
+    """Return the result of refining the proposal from its present placement, without changing it."""
     pending = document.pending
     assert pending is not None
     view, component, motion = pending.view_index, pending.component, pending.current_from_new
@@ -43,7 +43,7 @@ def reach(method: Method, document: Document) -> Reach:
 
 @dataclass(frozen=True, kw_only=True)
 class PairFit:
-    """Pairs of points fitted: ``by`` moves the proposal; residuals (N,) in m as it lies, and moved so."""
+    """A fit to pairs of points: ``by`` moves the proposal; residuals (N,) in m before and after it."""
 
     by: Rigid2
     residual_m: Float64
@@ -51,7 +51,7 @@ class PairFit:
 
     @property
     def rms_m(self) -> float:
-        """Root mean square of the residuals that the fit reaches."""
+        """Root mean square of the residuals after the fit."""
         return float(np.sqrt(np.square(self.reached_m).mean()))
 
 
@@ -61,22 +61,22 @@ def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFi
     Parameters
     ----------
     new_uv_m : (N, 2) float64
-        Points of the proposal, where they lie on the plane now.
+        Points of the proposal at its present placement.
     shape_uv_m : (N, 2) float64
-        Where they belong.
+        Their target positions.
     weight : (N,) float64
-        Of each pair, positive; all equal: plain least squares.
+        Weight of each pair, positive.
 
     Raises
     ------
     AlignmentError
-        If there are fewer than two pairs, or the points lie on each other; tells the remedy.
+        If there are fewer than two pairs, or the points coincide; the message gives the remedy.
     """
     if len(new_uv_m) < 2:
-        raise AlignmentError("Two pairs of points or more are needed to fit; pick another pair.")
+        raise AlignmentError("A fit needs at least two pairs of points; pick another pair.")
     for points in (new_uv_m, shape_uv_m):
         if np.ptp(points, axis=0).max() < _LEAST_SPREAD_M:
-            raise AlignmentError("The points of the pairs lie on each other; pick pairs further apart.")
+            raise AlignmentError("The points of the pairs coincide; pick pairs farther apart.")
     by = fit_rigid2(new_uv_m, shape_uv_m, weight)
     return PairFit(
         by=by,

@@ -1,7 +1,6 @@
-"""Recordings without masks, in a session: the side of interest is found, and the recording has masks then.
+"""Recordings without masks: what finds their sides, and the same recordings with the masks it found.
 
-``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke);
-``MaskedRecording`` is what the rest of the program integrates.
+``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
-from flatcloth.engine.integration import Integration
+from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, check_index
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import Segmentation
@@ -102,7 +101,7 @@ class MaskedRecording:
         return replace(frame, mask=np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask)
 
 
-def prepare(integration: Integration, progress: Progress = no_progress) -> SideSolver:
+def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:
     """Look at all views of a recording, without their masks, and return what finds the sides.
 
     Raises
@@ -112,19 +111,8 @@ def prepare(integration: Integration, progress: Progress = no_progress) -> SideS
     RecordingError
         If a view cannot be read.
     """
-    frames = [integration.frame(n) for n in range(len(integration.recording))]
-    observed = observe(
-        frames, integration.axis, integration.held_point_m, integration.config, progress=progress
-    )
-    return SideSolver(observed)
-
-
-def segmented(integration: Integration, segmentation: Segmentation) -> Integration:
-    """Return an integration of the same recording, axis and method, with the masks of a segmentation."""
-    masked = MaskedRecording(integration.recording, segmentation)
-    made = Integration(masked, integration.config, integration.method)
-    made.turn_about(integration.axis)
-    return made
+    frames = [views.recorded(n) for n in range(len(views.recording))]
+    return SideSolver(observe(frames, views.axis, views.held_point_m, views.config, progress=progress))
 
 
 def check_against_masks(recording: Recording, decisions: Sequence[Decision], where: str) -> None:

@@ -1,8 +1,8 @@
 """The method stage by stage on one recording: the intermediate results of the paper's Figs. 2 and 4.
 
-Always the paper's method, with its own interpolation, whatever the session's method is. The numbers
-that a learner may play with (d, A_w, S_0) replace the configuration's in a small computation beside
-the session: frames and axis are read from it, nothing in it is changed.
+It is always the paper's method with its own interpolation, whatever the session's method is. The
+parameters that a learner may change (d, A_w, S_0) replace those of the configuration in a small
+computation beside the session, which reads the session's frames and axis and changes nothing in it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Req
 INTERVALS_PX = (4, 40)
 Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
 OVERLAP_AREAS_M2 = (0.0001, 1.0)
-"""What may be asked for; beyond, the method has nothing to show."""
+"""Ranges of the parameters; outside them the method shows nothing useful."""
 
 KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
-"""Where a pixel of the renewed view comes from: seen by one of the two only, or by both."""
+"""Origin of a pixel of the renewed view: seen by one of the two views only, or by both."""
 
 _INTERVALS_KEPT = 6
 _FLATTENINGS_KEPT = 12
@@ -53,12 +53,12 @@ _ALIGNMENTS_KEPT = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
-    """What a learner may change: the coarse interval d, the limit A_w and the overlap S_0.
+    """The parameters that a learner may change: coarse interval d, limit A_w and overlap S_0.
 
     Raises
     ------
     ConfigError
-        If one is outside of what can be shown; the message names it.
+        If one is out of its range; the message names it.
     """
 
     sampling_interval_px: int
@@ -73,16 +73,16 @@ class Parameters:
             ("S_0, the desirable overlap (m2),", self.overlap_area_m2, OVERLAP_AREAS_M2),
         ):
             if not low <= value <= high:
-                raise ConfigError(f"{name} must lie between {low:g} and {high:g}, not at {value:g}.")
+                raise ConfigError(f"{name} must be between {low:g} and {high:g}, not {value:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlatteningLesson:
     """Fig. 2: one view from its samples to its flattened view.
 
-    ``unused_pairs`` holds for each level the (K, 2) pairs of neighbours with B = 0: the way between
-    them leaves the visible surface, or cuts across a fold. ``energy`` and ``states`` of the levels
-    are those of the largest connected part.
+    ``unused_pairs`` contains for each level the (K, 2) pairs of neighbours with B = 0, whose straight
+    path leaves the visible surface or crosses a fold. ``energy`` and ``states`` of the levels are
+    those of the largest component.
     """
 
     view_index: int
@@ -97,7 +97,7 @@ class FlatteningLesson:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningLesson:
-    """Fig. 4a: the Z-angles of the flattened view, the curves, and the rotation they lead to."""
+    """Fig. 4a: the Z-angles of the flattened view, the curves, and the resulting rotation."""
 
     view_index: int
     view: FlattenedView
@@ -106,12 +106,12 @@ class PlanningLesson:
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
-    """What the search around the initial estimate looked at.
+    """The candidates of the search around the initial estimate.
 
-    ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,),
-    which holds for v as well. ``starts`` (K, 3), turn and shifts, are the places looked at in
-    detail; ``path`` (P, 3) leads from the initial estimate over the best of them to the result, and
-    ``motions`` are the placements along it. ``tried`` counts all placements that were compared.
+    ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,), which
+    are used for v as well. ``starts`` (K, 3), rotation and shifts, are the candidates of the detailed
+    search; ``path`` (P, 3) leads from the initial estimate through the best of them to the result, and
+    ``motions`` are the placements along it. ``tried`` is the number of all compared placements.
     """
 
     turns_rad: Float64
@@ -127,9 +127,9 @@ class Search:
 class AlignmentLesson:
     """Fig. 4b to g: the next view, its initial estimate, the search, and the renewed view.
 
-    ``origin`` (H, W) uint8 tells for each pixel of the renewed view which of the two views shows it:
+    ``origin`` (H, W) uint8 is for each pixel of the renewed view which of the two views shows it:
     ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none. ``planned_view`` is the view that
-    was planned first; it is not ``view_index`` if it could not be laid on.
+    was planned first; it differs from ``view_index`` if it could not be aligned.
     """
 
     planned_view: int
@@ -143,22 +143,22 @@ class AlignmentLesson:
 
     @property
     def view_index(self) -> int:
-        """The view that is added."""
+        """The added view."""
         return self.proposal.view_index
 
 
 class Teaching:
-    """Computes the stages, and remembers them; all methods may be called from several threads.
+    """Computes and caches the stages; all methods may be called from several threads.
 
     Parameters
     ----------
     integration : Integration
-        The session's; its recording, frames, axis and configuration are used.
+        The session's integration; its recording, frames, axis and configuration are used.
 
     Attributes
     ----------
     defaults : Parameters
-        Those of the session's configuration.
+        The parameters of the session's configuration.
     """
 
     def __init__(self, integration: Integration) -> None:
@@ -175,12 +175,12 @@ class Teaching:
         self._starts: Cache[int] = Cache(1)
 
     def start_view(self, progress: Progress = no_progress) -> int:
-        """Return the view the paper begins with: the one that shows most, and flattens without folds.
+        """Return the paper's start view: the one with the largest area that flattens without folds.
 
         Raises
         ------
         FlatteningError
-            If there is none.
+            If there is no such view.
         """
 
         def find() -> int:
@@ -198,7 +198,7 @@ class Teaching:
         Raises
         ------
         SurfaceError, FlatteningError
-            If the view shows too little at this interval.
+            If the view shows too little cloth at this interval.
         """
         progress(0.1, f"flattening view {view_index}")
         flattening = self._paper(parameters).flattening(view_index)
@@ -211,7 +211,7 @@ class Teaching:
     def planning(
         self, view_index: int, parameters: Parameters, progress: Progress = no_progress
     ) -> PlanningLesson:
-        """Return Fig. 4a, with one view as the current flattened view; errors as :meth:`flattening`."""
+        """Return Fig. 4a with one view as the current flattened view; errors as :meth:`flattening`."""
         progress(0.1, f"flattening view {view_index}")
         paper = self._paper(parameters)
         view = paper.flattening(view_index).view
@@ -223,19 +223,19 @@ class Teaching:
     def alignment(
         self, view_index: int, parameters: Parameters, progress: Progress = no_progress
     ) -> AlignmentLesson:
-        """Return Fig. 4b to g, with one view as the current flattened view.
+        """Return Fig. 4b to g with one view as the current flattened view.
 
         Raises
         ------
         AlignmentError
-            If no view is left to add, or none can be laid on; the message says why.
+            If no view is left to add, or none can be aligned; the message gives the reason.
         SurfaceError, FlatteningError
-            If the current view shows too little.
+            If the current view shows too little cloth.
         """
         paper = self._paper(parameters)
         document = Document(start_view=view_index)
         plan = paper.plan(document)
-        # S_0 matters only by the view that it leads to.
+        # S_0 has no effect except by the view that is chosen with it.
         key = (
             view_index,
             parameters.sampling_interval_px,
@@ -282,10 +282,10 @@ def _align(
 
 
 def paper_config(config: Config, parameters: Parameters) -> Config:
-    """Return the session's configuration with the paper's choices and the learner's numbers.
+    """Return the session's configuration with the paper's choices and the learner's parameters.
 
-    The paper lays one surface a view (no necks are cut), halves the interval once, and interpolates
-    linearly over Delaunay triangles.
+    The paper flattens a view as a single surface (no necks are cut), halves the interval once, and
+    interpolates linearly over Delaunay triangles.
     """
     coarse = parameters.sampling_interval_px
     return replace(
@@ -305,7 +305,7 @@ def paper_config(config: Config, parameters: Parameters) -> Config:
 
 
 class _SessionRecording:
-    """The session's recording, read through its memory of frames; the axis is the one in use."""
+    """The session's recording, read through its cache of frames, with the axis in use."""
 
     def __init__(self, session: Integration) -> None:
         self._session = session
@@ -327,7 +327,7 @@ class _SessionRecording:
 
 
 class _PaperIntegration(Integration):
-    """The paper's method beside a session; flattened views are recorded, and shared while d is the same."""
+    """The paper's method beside a session; its flattened views are recorded, and cached for each d."""
 
     def __init__(self, session: Integration, config: Config, flattenings: Cache[Flattening]) -> None:
         super().__init__(_SessionRecording(session), config, PaperMethod.name)
@@ -343,7 +343,7 @@ class _PaperIntegration(Integration):
 
 
 class _WatchedMatcher(Matcher):
-    """Searches exactly as its base does, and keeps what it looked at."""
+    """Searches exactly like its base class, and records the candidates."""
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         self._batches: list[tuple[Float64, Float64]] = []
@@ -370,7 +370,7 @@ class _WatchedMatcher(Matcher):
         return lowest, best
 
     def seen(self) -> Search:
-        """Return what the last search looked at."""
+        """Return the candidates of the last search."""
         offsets, cost = self._batches[0]
         turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
         _, steps = min(self._paths, key=lambda item: item[0])
@@ -388,7 +388,7 @@ class _WatchedMatcher(Matcher):
 
 
 def _unused_pairs(level: Level) -> Int32:
-    """Return the (K, 2) pairs of grid neighbours, diagonals included, that are not among the pairs."""
+    """Return the pairs (K, 2) of grid neighbours, diagonals included, that are not used."""
     points = level.points_rc
     if len(points) < 2:
         return np.zeros((0, 2), dtype=np.int32)
@@ -402,7 +402,7 @@ def _unused_pairs(level: Level) -> Int32:
 def _origin(
     renewed: Canonical, current: FlattenedView, new: FlattenedView, current_index: int, new_index: int
 ) -> Uint8:
-    """Say for each pixel of the renewed view (H, W) which of the two views shows it."""
+    """Return for each pixel of the renewed view (H, W) which of the two views shows it."""
     view = renewed.view
     seen = []
     for source, index in ((current, current_index), (new, new_index)):
@@ -414,7 +414,7 @@ def _origin(
 
 
 def _covers(source: FlattenedView, source_from_plane: Rigid2, plane: FlattenedView) -> Bool:
-    """Return where (H, W) on a plane's grid a view has cloth."""
+    """Return the pixels (H, W) of a plane's grid where a view has cloth."""
     rows, cols = np.indices(plane.shape)
     rc = np.rint(
         source.rc_from_uv(source_from_plane.apply(plane.uv_from_rc(np.stack([rows, cols], axis=-1))))

@@ -1,7 +1,7 @@
-"""Compile the numerical kernels once, so that the first start is as quick as the later ones.
+"""Compile the numerical kernels in advance, so that the first start is as fast as later ones.
 
-``python -m flatcloth.engine.warmup`` runs two small synthetic views through the whole method; numba keeps
-what it compiled beside the sources.
+``python -m flatcloth.engine.warmup`` runs the whole method on two small synthetic views; numba caches
+the compiled code beside the sources.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from flatcloth.session.machine import Accept, Propose, SessionState, Start, appl
 
 
 class TurnedCylinder:
-    """A recording of a checkered half cylinder, two views; as small as the method allows."""
+    """A recording of a checkered half cylinder with two views, as small as the method allows."""
 
     name = "cylinder"
     description = "checkered half cylinder, computed"
@@ -30,7 +30,7 @@ class TurnedCylinder:
         return len(self.angles_deg)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Render one view: the ray meets the cylinder of radius 0.12 m about the axis."""
+        """Render one view of a cylinder of radius 0.12 m about the axis by ray casting."""
         k, radius = self.intrinsics, 0.12
         y, x = (np.mgrid[0 : k.height, 0 : k.width] - np.array([k.cy, k.cx])[:, None, None]) / k.fx
         a, b = 1.0 + x * x, 0.8

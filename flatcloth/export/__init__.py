@@ -1,5 +1,5 @@
-"""What a session leaves behind: data files, an offline page, figures, an animation, a report.
+"""Files written from a session: data, an offline page, figures, an animation, a report.
 
-In: a session folder, which is only read (no lock, no change), so that one can be exported while it is open
-elsewhere. Out: files; the same session gives the same bytes.
+Input: a session folder, which is only read (not locked or changed), so that it can be exported while it is
+open elsewhere. Output: files; the same session gives identical bytes.
 """

@@ -1,4 +1,4 @@
-"""The growth of the shape as an animation: the item turns, and with each view its shape grows."""
+"""The growth of the shape as an animation: the item turns, and each accepted view extends its shape."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from flatcloth.rendering.points import Camera, camera_around, paint_points
 if TYPE_CHECKING:
     from PIL import Image as PillowImage
 
-    from flatcloth.engine.integration import ViewCloud
+    from flatcloth.engine.views import ViewCloud
 
 SUFFIXES = (".gif", ".mp4")
 
@@ -35,22 +35,24 @@ _PAPER = 255
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A frame and for how long it is shown."""
+    """A frame and its duration."""
 
     image: PillowImage.Image
     duration_ms: int
 
 
 def write_animation(session: OpenedSession, path: Path) -> None:
-    """Write the growth as an animation; the name's end chooses GIF or MP4.
+    """Write the growth as an animation; the suffix of the name selects GIF or MP4.
 
     Raises
     ------
     FlatclothError
-        If the end is neither, or the file cannot be written.
+        If the suffix is another one, or the file cannot be written.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise FlatclothError(f"{path}: an animation ends in {' or '.join(SUFFIXES)}; choose one of them.")
+        raise FlatclothError(
+            f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
+        )
     shown = list(frames(session))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +65,7 @@ def write_animation(session: OpenedSession, path: Path) -> None:
 
 
 def frames(session: OpenedSession) -> Iterator[Frame]:
-    """Make the frames one after the other."""
+    """Yield the frames in order."""
     growth, integration = session.growth, session.integration
     view = growth.view
     xyz = view.xyz_m[view.valid]
@@ -89,7 +91,7 @@ def frames(session: OpenedSession) -> Iterator[Frame]:
 def _scene(
     growth: Growth, camera: Camera, cloud: ViewCloud, angle_deg: float, order: int, tinted: bool
 ) -> Uint8:
-    """Paint what the camera saw in the last view, pale, and over it the shape so far in space."""
+    """Draw the cloud of the last view in pale colors, and over it the shape so far in space."""
     image = np.full((camera.height, camera.width, 3), _PAPER, dtype=np.uint8)
     shown = growth.shown_after(order)
     pale = (0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8)
@@ -110,7 +112,7 @@ def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
 
 
 def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) -> PillowImage.Image:
-    """Set the two panes side by side, with the step in words and on a line."""
+    """Place the two panes side by side, with the step as text and on a timeline."""
     drawing = Drawing(_WIDTH, _HEIGHT)
     pane = _HEIGHT - _FOOT
     alpha = np.full((*scene.shape[:2], 1), 255, dtype=np.uint8)
@@ -152,7 +154,7 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
 
 
 def _write_gif(shown: list[Frame], path: Path) -> None:
-    """Write a GIF with one palette for all frames, so that only what changes is stored."""
+    """Write a GIF with one palette for all frames, so that only changes are stored."""
     from PIL import Image
 
     tinted, last = shown[0].image, shown[-1].image
@@ -173,17 +175,19 @@ def _write_gif(shown: list[Frame], path: Path) -> None:
 
 
 def _write_mp4(shown: list[Frame], path: Path) -> None:
-    """Write an MP4; VP9 where this OpenCV has it (browsers play it), else MPEG-4."""
+    """Write an MP4: VP9 if OpenCV supports it, because browsers play it, otherwise MPEG-4."""
     import cv2
 
-    path.write_bytes(b"")  # a place that cannot be written is told by the system, in words
+    path.write_bytes(b"")  # raises OSError with a clear text if the path cannot be written
     size = shown[0].image.size
     for code in ("vp09", "mp4v"):
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), size)
         if writer.isOpened():
             break
     else:
-        raise FlatclothError(f"{path}: this OpenCV writes no MP4; choose a name that ends in .gif.")
+        raise FlatclothError(
+            f"{path}: the installed OpenCV cannot write MP4; choose a name that ends in .gif."
+        )
     try:
         for frame in shown:
             bgr = np.asarray(frame.image)[..., ::-1]

@@ -1,8 +1,8 @@
 """Joins the page's ES modules into one script, so that a page can be a single file.
 
-Each module becomes a function that returns what it exports; its imports become reads of what the
-others returned. The modules of ``static/`` keep to the few forms of ``import`` and ``export`` that
-are understood here; anything else is an error, not a broken page.
+Each module becomes a function that returns its exports; its imports are read from the results of other
+functions. The modules of ``static/`` use only the few forms of ``import`` and ``export`` that are
+supported here; any other form is an error, not a broken page.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ _LEFT_OVER = re.compile(r"^\s*(?:import|export)\b(?!\()", re.MULTILINE)
 
 
 class BundleError(FlatclothError):
-    """The page's own scripts cannot be joined; names the script and what is not understood."""
+    """The page's scripts cannot be joined; the message names the script and the unsupported form."""
 
 
 def bundle(folder: Path, entry: str) -> str:
-    """Return one script that does what the module ``entry`` of a folder does.
+    """Return one script equivalent to the module ``entry`` of a folder.
 
     Raises
     ------
     BundleError
-        If a module is missing, imports in a circle, or uses a form that is not understood.
+        If a module is missing, is part of an import cycle, or uses an unsupported form.
     """
     made: dict[str, str] = {}
     _add(folder, entry, made, ())
@@ -43,7 +43,7 @@ def _add(folder: Path, name: str, made: dict[str, str], above: tuple[str, ...]) 
         source = (folder / name).read_text(encoding="utf-8")
     except OSError as error:
         raise BundleError(
-            f"{folder / name}: cannot be read ({error.strerror}). Install flatcloth anew."
+            f"{folder / name}: cannot be read ({error.strerror}). Reinstall flatcloth."
         ) from error
     for found in _IMPORT.finditer(source):
         _add(folder, found[2], made, (*above, name))
@@ -52,8 +52,8 @@ def _add(folder: Path, name: str, made: dict[str, str], above: tuple[str, ...]) 
     body = _EXPORT.sub(r"\1 \2", body)
     if left := _LEFT_OVER.search(body):
         line = body[left.start() :].lstrip().splitlines()[0]
-        raise BundleError(f"{folder / name}: {line[:60]!r} is a form of import or export that is not joined.")
-    # An entry may wait for something: only the module around it may, so it is no function.
+        raise BundleError(f"{folder / name}: {line[:60]!r} is an unsupported form of import or export.")
+    # Only the entry may use await at top level, so it is not wrapped in a function.
     if above:
         body = f"const {_variable(name)} = (() => {{\n{body}\nreturn {{ {', '.join(exported)} }};\n}})();"
     else:
@@ -66,5 +66,5 @@ def _variable(name: str) -> str:
 
 
 def _renamed(names: str) -> str:
-    """Return the names of an import as those of a destructuring: ``a as b`` becomes ``a: b``."""
+    """Convert the names of an import to those of a destructuring: ``a as b`` becomes ``a: b``."""
     return ", ".join(re.sub(r"\s+as\s+", ": ", name.strip()) for name in names.split(",") if name.strip())

@@ -1,4 +1,4 @@
-"""The curves h(u) and A_z(u) behind a plan (paper, Fig. 4), computed again and drawn."""
+"""The curves h(u) and A_z(u) of a plan (paper, Fig. 4), computed again and drawn."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 
 def plan_of(session: OpenedSession, decision: Decision) -> Plan | None:
-    """Return the plan behind a proposal, computed again; None if the operator chose the view."""
+    """Return the plan of a proposal, computed again; None if the operator chose the view."""
     if decision.by_hand:
         return None
     try:
         made = session.integration.plan(replace(decision.before, pending=None))
     except FlatclothError:
-        return None  # nothing is planned from such a shape any more; the decision has its picture
+        return None  # no view can be planned from this shape; the decision is shown without curves
     return made
 
 
 def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
-    """Return the side of a plan that a proposal was made for; None for methods that plan without sides."""
+    """Return the side of a plan that a proposal is for; None for methods that plan without sides."""
     pending = decision.before.pending
     if plan is None or pending is None:
         return None
@@ -43,7 +43,7 @@ def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
 
 
 def curves_of_view(session: OpenedSession, view_index: int) -> ColumnCurves:
-    """Return h(u) and A_z(u) of a view's own flattened view, at its rotation (paper, Fig. 4d)."""
+    """Return h(u) and A_z(u) of a view's own flattened view at its rotation (paper, Fig. 4d)."""
     integration = session.integration
     return column_curves(
         integration.flattening(view_index).view,
@@ -60,9 +60,9 @@ def draw_curves(
     heights: tuple[float, float, float],
     side: SidePlan | None = None,
 ) -> None:
-    """Draw h(u) over A_z(u), and what a side's plan read from them.
+    """Draw h(u) above A_z(u), with the values that a side's plan uses.
 
-    ``heights`` are where the upper plot begins, its height, and that of the lower one.
+    ``heights`` are the top of the upper plot, its height, and the height of the lower one.
     """
     top, upper, lower = heights
     limit = config.z_angle_limit_deg
@@ -98,7 +98,7 @@ def draw_curves(
 
 
 def _shade_overlap(drawing: Drawing, frame: Frame, side: SidePlan, config: PlanningConfig) -> None:
-    """Shade the columns that make up the desirable overlap S_0."""
+    """Shade the columns of the desirable overlap S_0."""
     overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
     drawing.text(frame.left + frame.width, frame.top - 12, overlap, SMALL, BLUE, "end")
     if math.isfinite(side.u_b_m):
@@ -108,7 +108,7 @@ def _shade_overlap(drawing: Drawing, frame: Frame, side: SidePlan, config: Plann
 
 
 def _below(frame: Frame, x: Floats, y: Floats) -> Float64:
-    """Return the polygon under a curve."""
+    """Return the polygon below a curve."""
     if len(x) == 0:
         return np.zeros((0, 2))
     base = frame.place(np.array([x[-1], x[0]]), np.full(2, frame.y_range[0]))

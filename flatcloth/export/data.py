@@ -1,4 +1,4 @@
-"""The files that a finished (or any) session leaves behind: arrays, picture, cloud, grasp points."""
+"""The data files of a session: arrays, picture, cloud, grasp points."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GRASPS_FORMAT = "flatcloth-grasps/1"
 
 
 class NamedPoint(Protocol):
-    """A pick: a named point of the cloth, held frame."""
+    """A pick: a named point of the cloth, object frame."""
 
     @property
     def id(self) -> int:
@@ -66,11 +66,11 @@ class NamedPoint(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class GraspFrames:
-    """What turns picks into poses, and the frames that the poses are given in.
+    """The information for grasp poses, and their frames.
 
-    ``axis`` is the turning axis (held frame), ``rotation_deg`` the rotation at which the item stands
-    for the camera's and the robot's frame, ``grips`` what the operator chose for each pick (by
-    its number), ``base_from_camera`` the hand-eye transform, None if there is none.
+    ``axis`` is the turning axis (object frame), ``rotation_deg`` the rotation of the item for the
+    camera's and the robot's frame, ``grips`` the operator's choices by the number of the pick,
+    ``base_from_camera`` the hand-eye transform, or None.
     """
 
     axis: RotationAxis
@@ -88,8 +88,8 @@ def export_shape(
 ) -> list[Path]:
     """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
-    Each floating piece goes to ``floating-1.npz`` and so on, in a plane of its own. Each file is
-    written beside its final name and then moved there, so a crash leaves either the old or the new one.
+    Each floating piece is written to ``floating-1.npz`` and so on, in a plane of its own. Files are
+    replaced atomically, so a crash leaves either the old or the new one.
 
     Raises
     ------
@@ -133,16 +133,16 @@ _MISFITS = (
     OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, SyntaxError, RuntimeError,
     MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
 )  # fmt: skip
-"""What zipfile and numpy raise for a file that is damaged or none."""
+"""Exceptions of zipfile and numpy for a damaged or invalid file."""
 
 
 def read_shape(path: Path) -> FlattenedView:
-    """Read ``flattened.npz`` back.
+    """Read a file ``flattened.npz``.
 
     Raises
     ------
     FlatclothError
-        If it is missing, damaged or of another format; the message names the file.
+        If it is missing, damaged or has another format; the message names the file.
     """
     try:
         with open_plain(path) as file, np.load(file, allow_pickle=False) as data:
@@ -155,7 +155,7 @@ def read_shape(path: Path) -> FlattenedView:
 
 
 def _shape_of(data: Any) -> FlattenedView:
-    """Return the view of an archive; raises one of ``_MISFITS`` if it holds none."""
+    """Return the view of an archive; raises one of ``_MISFITS`` if it is not valid."""
     if sum(part.file_size for part in data.zip.infolist()) > _MOST_BYTES:
         raise ValueError(f"it unpacks to more than {_MOST_BYTES / 1e9:g} GB")
     if str(data["format"]) != FORMAT:
@@ -166,10 +166,10 @@ def _shape_of(data: Any) -> FlattenedView:
         if name in data or name != "placement_std_m":
             arrays[name] = data[name]
             if arrays[name].dtype != dtype or len(size) != 2 or arrays[name].shape != (*size, *channels):
-                raise ValueError(f"{name} is of another kind or size")
+                raise ValueError(f"{name} has another type or size")
     pixel_size_m, origin = float(data["pixel_size_m"]), data["origin_uv_m"]
     if not (pixel_size_m > 0 and origin.shape == (2,) and np.isfinite([pixel_size_m, *origin]).all()):
-        raise ValueError("it has no pixel size, or no origin")
+        raise ValueError("it has no pixel size or no origin")
     return FlattenedView(
         **arrays, pixel_size_m=pixel_size_m, origin_uv_m=(float(origin[0]), float(origin[1]))
     )
@@ -204,7 +204,7 @@ def png_bytes(view: FlattenedView) -> bytes:
 
 
 def ply_bytes(view: FlattenedView) -> bytes:
-    """Return the valid pixels as a binary PLY cloud: held frame, colors, normals, and u, v on the plane."""
+    """Return the valid pixels as a binary PLY cloud: object frame, colors, normals, and u, v on the plane."""
     at = view.valid
     uv = view.uv_from_rc(np.argwhere(at))
     kinds = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -218,7 +218,7 @@ def ply_bytes(view: FlattenedView) -> bytes:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment held frame, metres; u, v on the flattened plane",
+        "comment object frame (held frame), metres; u, v on the flattened plane",
         f"element vertex {points.size}",
     ]
     header += [f"property {words[kind]} {name}" for name, kind in kinds]
@@ -226,7 +226,7 @@ def ply_bytes(view: FlattenedView) -> bytes:
 
 
 def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
-    """Return the text of ``grasps.json``."""
+    """Return the content of ``grasps.json``."""
     return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
 
 
@@ -300,7 +300,7 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
 
 
 def _matrix(motion: Rigid3) -> list[list[float | None]]:
-    """Return a rigid motion as the four rows of its matrix."""
+    """Return the four rows of a rigid motion's matrix."""
     rows = [
         [*_numbers(turn, 9), _number(float(shift))]
         for turn, shift in zip(motion.rotation, motion.translation_m, strict=True)
@@ -313,5 +313,5 @@ def _numbers(values: Floats, digits: int = 6) -> list[float | None]:
 
 
 def _number(value: float, digits: int = 6) -> float | None:
-    """Return a rounded number without a negative zero; JSON has no word for what is not finite."""
+    """Return a rounded number without a negative zero; None if it is not finite."""
     return round(value, digits) + 0.0 if math.isfinite(value) else None

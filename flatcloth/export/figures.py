@@ -36,17 +36,17 @@ _BELOW, _HEAD, _MARGIN = 46, 44, 16
 LAYER_WORDS = {
     "color": ("Color", "the color of the cloth"),
     "height": ("Height z", "the height along the turning axis"),
-    "z_angle": ("Z-angle", "the Z-angle at which each pixel was seen"),
-    "source": ("Source", "which view each pixel came from"),
-    "stretch": ("Stretch", "how much the flattening changed lengths"),
-    "incidence": ("Incidence", "how obliquely each pixel was seen"),
-    "density": ("Density", "how densely the cloth was measured"),
+    "z_angle": ("Z-angle", "the Z-angle of each pixel in its view"),
+    "source": ("Source", "the view of each pixel"),
+    "stretch": ("Stretch", "the change of lengths by flattening"),
+    "incidence": ("Incidence", "the incidence angle of each pixel"),
+    "density": ("Density", "the density of the measurement"),
 }
-"""For each layer its name, and what it shows."""
+"""The title of each layer, and its description."""
 
 
 def words_of(layer: str) -> tuple[str, str]:
-    """Return a layer's name and what it shows; its own name for one that has no words yet."""
+    """Return the title and the description of a layer, derived from its name if it has none."""
     return LAYER_WORDS.get(layer, (layer.replace("_", " ").capitalize(), f"the layer {layer}"))
 
 
@@ -65,7 +65,7 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
     Raises
     ------
     FlatclothError
-        If the folder cannot be written, or the session has nothing to show.
+        If the folder cannot be written, or the session has no shape.
     """
     made: list[Path] = []
     try:
@@ -77,13 +77,13 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
                 made.append(path)
     except OSError as error:
         raise FlatclothError(
-            f"{folder}: figures cannot be written there ({error.strerror}); choose another folder."
+            f"{folder}: figures cannot be written ({error.strerror}); choose another folder."
         ) from error
     return made
 
 
 def all_figures(session: OpenedSession) -> Iterator[Figure]:
-    """Make the figures one after the other."""
+    """Yield all figures."""
     yield from maps(session)
     yield growth(session)
     yield energy(session)
@@ -95,7 +95,7 @@ def all_figures(session: OpenedSession) -> Iterator[Figure]:
 
 
 def of_decision(session: OpenedSession, decision: Decision) -> Iterator[Figure]:
-    """Make the figures of one decision: the proposal laid on the shape, and the curves of its plan."""
+    """Yield the figures of one decision: the proposal on the shape, and the curves of its plan."""
     yield overlay(session, decision)
     side = side_of(plan_of(session, decision), decision)
     if side is not None:
@@ -106,7 +106,7 @@ def of_decision(session: OpenedSession, decision: Decision) -> Iterator[Figure]:
 
 
 def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Figure]:
-    """Make the maps of the shape, one for each layer that it has."""
+    """Yield the maps of the shape, one for each available layer."""
     view = session.growth.view
     integration = session.integration
     angles_deg = integration.recording.angles_deg
@@ -156,9 +156,9 @@ def map_drawing(
     legend_width: float = 150.0,
     marks: Sequence[tuple[float, float, str]] = (),
 ) -> Drawing:
-    """Return a picture of the plane with title, scale bar and, on its right, what its colours mean.
+    """Return a picture of the plane with a title, a scale bar and a legend on the right.
 
-    ``marks`` are places (u, v in m) with a short label each.
+    ``marks`` are points (u, v in m) with a short label each.
     """
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
@@ -198,7 +198,7 @@ def _explain(drawing: Drawing, x: float, y: float, explained: dict[str, object])
 
 
 def growth(session: OpenedSession) -> Figure:
-    """Make the chart of the shape's area after each accepted view."""
+    """Return the chart of the shape's area after each accepted view."""
     steps = session.growth.steps
     after = 1e4 * np.array([step.area_m2 for step in steps])
     before = np.concatenate([[0.0], after[:-1]])
@@ -222,7 +222,7 @@ def growth(session: OpenedSession) -> Figure:
 
 
 def energy(session: OpenedSession) -> Figure:
-    """Make the chart of the energy of Eq. (2) at each iteration, a line for each view of the shape."""
+    """Return the chart of the energy of Eq. (2) at each iteration, one line per view of the shape."""
     steps = session.growth.steps
     colors = view_colors(len(session.integration.recording))
     lines = [
@@ -234,7 +234,7 @@ def energy(session: OpenedSession) -> Figure:
     low, high = (float(every.min()), float(every.max())) if every.size else (0.1, 1.0)
     most = max(sum(len(part) for part in line) for line in lines) - 1
     drawing = Drawing(640, max(330.0, 120 + 18 * len(steps)))
-    draw_title(drawing, "Energy", "H of Eq. (2) at each iteration, the coarse interval first")
+    draw_title(drawing, "Energy", "H of Eq. (2) at each iteration, first at the coarse interval")
     frame = Frame(
         left=62, top=84, width=440, height=drawing.height - 140,
         x_range=(0.0, float(max(most, 1))), y_range=(low / 1.5, high * 1.5), log_y=True,
@@ -251,7 +251,9 @@ def energy(session: OpenedSession) -> Figure:
             start += len(part)
         key.append((color, f"view {step.view_index} ({step.angle_deg:g}\u00b0)"))
     draw_key(drawing, frame.left + frame.width + 20, frame.top, key)
-    caption = "Energy of the flattening of each accepted view; a dot marks where a sampling interval begins."
+    caption = (
+        "Energy of the flattening of each accepted view; a dot marks the start of each sampling interval."
+    )
     return Figure(name="energy", caption=caption, drawing=drawing)
 
 
@@ -259,7 +261,7 @@ def energy(session: OpenedSession) -> Figure:
 
 
 def overlay(session: OpenedSession, decision: Decision) -> Figure:
-    """Make the picture of a proposal laid on the shape as it was when it was decided about."""
+    """Return the picture of a proposal on the shape at the time of the decision."""
     integration = session.integration
     angle = integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
@@ -269,7 +271,7 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
 
 
 def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
-    """Return a proposal laid on the shape, as it was when it was decided about."""
+    """Return a proposal on the shape at the time of the decision."""
     integration, before = session.integration, decision.before
     return laid_on(
         integration.canonical(before).view, integration.overlay(before), integration.new_points(before)
@@ -277,7 +279,7 @@ def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
 
 
 def told_verdict(decision: Decision) -> str:
-    """Return the verdict in words, with reason and score."""
+    """Return the verdict as text, with reason and score."""
     words = [decision.verdict]
     if decision.verdict == ACCEPTED and decision.moved:
         words.append("moved by hand")
@@ -291,7 +293,7 @@ def told_verdict(decision: Decision) -> str:
 
 
 def plan_figure(session: OpenedSession, decision: Decision, side: SidePlan) -> Figure:
-    """Make the curves h(u) and A_z(u) of a plan, with the overlap S_0 and the Z-angle where it is reached."""
+    """Return the curves h(u) and A_z(u) of a plan, with the overlap S_0 and the Z-angle at its end."""
     drawing = Drawing(520, 420)
     draw_title(drawing, f"Plan of decision {decision.number}", side.reason)
     draw_curves(drawing, side.curves, session.integration.config.planning, (84.0, 110.0, 120.0), side)
@@ -300,7 +302,7 @@ def plan_figure(session: OpenedSession, decision: Decision, side: SidePlan) -> F
 
 
 def curves(session: OpenedSession) -> Iterator[Figure]:
-    """Make the curves h(u) and A_z(u) of each view of the shape."""
+    """Yield the curves h(u) and A_z(u) of each view of the shape."""
     for step in session.growth.steps:
         found = curves_of_view(session, step.view_index)
         if found.u_m.size < 2:

@@ -1,4 +1,4 @@
-"""Writing what is taken away: each file beside its final name first, errors in one line."""
+"""Atomic writing of exported text files, with errors of one line."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from flatcloth.core.errors import FlatclothError
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, and the folder it lies in.
+    """Write a text file, and create its folder.
 
     Raises
     ------
     FlatclothError
-        If it cannot be written; the message names it.
+        If it cannot be written; the message names the file.
     """
     draft = path.with_name(f".{path.name}.partial")
     try:

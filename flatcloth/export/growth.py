@@ -1,4 +1,4 @@
-"""How the shape grew: at which accepted view each pixel was covered first, and whose data it shows."""
+"""The growth of the shape: the accepted view that first covered each pixel, and the view it shows."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _VIEW_APART_PX = 1e5
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A view that is part of the shape, in the order in which it was accepted; the start view is step 0.
+    """A view of the shape, in the order of acceptance; the start view is step 0.
 
-    ``area_m2`` is that of the shape with it, ``added_m2`` what it added; ``decision`` is None for the
-    start view.
+    ``area_m2`` is the area of the shape with this view, ``added_m2`` its contribution; ``decision`` is
+    None for the start view.
     """
 
     order: int
@@ -46,7 +46,7 @@ class Step:
 class Growth:
     """The shape and its history.
 
-    ``view`` is the shape; ``first_step`` (H, W) int16 the step that covered each of its pixels first,
+    ``view`` is the shape; ``first_step`` (H, W) int16 the step that first covered each pixel,
     ``source_step`` (H, W) int16 the step whose view each pixel shows; both -1 off the cloth.
     """
 
@@ -56,23 +56,23 @@ class Growth:
     steps: tuple[Step, ...]
 
     def shown_after(self, order: int) -> Bool:
-        """Return (H, W): the pixels that are covered after a step."""
+        """Return the pixels (H, W) that are covered after a step."""
         shown: Bool = (self.first_step >= 0) & (self.first_step <= order)
         return shown
 
 
 def grow(integration: Integration, history: SessionHistory, progress: Progress = no_progress) -> Growth:
-    """Follow the shape of a session from its start view on.
+    """Compute the growth of a session's shape from its start view on.
 
     Raises
     ------
     FlatclothError
-        If the session has no start view yet.
+        If the session has no start view.
     """
     document = history.document
     if document.start_view is None:
         raise FlatclothError(
-            f"{history.folder}: the session has no start view yet; there is nothing to export."
+            f"{history.folder}: the session has no start view, so there is nothing to export."
         )
     views = [document.start_view, *(a.view_index for a in document.accepted)]
     shape = integration.canonical(document).view
@@ -80,7 +80,7 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
     first = source.copy()
     steps: list[Step] = []
     for order, view_index in enumerate(views):
-        progress(order / len(views), f"following the growth: {order + 1} of {len(views)} views")
+        progress(order / len(views), f"computing the growth: {order + 1} of {len(views)} views")
         earlier = integration.canonical(at_step(document, order)).view
         before_m2 = steps[-1].area_m2 if steps else 0.0
         steps.append(
@@ -100,15 +100,15 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
 
 
 def at_step(document: Document, order: int) -> Document:
-    """Return the document as it was when its shape consisted of the start view and ``order`` others."""
+    """Return the document at the time when its shape consisted of the start view and ``order`` others."""
     return replace(document, accepted=document.accepted[:order], pending=None, finished=None)
 
 
 def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:
     """Return ``target_from_source`` on the plane, from pixels that show the same image pixel.
 
-    None if the two shapes share too few. Shapes of one session lie differently: a renewed
-    one takes the orientation of the view that was added.
+    None if the shapes share too few pixels. The shapes of one session have different orientations,
+    because a renewed shape takes that of the added view.
     """
     uv_s, key_s = _measured(source)
     uv_t, key_t = _measured(target)
@@ -131,7 +131,7 @@ def _measured(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _covers(earlier: FlattenedView, shape: FlattenedView, asked: Bool) -> Bool:
-    """Return for the asked pixels (H, W) of the shape whether an earlier shape covered them (K,)."""
+    """Return for the given pixels (H, W) of the shape whether an earlier shape covered them (K,)."""
     earlier_from_shape = motion_between(shape, earlier)
     uv = shape.uv_from_rc(np.argwhere(asked))
     if earlier_from_shape is None:
@@ -144,7 +144,7 @@ def _covers(earlier: FlattenedView, shape: FlattenedView, asked: Bool) -> Bool:
 
 
 def _orders(view: FlattenedView, views: list[int]) -> Int16:
-    """Return (H, W): the order in which the view of each pixel was accepted, -1 off the cloth."""
+    """Return the order (H, W) of acceptance of each pixel's view, -1 off the cloth."""
     table = np.full(max(views) + 2, -1, dtype=np.int16)
     table[views] = np.arange(len(views), dtype=np.int16)
     known = view.valid & (view.view_index >= 0) & (view.view_index <= max(views))

@@ -1,6 +1,6 @@
 """The history of a session, read from its folder: what was proposed, what was decided, what was picked.
 
-Nothing is locked or changed. A last line that a crash cut short does not count, as when resuming.
+The folder is neither locked nor changed. As on resuming, an incomplete last line is ignored.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Decision:
 
     ``number`` counts from 1; ``time`` is that of the journal (UTC); ``before`` is the document in
     which the proposal was pending; ``by_hand`` marks a view that the operator chose; ``stands``
-    is false if it was taken back, or made again later.
+    is False if the decision was undone, or made again later.
     """
 
     number: int
@@ -57,7 +57,7 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionHistory:
-    """A session as its folder tells it; ``document`` is where it stands now."""
+    """The content of a session folder; ``document`` is its present state."""
 
     folder: Path
     recording_name: str
@@ -76,7 +76,7 @@ class SessionHistory:
 
 @dataclass(frozen=True)
 class _Made:
-    """How a document came about: the numbers of the decisions behind it, and who chose its proposal."""
+    """The origin of a document: the numbers of its decisions, and whether the operator chose its proposal."""
 
     document: Document
     standing: tuple[int, ...] = ()
@@ -85,21 +85,21 @@ class _Made:
 
 @dataclass
 class _Told:
-    """What the lines of a journal tell besides the state that they lead to."""
+    """The content of a journal in addition to the resulting state."""
 
     replay: Replay
     decisions: list[Decision] = field(default_factory=list)
     asked_by_hand: bool = False
-    # Undo and redo bring back the very same documents. They are kept, so that no identity is used twice.
+    # Undo and redo restore the same document objects. They are kept, so that no id is reused.
     made: list[_Made] = field(default_factory=list)
 
     def present(self) -> _Made:
-        """Return how the present document came about."""
+        """Return the origin of the present document."""
         document = self.replay.state.document
         return next((m for m in reversed(self.made) if m.document is document), _Made(document))
 
     def take(self, line: Line, before: _Made) -> None:
-        """Note what a line that was replayed has decided."""
+        """Process a replayed line."""
         entry, document = line.entry, self.replay.state.document
         if isinstance(entry, Propose | Reopen):
             self.asked_by_hand = entry.view_index is not None
@@ -146,7 +146,7 @@ def read_history(folder: Path) -> SessionHistory:
     Raises
     ------
     JournalError
-        If it is no session folder or is damaged; the message names the file and the line.
+        If it is not a session folder or is damaged; the message names the file and the line.
     """
     header = read_header(folder)
     told = _told(folder / JOURNAL, Replay(SessionState(n_views=header.recording.views)))
@@ -178,5 +178,5 @@ def _told(path: Path, replay: Replay) -> _Told:
     except FileNotFoundError:
         pass
     except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     return told

@@ -1,4 +1,4 @@
-"""The outline of the shape as files: SVG and DXF to cut or print at 1:1, JSON to compute with; all in mm."""
+"""The outline of the shape as a file, in mm: SVG and DXF to cut or print at 1:1, JSON for programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RULE_MM = 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class Drawing:
-    """Pieces in mm from the upper left corner of what they span, x right and y down, with its size."""
+    """Pieces in mm from the upper left corner of their bounding box, x right and y down, with its size."""
 
     name: str
     pieces: tuple[tuple[Float64, tuple[Float64, ...]], ...]
@@ -31,7 +31,7 @@ class Drawing:
 
 
 def drawing(view: FlattenedView, name: str) -> Drawing:
-    """Return the outline of a view, to be written.
+    """Return the outline of a view in mm.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def _in_mm(piece: Piece, corner: Float64) -> tuple[Float64, tuple[Float64, ...]]
 
 
 def svg(drawn: Drawing) -> str:
-    """Return an SVG whose millimetres are millimetres; with a rule of 100 mm to check a print by."""
+    """Return an SVG in true millimetres, with a rule of 100 mm to check a print."""
     width, height = (size + 2 * MARGIN_MM for size in drawn.size_mm)
     below = height + 6.0
     paths = [
@@ -85,7 +85,7 @@ def _path(polygon: Float64) -> str:
 
 
 def dxf(drawn: Drawing) -> str:
-    """Return a DXF (R12, which every CAD program reads) with closed polylines, mm, y up as CAD has it."""
+    """Return a DXF (R12, which every CAD program reads) with closed polylines, mm, y up."""
     pairs: list[tuple[int, object]] = [
         *((0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1009")),
         *((9, "$INSUNITS"), (70, 4), (9, "$MEASUREMENT"), (70, 1), (0, "ENDSEC")),
@@ -107,7 +107,7 @@ def _polyline(layer: str, polygon: Float64, height_mm: float) -> list[tuple[int,
 
 
 def polygons(drawn: Drawing) -> str:
-    """Return the pieces as JSON; ``origin_uv_mm`` is where (0, 0) lies on the flattened plane."""
+    """Return the pieces as JSON; ``origin_uv_mm`` is the position of (0, 0) on the flattened plane."""
 
     def plain(polygon: Float64) -> list[list[float]]:
         return [[round(x, 3), round(y, 3)] for x, y in polygon.tolist()]
@@ -128,20 +128,20 @@ def polygons(drawn: Drawing) -> str:
 
 
 WRITERS: dict[str, Callable[[Drawing], str]] = {".svg": svg, ".dxf": dxf, ".json": polygons}
-"""By the end of the file's name."""
+"""By the suffix of the file name."""
 
 
 def outline_text(view: FlattenedView, name: str, suffix: str) -> str:
-    """Return the outline as the text of a file with this suffix.
+    """Return the outline as text in the format of a file suffix.
 
     Raises
     ------
     FlatclothError
-        If there is no such format, or no cloth.
+        If the format is unknown, or there is no cloth.
     """
     if suffix.lower() not in WRITERS:
         known = ", ".join(WRITERS)
         raise FlatclothError(
-            f"An outline is written as {known}, not as {suffix or 'a file without an end':.20}."
+            f"An outline is written as {known}, not as {suffix or 'a file without a suffix':.20}."
         )
     return WRITERS[suffix.lower()](drawing(view, name))

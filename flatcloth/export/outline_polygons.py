@@ -1,4 +1,4 @@
-"""The outline of a flattened view: polygons around the cloth, with the holes in it."""
+"""The outline of a flattened view: polygons around the cloth and its holes."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int64
 
 _STRAIGHT_PX = 4
-"""A corner between rims that are straight this far is one of the cloth, not a step of the raster."""
+"""A corner between straight pixel edges of this length is a corner of the cloth, not a raster step."""
 _TOLERANCE_PX = 0.75
-"""The polygon stays within this of the rim of the pixels: it takes the steps away, and little else."""
+"""Largest distance of the polygon from the pixel edges: it removes the raster steps and little else."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
     """One connected piece of cloth on the plane, metres.
 
-    ``outer`` (K, 2) goes round it with the cloth on the right hand, as seen from outside; each of the
-    ``holes`` (K, 2) the other way. None of them repeats its first point.
+    ``outer`` (K, 2) runs with the cloth on its right, as seen from outside; each of the ``holes``
+    (K, 2) runs the other way. The first point is not repeated.
     """
 
     outer: Float64
@@ -30,15 +30,14 @@ class Piece:
 
     @property
     def area_m2(self) -> float:
-        """Area of the polygon, less its holes."""
+        """Area of the polygon without its holes."""
         return signed_area(self.outer) + sum(signed_area(hole) for hole in self.holes)
 
 
 def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ...]:
     """Return the pieces of cloth, the largest first.
 
-    The rim runs between the pixels that have cloth and those that have none, so areas are those of
-    the pixels.
+    The outline runs between pixels with and without cloth, so areas are those of the pixels.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ..
     Raises
     ------
     FlatclothError
-        If nothing of the view is as large.
+        If no piece is large enough.
     """
     label, _ = ndimage.label(view.valid)
     loops: dict[int, list[Float64]] = {}
@@ -67,21 +66,21 @@ def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ..
             holes = tuple(p for p in polygons if signed_area(p) < 0)
             pieces.append(Piece(outer=max(outer, key=signed_area), holes=holes))
     if not pieces:
-        raise FlatclothError("There is no cloth to draw the outline of; step first.")
+        raise FlatclothError("There is no cloth with an outline. Step first.")
     return tuple(sorted(pieces, key=lambda piece: -piece.area_m2))
 
 
 def signed_area(polygon: Float64) -> float:
-    """Return the area of a polygon (K, 2) of (u, v); positive with its inside on the right hand, v down."""
+    """Return the area of a polygon (K, 2) of (u, v); positive if its inside is on the right, v down."""
     u, v = polygon.T
     return 0.5 * float(u @ np.roll(v, -1) - v @ np.roll(u, -1))
 
 
 def _loops(valid: Bool, label: Int64) -> list[tuple[Float64, int]]:
-    """Return the closed ways along pixel rims as corners (K, 2) (row, col), and the label beside each."""
+    """Return the closed loops of pixel edges as corners (K, 2) (row, col), and the label beside each."""
     padded = np.pad(valid, 1)
     inside = padded[1:-1, 1:-1]
-    # For each side of a pixel: the neighbour there, and the rim's two corners, cloth on the right hand.
+    # For each side of a pixel: the neighbour there, and the edge's two corners, cloth on the right.
     sides = (
         (padded[:-2, 1:-1], (0, 0), (0, 1)),
         (padded[1:-1, 2:], (0, 1), (1, 1)),
@@ -108,7 +107,7 @@ def _loops(valid: Bool, label: Int64) -> list[tuple[Float64, int]]:
 
 
 def _without_steps(corners: Float64) -> Float64:
-    """Return the middles of the pixels' rims, which run straight along steps, and the true corners."""
+    """Return the midpoints of the pixel edges, which are straight along steps, and the true corners."""
     middles = (corners + np.roll(corners, -1, axis=0)) / 2.0
     along = np.roll(corners, -1, axis=0) - corners
     ahead = np.stack([np.roll(along, -n, axis=0) for n in range(_STRAIGHT_PX)])
@@ -127,7 +126,7 @@ def _step(
     way: list[tuple[int, int]],
     piece: int,
 ) -> tuple[int, int]:
-    """Go one rim on and forget it; where two pixels touch by a corner only, keep to the right hand."""
+    """Advance by one edge and remove it; where two pixels touch only at a corner, turn right."""
     choices = following[corner]
     chosen = choices[0]
     if len(choices) > 1 and len(way) > 1:

@@ -1,4 +1,4 @@
-"""The session as one HTML page that needs no server and no network: 3D and flattened, with its timeline."""
+"""A session as one HTML page without server and network: 3D and flattened view, with its timeline."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-page/1"
 MOST_AROUND = 6000
-"""Points a step of what else the camera saw; more would only make the page larger."""
+"""Points per step of the camera's surroundings; more would only enlarge the page."""
 AROUND_SPACING_M = 0.007
 
 
 @dataclass
 class _Parcel:
-    """Bytes of arrays and pictures, one after the other, with a table of where they lie."""
+    """Arrays and pictures as one sequence of bytes, with a table of their positions."""
 
     data: bytearray = field(default_factory=bytearray)
     arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def add(self, name: str, values: NDArray[Any]) -> None:
-        """Add an array, little-endian, at a place that fits its elements."""
+        """Add an array, little-endian, aligned to its elements."""
         start = self.add_bytes(
             np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).tobytes(), 4
         )
         self.arrays[name] = {"kind": values.dtype.name, "start": start, "count": int(values.size)}
 
     def add_bytes(self, data: bytes, align: int = 1) -> int:
-        """Add bytes and return where they begin."""
+        """Add bytes and return their position."""
         self.data += bytes(-len(self.data) % align)
         start = len(self.data)
         self.data += data
         return start
 
     def packed(self) -> str:
-        """Return everything compressed, as text; the same bytes each time."""
+        """Return all data compressed, as text; reproducible."""
         squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
         return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
 
@@ -65,7 +65,7 @@ _STYLES = "page/page.css", "canvas/canvas.css", "offline/offline.css"
 
 
 def page(session: OpenedSession) -> str:
-    """Return the page as HTML text, which holds all it shows."""
+    """Return the page as HTML text, with all its data."""
     parcel = _Parcel()
     history = _history(session, parcel)
     static = static_folder()
@@ -76,7 +76,7 @@ def page(session: OpenedSession) -> str:
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
-        # No text can end the element that it stands in.
+        # No text can close its own element.
         "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
         "arrays": parcel.packed(),
         "script": script,
@@ -86,7 +86,7 @@ def page(session: OpenedSession) -> str:
 
 
 def _policy(script: str, style: str) -> str:
-    """Return a policy by which the page runs its own script and loads nothing from anywhere."""
+    """Return a content security policy that allows only the page's own script and no loading."""
 
     def digest(text: str) -> str:
         return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
@@ -153,19 +153,19 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
 
 
 def _window(view: FlattenedView) -> tuple[slice, slice]:
-    """Return the part of the grid that holds cloth."""
+    """Return the part of the grid that contains cloth."""
     rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
-    """Return points as steps from a corner: finer than any sensor, and half the size."""
+    """Return points as integer steps from a corner: finer than any sensor, and half the size."""
     levels: NDArray[np.uint16] = np.rint((xyz_m - low) / step_m).clip(0, 65535).astype(np.uint16)
     return levels
 
 
 def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint8]]]:
-    """Return for each step what else its view saw, thinned to about one point in a cube of the spacing."""
+    """Return for each step the rest of its view, reduced to about one point per cube of the spacing."""
     points, colors = [], []
     for step in session.growth.steps:
         cloud = session.integration.cloud(step.view_index)
@@ -179,7 +179,7 @@ def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint
 
 
 def _half_extents_m(xyz: Float64, center: Float64, axis: RotationAxis) -> list[float]:
-    """Return how far the item reaches from its middle: across the axis (all around), and along it."""
+    """Return the extent of the item from its centre: across the axis (all around), and along it."""
     offset = xyz - center
     along = offset @ axis.direction
     across = np.linalg.norm(offset - along[:, None] * axis.direction, axis=1)

@@ -1,4 +1,4 @@
-"""A report to print: the recording, the settings, each decision, the picks, the figures; one HTML file."""
+"""A printable report: the recording, the settings, decisions, picks and figures; one HTML file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from flatcloth.rendering.drawing import Drawing, data_url, png_of
 
 
 def report(session: OpenedSession) -> str:
-    """Return the report as HTML that needs nothing else."""
+    """Return the report as self-contained HTML."""
     history = session.history
     style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
     title = f"{history.recording_name}: integration report"
@@ -70,7 +70,7 @@ def _head(session: OpenedSession) -> Iterable[str]:
         [
             (
                 "Session",
-                f"begun {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
+                f"started {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
             ),
             (
                 "Recording",
@@ -93,9 +93,9 @@ def _settings(config: Config) -> Iterable[str]:
     yield "<h2>Settings</h2>"
     changed = differences(config)
     if not changed:
-        yield "<p>All settings have their defaults.</p>"
+        yield "<p>All settings have their default values.</p>"
         return
-    yield "<p>All settings have their defaults, but these:</p>"
+    yield "<p>All settings have their default values except these:</p>"
     yield _table(
         ("setting", "here", "default"), [(name, f"{here}", f"{there}") for name, here, there in changed]
     )
@@ -105,7 +105,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
     yield "<h2>Decisions</h2>"
     decisions = session.history.decisions
     if not decisions:
-        yield "<p>Nothing was decided: the shape is the start view alone.</p>"
+        yield "<p>There are no decisions: the shape is the start view alone.</p>"
     for n, decision in enumerate(decisions):
         session.progress(n / len(decisions), f"reporting decision {n + 1} of {len(decisions)}")
         yield from _decision(session, decision)
@@ -115,7 +115,7 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
     picture = data_url(png_of(figures.laid_before(session, decision).rgba), "image/png")
     told = figures.told_verdict(decision).removeprefix(decision.verdict)
-    about = f"View {decision.view_index} laid on the shape"
+    about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
     yield f'<section class="decision{gone}">'
     yield (
@@ -146,7 +146,7 @@ def _picks(session: OpenedSession) -> Iterable[str]:
     yield "<h2>Picks</h2>"
     history = session.history
     if not history.picks:
-        yield "<p>No grasp point was picked.</p>"
+        yield "<p>There are no picks.</p>"
         return
     view, axis = session.growth.view, session.integration.axis
     rows = []
@@ -155,10 +155,10 @@ def _picks(session: OpenedSession) -> Iterable[str]:
         source = f"view {pick.view_index} @ {pick.source_rc[0]:.1f}, {pick.source_rc[1]:.1f}"
         rows.append((str(pick.id), pick.name, _vector_mm(pick.position_held_m), *_posed(pose), source))
     yield (
-        "<p>Positions in the held frame (the camera frame of view 0, the item turned back), approach along"
-        " the inward normal; one standard deviation.</p>"
+        "<p>Positions in the object frame (the camera frame of view 0, the item turned back), approach along"
+        " the inward normal; uncertainties are one standard deviation.</p>"
     )
-    head = ("no.", "name", "x y z (mm)", "approach", "axis", "opening", "known to", "measured in")
+    head = ("no.", "name", "x y z (mm)", "approach", "axis", "opening", "uncertainty", "measured in")
     yield _table(head, rows)
 
 

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class OpenedSession:
-    """A session to export; what is derived is computed when first asked for.
+    """A session for export; data are computed on first use.
 
-    ``progress`` is told how far the work is.
+    ``progress`` is called with the progress of the work.
     """
 
     history: SessionHistory
@@ -37,12 +37,12 @@ class OpenedSession:
 
     @cached_property
     def growth(self) -> Growth:
-        """The shape and how it grew."""
+        """The shape and its growth."""
         return grow(self.integration, self.history, self.progress)
 
     @property
     def view(self) -> FlattenedView:
-        """The shape, without how it grew.
+        """The shape, without its growth.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class OpenedSession:
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
     ) -> GraspFrames:
-        """Return the frames of the grasp poses; by default at the rotation at which the item stands."""
+        """Return the frames of the grasp poses; by default at the item's present rotation."""
         return frames_of(
             self.integration, self.history.document, self.history.grips, base_from_camera, rotation_deg
         )
@@ -67,7 +67,7 @@ def frames_of(
     base_from_camera: Rigid3 | None = None,
     rotation_deg: float | None = None,
 ) -> GraspFrames:
-    """Return the frames of grasp poses; by default the item stands as at the view that was looked at last."""
+    """Return the frames of grasp poses; by default at the rotation of the last viewed view."""
     standing = integration.recording.angles_deg[document.present_view or 0]
     return GraspFrames(
         axis=integration.axis,
@@ -91,20 +91,20 @@ def open_session(
     folder : Path
         The session folder.
     recording : Path, optional
-        Where its recording is now; by default where the session found it.
+        Present location of its recording; by default that of the session.
     progress : callable
-        Told how far the work is.
+        Called with the progress of the work.
     options : SourceOptions, optional
-        What the recording was opened with, if it does not tell everything itself.
+        Options that the recording was opened with, if it needs any.
 
     Raises
     ------
     JournalError
-        If the folder is no session, is damaged, or is about another recording.
+        If the folder is not a session, is damaged, or belongs to another recording.
     RecordingError
-        If the recording is not there; the message tells how to name it.
+        If the recording is missing; the message tells how to name it.
     ConfigError
-        If the session uses a method that this version does not know.
+        If the session uses a method that this version does not have.
     """
     from flatcloth.engine.integration import Integration
 
@@ -117,12 +117,12 @@ def open_session(
             raise
         raise RecordingError(
             f"{folder}: its recording {history.recording_name!r} cannot be opened ({error})"
-            " Name its present place with --recording."
+            " Give its present location with --recording."
         ) from error
     if fingerprint(opened) != history.recording_fingerprint:
         raise JournalError(
-            f"{folder}: the session is about another recording ({history.recording_name!r}) than {place}."
-            " Name the right one with --recording."
+            f"{folder}: the session belongs to another recording ({history.recording_name!r}) than {place}."
+            " Give the right one with --recording."
         )
     try:
         integration = Integration(opened, history.config, history.method)
@@ -130,28 +130,30 @@ def open_session(
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
-        integration.turn_about(axis)  # what was decided was decided with it
+        integration.turn_about(axis)  # the decisions were made with it
     return OpenedSession(history, integration, progress)
 
 
-def of_page(integration: Integration, folder: object) -> OpenedSession:
+def of_page(integration: Integration, folder: object, progress: Progress = no_progress) -> OpenedSession:
     """Return the session of an open page for export.
 
     Parameters
     ----------
     integration : Integration
-        What the page shows; safe to be used by several threads.
+        The page's integration; safe to use from several threads.
     folder : object
-        The session folder that the page writes.
+        The page's session folder.
+    progress : callable
+        Called with the progress of the work; may raise ``CancelledError``.
 
     Raises
     ------
     FlatclothError
-        If the session is not kept on disk.
+        If the session is not saved on disk.
     JournalError
-        If what is on disk cannot be read.
+        If the folder cannot be read.
     """
     path = getattr(folder, "folder", None)
     if path is None:
-        raise FlatclothError("This session is not kept on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration)
+        raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
+    return OpenedSession(read_history(path), integration, progress)

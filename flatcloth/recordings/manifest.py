@@ -87,7 +87,7 @@ def load_json(path: Path) -> Any:
     """
     try:
         return parse_json(read_text(path))
-    except ValueError as error:  # also numbers with thousands of digits
+    except ValueError as error:  # includes numbers with thousands of digits
         raise RecordingError(
             f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it at this place."
         ) from error
@@ -202,7 +202,7 @@ class _Reader:
         return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
 
     def _axis(self, given: _Axis | None) -> tuple[RotationAxis | None, float]:
-        """Return the axis, and the sense (1 or -1) in which the file's angles turn about it."""
+        """Return the axis, and the sign (1 or -1) of the file's angles about it."""
         if given is None:
             return None, 1.0
         point = self._point(given.point_m, "rotation_axis.point_m")

@@ -1,4 +1,4 @@
-"""Arrays to pictures: layers, colour maps, charts and drawings, for the viewer and the export alike.
+"""Rendering of arrays to pictures: layers, colour maps, charts and drawings, for viewer and export.
 
-In: flattened views and curves. Out: images as arrays, SVG or PNG.
+Input: flattened views and curves. Output: images as arrays, SVG or PNG.
 """

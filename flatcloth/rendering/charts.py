@@ -1,4 +1,4 @@
-"""The few charts of the exports: curves, steps and scales, drawn with plain axes."""
+"""The charts of the exports: curves, steps and scales with plain axes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIZE, SMALL = 12.0, 11.0
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A plot's place on a drawing (points) and the range of its values; ``log_y`` counts powers of ten."""
+    """A plot's rectangle on a drawing (points) and its ranges of values; ``log_y`` counts powers of ten."""
 
     left: float
     top: float
@@ -27,7 +27,7 @@ class Frame:
     log_y: bool = False
 
     def place(self, x: Floats, y: Floats) -> Float64:
-        """Return where values lie on the drawing, (N, 2)."""
+        """Return the positions of values on the drawing, (N, 2)."""
         low, high = self.y_range
         values = np.asarray(y, dtype=np.float64)
         if self.log_y:
@@ -45,7 +45,7 @@ def draw_axes(
     y_label: str,
     x_ticks: Sequence[tuple[float, str]] | None = None,
 ) -> None:
-    """Draw grid, axes, ticks and labels; the label of y stands above its axis, so that it can be read."""
+    """Draw grid, axes, ticks and labels; the label of y is above its axis, horizontal."""
     y_ticks = _powers(frame.y_range) if frame.log_y else ticks(*frame.y_range)
     for value, label in y_ticks:
         y = float(frame.place(np.array([frame.x_range[0]]), np.array([value]))[0, 1])
@@ -63,21 +63,21 @@ def draw_axes(
 
 
 def draw_key(drawing: Drawing, x: float, y: float, entries: Sequence[tuple[str, str]]) -> None:
-    """Draw a key, one (color, label) under the other."""
+    """Draw a key with one (color, label) per line."""
     for n, (color, label) in enumerate(entries):
         drawing.box(x, y + 18 * n - 9, 11, 11, color)
         drawing.text(x + 17, y + 18 * n, label, SMALL, TEXT)
 
 
 def draw_title(drawing: Drawing, title: str, about: str = "") -> None:
-    """Write the title, and beside it what it is about."""
+    """Write the title, with its explanation beside it."""
     beside = (Run(about, SIZE, SOFT),) if about else ()
     drawing.runs(16, 26, (Run(title, 15, TEXT, bold=True), *beside))
     drawing.about = f"{title}. {about}".strip()
 
 
 def draw_scale_bar(drawing: Drawing, x: float, y: float, points_per_m: float, most: float) -> None:
-    """Draw a scale bar of a round length, at most so many points long, its left end at (x, y)."""
+    """Draw a scale bar of a round length, at most ``most`` points long, with its left end at (x, y)."""
     length_m = nice_below(most / points_per_m)
     width = length_m * points_per_m
     drawing.line(np.array([(x, y - 5), (x, y), (x + width, y), (x + width, y - 5)]), TEXT, 1.5)
@@ -90,7 +90,7 @@ def draw_ramp(
     """Draw a colour scale with its ticks, the first colour at the bottom."""
     step = height / len(colors)
     for n, color in enumerate(colors):
-        # A hair higher than its share, so that no ground shows between two colours.
+        # Slightly higher than its share, so that no background shows between two colours.
         drawing.box(x, y + height - step * (n + 1) - 0.3, 14, step + 0.3, color)
     for value, label in ticks(low, high, most=6):
         at = y + height * (1 - (value - low) / (high - low if high > low else 1.0))
@@ -106,7 +106,7 @@ def bars(drawing: Drawing, frame: Frame, x: Floats, low: Floats, high: Floats, c
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[tuple[float, str]]:
-    """Return round values from low to high with their labels, at most so many and one."""
+    """Return round values from low to high with their labels, at most ``most`` + 1."""
     if not (math.isfinite(low) and math.isfinite(high)) or high <= low:
         return [(low, f"{low:g}")] if math.isfinite(low) else []
     step = nice_below((high - low) / most * 1.9999)

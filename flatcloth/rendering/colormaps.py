@@ -1,7 +1,7 @@
-"""Colour maps made in Oklab, so that equal steps of a value look equal, also to colour-blind eyes.
+"""Colour maps in Oklab, in which equal steps of a value look equal, also to colour-blind readers.
 
-Sequential and diverging maps differ in lightness as well as in hue along the blue-yellow axis,
-which the common colour deficiencies leave intact. Oklab: B. Ottosson, 2020.
+Sequential and diverging maps vary in lightness and in hue along the blue-yellow axis, which common
+colour deficiencies preserve. Oklab: B. Ottosson, 2020.
 """
 
 from __future__ import annotations
@@ -39,6 +39,21 @@ _LOSS_STOPS = (
 _SIZE = 256
 
 
+_PIECE_STOPS = (
+    (0.62, 0.13, 0.10),
+    (0.58, -0.10, 0.02),
+    (0.56, 0.10, -0.14),
+    (0.72, 0.01, 0.14),
+    (0.62, -0.06, -0.10),
+)
+"""Colours of floating pieces, far apart in hue; they repeat."""
+
+
+def piece_color(piece: int) -> Uint8:
+    """Return the colour (3,) of a floating piece, numbered from 1."""
+    return rgb_from_oklab(np.array(_PIECE_STOPS[(piece - 1) % len(_PIECE_STOPS)]))
+
+
 def rgb_from_oklab(lab: Floats) -> Uint8:
     """Return sRGB (..., 3) uint8 of Oklab colours (..., 3); out-of-gamut values are clipped."""
     to_lms = np.array(
@@ -66,7 +81,7 @@ def _table(stops: tuple[tuple[float, float, float], ...]) -> Uint8:
 
 
 def _along(stops: Float64, share: Float64) -> Float64:
-    """Return the colours (N, 3) at shares of the way through the stops in Oklab."""
+    """Return the colours (N, 3) at shares (N,) of the path through the stops in Oklab."""
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stops, axis=0), axis=1)))
     return np.stack([np.interp(share * way[-1], way, channel) for channel in stops.T], axis=-1)
 
@@ -79,7 +94,7 @@ def height_table() -> Uint8:
 
 @cache
 def diverging_table() -> Uint8:
-    """Return the (256, 3) diverging map, blue through near-white to orange; even on either side."""
+    """Return the (256, 3) diverging map, blue through near-white to orange, symmetric in lightness."""
     stops, half = np.array(_DIVERGING_STOPS), len(_DIVERGING_STOPS) // 2
     x = np.linspace(0.0, 2.0, _SIZE)
     low, high = _along(stops[: half + 1], x[x < 1.0]), _along(stops[half:], x[x >= 1.0] - 1.0)
@@ -88,19 +103,19 @@ def diverging_table() -> Uint8:
 
 @cache
 def loss_table() -> Uint8:
-    """Return the (256, 3) sequential map for what should be small: pale yellow to dark purple."""
+    """Return the (256, 3) sequential map for quantities that should be small: pale yellow to dark purple."""
     return _table(_LOSS_STOPS)
 
 
 @cache
 def gray_table() -> Uint8:
-    """Return the (256, 3) map without hue, dark to light."""
+    """Return the (256, 3) map of greys, dark to light."""
     return _table(((0.2, 0.0, 0.0), (0.97, 0.0, 0.0)))
 
 
 @dataclass(frozen=True)
 class ColorMap:
-    """A map that can be chosen: what the page calls it, and its table (256, 3) of sRGB."""
+    """A map that the user can choose: its title, and its table (256, 3) of sRGB."""
 
     title: str
     table: Callable[[], Uint8]
@@ -112,15 +127,15 @@ MAPS: dict[str, ColorMap] = {
     "diverging": ColorMap("Blue, white, orange", diverging_table),
     "gray": ColorMap("Gray", gray_table),
 }
-"""The maps for one number a pixel; equal steps of it look about equal in each."""
+"""The maps for scalar layers; each is approximately uniform."""
 
 
 @cache
 def view_colors(n_views: int) -> Uint8:
-    """Return (n_views, 3) colours in which neighbouring views differ clearly.
+    """Return (n_views, 3) colours that differ clearly between neighbouring views.
 
-    The hue goes round once with the item, so that views far apart in rotation look far apart;
-    lightness alternates over five levels, so that neighbours differ without seeing hue.
+    The hue goes round once with the item, so that views far apart in rotation have different hues;
+    the lightness alternates over five levels, so that neighbours differ also without hue.
     """
     index: Float64 = np.arange(n_views, dtype=np.float64)
     hue = 2 * np.pi * (0.7 + index / max(n_views, 1))
@@ -130,7 +145,7 @@ def view_colors(n_views: int) -> Uint8:
 
 
 def apply_table(table: Uint8, values: Floats, low: float, high: float) -> Uint8:
-    """Return the colours (..., 3) of values (...); what is not finite gets the map's first colour."""
+    """Return the colours (..., 3) of values (...); values that are not finite get the first colour."""
     span = high - low if high > low else 1.0
     share = np.clip((np.asarray(values) - low) / span, 0.0, 1.0)
     picked: Uint8 = table[np.round(np.nan_to_num(share) * (len(table) - 1)).astype(np.intp)]

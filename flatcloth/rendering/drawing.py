@@ -1,8 +1,8 @@
-"""A drawing of lines, text and pictures that becomes SVG or PNG, alike.
+"""A drawing of lines, text and pictures that can be written as SVG or PNG with the same result.
 
-A few plots need no plotting library: these go into the report and the exported page as SVG, into
-any install, and are the same bytes each time. PNG is painted by Pillow, which viser brings along,
-with the font inside it; that has no exponents and no typographic signs, so those are set by hand.
+The few plots need no plotting library: they are part of the report and the exported page as SVG, in every
+installation, with reproducible bytes. PNG is drawn by Pillow, which viser installs, with its built-in
+font; that font has no exponents and few typographic characters, which are therefore drawn specially.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ BLUE, ORANGE, GREEN, RED, PINK = "#1766c2", "#d9822b", "#1f7a4d", "#b3261e", "#d
 
 FONTS = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'DejaVu Sans', sans-serif"
 _SMOOTHING = 2
-"""PNG is painted this many times larger, and then reduced."""
+"""PNG is drawn at this scale and then reduced."""
 _GAP = 10
-"""Between two pieces of a line."""
+"""Space between two parts of a line of text."""
 _MINUS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00d7": "x", "\u2026": "..."})
 _SQUARED = "\u00b2"
 
@@ -51,7 +51,7 @@ class _Area:
 
 @dataclass(frozen=True)
 class Run:
-    """A piece of a line of text."""
+    """A part of a line of text."""
 
     text: str
     size: float = 12.0
@@ -78,9 +78,9 @@ class _Picture:
 
 @dataclass
 class Drawing:
-    """Things drawn one over the other; lengths in points, x to the right, y down.
+    """Items drawn one over the other; lengths in points, x to the right, y down.
 
-    ``about`` says in words what is seen, for those who cannot see it.
+    ``about`` is the description for readers who cannot see the drawing.
     """
 
     width: float
@@ -124,7 +124,7 @@ class Drawing:
         self.runs(x, y, (Run(text, size, color, bold),), anchor)
 
     def runs(self, x: float, y: float, runs: tuple[Run, ...], anchor: str = "start") -> None:
-        """Write several pieces of text in one line, a gap between them."""
+        """Write several parts of text in one line, with gaps between them."""
         self._items.append(_Text(x, y, runs, anchor))
 
     def picture(self, rgba: Uint8, x: float, y: float, width: float, height: float) -> None:
@@ -132,7 +132,7 @@ class Drawing:
         self._items.append(_Picture(rgba, x, y, width, height))
 
     def svg(self, paper: str | None = PAPER) -> str:
-        """Return the drawing as SVG text; ``paper`` None leaves the ground transparent."""
+        """Return the drawing as SVG text; ``paper`` None leaves the background transparent."""
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_n(self.width)} {_n(self.height)}"'
             f' width="{_n(self.width)}" height="{_n(self.height)}" role="img"'
@@ -142,13 +142,13 @@ class Drawing:
         return "\n".join([head, *ground, *(_svg(item) for item in self._items), "</svg>"]) + "\n"
 
     def png(self, scale: float = 2.0) -> bytes:
-        """Return the drawing as PNG, ``scale`` pixels a point, on white paper."""
+        """Return the drawing as PNG on white, with ``scale`` pixels per point."""
         file = io.BytesIO()
         self.paint(scale).save(file, "PNG", optimize=False)
         return file.getvalue()
 
     def paint(self, scale: float) -> PillowImage.Image:
-        """Return the drawing as a Pillow image (RGB), ``scale`` pixels a point."""
+        """Return the drawing as a Pillow image (RGB), with ``scale`` pixels per point."""
         from PIL import Image, ImageDraw
 
         size = (round(self.width * scale), round(self.height * scale))
@@ -161,7 +161,7 @@ class Drawing:
 
 
 def text_width(text: str, size: float) -> float:
-    """Return about how wide a text is."""
+    """Return the approximate width of a text."""
     return float(_font(100.0).getlength(text.translate(_MINUS).replace(_SQUARED, ""))) * size / 100.0
 
 
@@ -175,7 +175,7 @@ def png_of(rgba: Uint8) -> bytes:
 
 
 def data_url(data: bytes, kind: str) -> str:
-    """Return bytes as an address that holds them."""
+    """Return bytes as a data URL."""
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
@@ -246,7 +246,7 @@ def _svg_run(run: Run, gap: bool) -> str:
 
 
 def _write(item: _Text, pen: ImageDraw.ImageDraw, scale: float) -> None:
-    """Write a line piece by piece: exponents are small figures, raised."""
+    """Write a line part by part; exponents are small raised figures."""
     pieces: list[tuple[str, float, float, Run]] = []
     gaps: list[float] = []
     for run in item.runs:

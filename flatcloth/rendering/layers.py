@@ -1,4 +1,4 @@
-"""The pictures of a flattened view: its layers as PNG, and their legends with units."""
+"""The layers of a flattened view as PNG, and their legends with units."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ LAYERS = ("color", "height", "z_angle", "source", "stretch", "incidence", "densi
 """Names of the layers, in the order of their keys 1 to 8."""
 
 QUALITY_LAYERS = {"density": 0, "incidence": 1, "stretch": 2}
-"""Layers of the quality, with their channel in ``FlattenedView.quality``."""
+"""Quality layers and their channel in ``FlattenedView.quality``."""
 
 OWN_MAPS = {
     "height": "sequential", "z_angle": "diverging", "density": "sequential",
     "stretch": "loss", "incidence": "loss", "place": "loss",
 }  # fmt: skip
-"""The layers that are one number a pixel, and the colour map that each has by itself."""
+"""The scalar layers and their default colour maps."""
 
 Z_ANGLE_SPAN_DEG = 90.0
-"""The colours of the Z-angle end here, so that they mean the same in every view."""
+"""Fixed range of the Z-angle, so that its colours mean the same in every view."""
 
 STRETCH_SPAN = 0.10
 PLACE_SPAN_M = 0.020
 INCIDENCE_SPAN_DEG = 80.0
-"""Fixed as well; grazing surface is not flattened beyond about that."""
+"""Fixed as well; surface at larger incidence angles is not flattened."""
 
 DIFFERENCES = ("color", "height", "position")
-"""The differences between proposal and shape that can be shown."""
+"""The kinds of difference between proposal and shape."""
 
 COLOR_DIFFERENCE_SPAN = 64.0
 POSITION_DIFFERENCE_SPAN_M = 0.020
-"""Fixed, so that the colours mean the same for every proposal."""
+"""Fixed ranges, so that the colours mean the same for every proposal."""
 
 _UNKNOWN = (128, 128, 128)
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """How a layer is looked at: a colour map by name (None: the layer's own), and a window.
+    """The display settings of a layer: a colour map by name (None: the layer's own), and a window.
 
-    ``low`` and ``high`` are shares of the layer's range that get the first and the last colour; for
-    colors they are the black and the white level.
+    ``low`` and ``high`` are the shares of the layer's range with the first and the last colour; for
+    the color layer they are the black and the white level.
 
     Raises
     ------
     FlatclothError
-        If there is no such map, or the window is empty or outside 0 to 1.
+        If the map is unknown, or the window is empty or outside 0 to 1.
     """
 
     color_map: str | None = None
@@ -61,15 +61,13 @@ class Appearance:
     high: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check what came from a page."""
+        """Check the values, which come from a page."""
         if self.color_map is not None and self.color_map not in MAPS:
             raise FlatclothError(
-                f"There is no colour map {self.color_map!r:.40}; known are {', '.join(MAPS)}."
+                f"Unknown colour map {self.color_map!r:.40}; choose one of {', '.join(MAPS)}."
             )
         if not 0.0 <= self.low < self.high <= 1.0:
-            raise FlatclothError(
-                f"A window goes from low to high within 0 to 1, not {self.low} to {self.high}."
-            )
+            raise FlatclothError(f"A window needs 0 <= low < high <= 1, not {self.low} to {self.high}.")
 
 
 PLAIN = Appearance()
@@ -85,15 +83,15 @@ def rgba(
 ) -> Uint8:
     """Return a layer as an image (H, W, 4) uint8; transparent where the view has no cloth.
 
-    ``like`` is the view whose range the colours span, if it is not this one's own.
+    ``like`` is the view whose range the colours span, if it is another one.
 
     Raises
     ------
     FlatclothError
-        If there is no such layer.
+        If the layer is unknown.
     """
     if layer not in LAYERS:
-        raise FlatclothError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
+        raise FlatclothError(f"Unknown layer {layer!r:.40}; choose one of {', '.join(LAYERS)}.")
     image = np.zeros((*view.shape, 4), dtype=np.uint8)
     valid = view.valid
     image[..., 3] = np.where(valid, 255, 0)
@@ -112,12 +110,12 @@ def rgba(
 
 
 def difference_rgba(difference: Difference, kind: str, appearance: Appearance = PLAIN) -> Uint8:
-    """Return a heat map (H, W, 4) uint8 of a difference; transparent off the common cloth.
+    """Return a heat map (H, W, 4) uint8 of a difference; transparent where not both have cloth.
 
     Raises
     ------
     FlatclothError
-        If there is no such difference.
+        If the kind of difference is unknown.
     """
     about = difference_legend(kind)
     in_mm = {"height": difference.height_m, "position": difference.distance_m}
@@ -130,10 +128,10 @@ def difference_rgba(difference: Difference, kind: str, appearance: Appearance = 
 
 
 def png(image: Uint8) -> bytes:
-    """Encode an RGBA image (H, W, 4) without loss; fast rather than small."""
+    """Encode an RGBA image (H, W, 4) as PNG, optimised for speed."""
     import cv2
 
-    # Run lengths alone are faster than matching, and smaller: flat layers and camera noise both suit them.
+    # Run-length encoding alone is faster than matching, and smaller for flat layers and camera noise.
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
     done, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA), fast)
     if not done:
@@ -150,7 +148,7 @@ def height_range_m(view: FlattenedView, axis: RotationAxis) -> tuple[float, floa
 
 
 def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[float, float]:
-    """Return what the first and the last colour of a layer stand for, in the view's own unit."""
+    """Return the values of the first and the last colour of a layer, in the view's own unit."""
     match layer:
         case "height":
             return height_range_m(view, axis)
@@ -162,7 +160,7 @@ def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[fl
 
 
 def quality_range(view: FlattenedView, layer: str) -> tuple[float, float]:
-    """Return what the first and the last colour of a quality layer stand for, in the layer's unit."""
+    """Return the values of the first and the last colour of a quality layer, in the layer's unit."""
     if layer == "stretch":
         return 0.0, STRETCH_SPAN
     if layer == "incidence":
@@ -171,13 +169,13 @@ def quality_range(view: FlattenedView, layer: str) -> tuple[float, float]:
     values = values[np.isfinite(values)]
     if not values.size:
         return 0.0, 1.0
-    # A few pixels at the rim are seen ten times as densely as the rest; they may saturate.
+    # A few pixels at the outline are ten times denser than the rest; they may saturate.
     low, high = np.percentile(values, [2, 98])
     return float(low), float(high)
 
 
 def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | None:
-    """Return a layer's numbers (N,) at the valid pixels; None if the view does not know them."""
+    """Return a layer's values (N,) at the valid pixels; None if the view does not have them."""
     match layer:
         case "height":
             return height_m(view.xyz_m[view.valid], axis)
@@ -206,18 +204,18 @@ def _levels(rgb: Uint8, appearance: Appearance) -> Uint8:
 
 
 def legends(view: FlattenedView, axis: RotationAxis, angles_deg: tuple[float, ...]) -> dict[str, Any]:
-    """Return what the page needs to explain each layer: ticks with units, colours, names."""
+    """Return the legend of each layer for the page: ticks with units, colours, names."""
     return {layer: legend(view, layer, axis, angles_deg) for layer in LAYERS}
 
 
 def legend(
     view: FlattenedView, layer: str, axis: RotationAxis, angles_deg: tuple[float, ...]
 ) -> dict[str, Any]:
-    """Return what the page needs to explain one layer."""
+    """Return the legend of a layer for the page."""
     if layer in QUALITY_LAYERS and view.quality is None:
         return {"kind": "classes", "title": "Not measured", "classes": []}
     if layer == "place" and view.placement_std_m is None:
-        return {"kind": "classes", "title": "Not known by this method", "classes": []}
+        return {"kind": "classes", "title": "Not provided by this method", "classes": []}
     if layer == "source":
         return {"kind": "classes", "title": "Source view", "classes": _sources(view, angles_deg)}
     if layer == "color":
@@ -235,12 +233,12 @@ def legend(
 
 
 def difference_legend(kind: str) -> dict[str, Any]:
-    """Return what the page needs to explain one of ``DIFFERENCES``.
+    """Return the legend of one of ``DIFFERENCES`` for the page.
 
     Raises
     ------
     FlatclothError
-        If there is no such difference.
+        If the kind of difference is unknown.
     """
     match kind:
         case "color":
@@ -250,7 +248,7 @@ def difference_legend(kind: str) -> dict[str, Any]:
             return _ramp("Height, B − A (mm)", "diverging", -span_mm, span_mm)
         case "position":
             return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * POSITION_DIFFERENCE_SPAN_M)
-    raise FlatclothError(f"There is no difference {kind!r:.40}; known are {', '.join(DIFFERENCES)}.")
+    raise FlatclothError(f"Unknown difference {kind!r:.40}; choose one of {', '.join(DIFFERENCES)}.")
 
 
 def _sources(view: FlattenedView, angles_deg: tuple[float, ...]) -> list[dict[str, str]]:
@@ -275,22 +273,22 @@ def _ramp(title: str, own_map: str, low: float, high: float) -> dict[str, Any]:
 
 
 def ramp_colors(table: Uint8) -> list[str]:
-    """Return a table's colours at equal distances, as the page draws a ramp."""
+    """Return a table's colours at equal distances, for a colour bar on the page."""
     return [hex_of(c) for c in table[:: len(table) // 16]] + [hex_of(table[-1])]
 
 
 def hex_of(color: Uint8) -> str:
-    """Return a colour (3,) as the web writes it."""
+    """Return a colour (3,) as a CSS color."""
     return "#" + bytes(color.tolist()).hex()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """New less current, on the grid of the new view (H, W), NaN where not both have cloth.
+    """New minus current, on the grid of the new view (H, W), NaN where not both have cloth.
 
     ``color`` float32 is the mean absolute difference of red, green and blue (0 to 255); ``height_m``
     float32 the signed difference of the heights along the turning axis; ``distance_m`` float32 the
-    distance of the two points in space (held frame).
+    distance of the two points in space (object frame).
     """
 
     color: Float32
@@ -299,7 +297,7 @@ class Difference:
 
     @property
     def common(self) -> Bool:
-        """(H, W) Where both views have cloth."""
+        """Pixels (H, W) where both views have cloth."""
         both: Bool = np.isfinite(self.distance_m)
         return both
 
@@ -310,9 +308,9 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
     Parameters
     ----------
     current : FlattenedView
-        The shape; read bilinearly.
+        The shape; it is interpolated bilinearly.
     new : FlattenedView
-        The view laid on it; each of its pixels is compared.
+        The view placed on it; each of its pixels is compared.
     axis : RotationAxis
         Axis of the recording, for the heights.
     """

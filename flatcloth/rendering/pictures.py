@@ -1,4 +1,4 @@
-"""Pictures of the shape and of proposals laid on it, as RGBA images."""
+"""Pictures of the shape and of proposals on it, as RGBA images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 
 @dataclass(frozen=True, kw_only=True)
 class PlanePicture:
-    """An RGBA image (H, W, 4) of a part of the plane, with the size of a pixel and the place of the first."""
+    """An RGBA image (H, W, 4) of a part of the plane, with its pixel size and the position of the first."""
 
     rgba: Uint8
     pixel_size_m: float
@@ -22,7 +22,7 @@ class PlanePicture:
 
 
 def cropped(rgba: Uint8, view: FlattenedView, margin_px: int = 3) -> PlanePicture:
-    """Return a picture of a view without the empty rim of its grid."""
+    """Return a picture of a view without the empty border of its grid."""
     rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
     if rows.size == 0:
         rows, cols = np.array([0]), np.array([0])
@@ -36,9 +36,9 @@ def cropped(rgba: Uint8, view: FlattenedView, margin_px: int = 3) -> PlanePictur
 
 
 def laid_on(shape: FlattenedView, overlay: FlattenedView, new_points: Bool) -> PlanePicture:
-    """Return a proposal laid on the shape: the shape pale, what the proposal adds tinted, its outline.
+    """Return a proposal on the shape: the shape pale, the proposal's new pixels tinted, its outline.
 
-    Both lie on one plane, each on a grid of its own; the picture has the shape's.
+    Both lie on one plane, each on its own grid; the picture has the shape's grid.
     """
     size = shape.pixel_size_m
     at = np.rint((np.array(overlay.origin_uv_m) - shape.origin_uv_m) / size).astype(int)[::-1]

@@ -1,4 +1,4 @@
-"""Points of space as the camera sees them, painted without a graphics card."""
+"""Software rendering of points in space as the camera sees them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Camera:
     center_px: tuple[float, float]
 
     def project(self, xyz_held_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
-        """Return pixels (x, y) (N, 2) and depths (N,) of points when the item stands at a rotation."""
+        """Return pixels (x, y) (N, 2) and depths (N,) of points at a rotation of the item."""
         seen = camera_from_held(self.axis, angle_deg).apply(xyz_held_m)
         depth = np.maximum(seen[:, 2], 1e-3)
         return seen[:, :2] / depth[:, None] * self.focal_px + np.array(self.center_px), seen[:, 2]
 
 
 def camera_around(xyz_held_m: Floats, axis: RotationAxis, width: int, height: int) -> Camera:
-    """Return the camera of the recording, with a lens that shows the points at every rotation."""
+    """Return the camera of the recording, with a focal length that shows the points at every rotation."""
     angles = np.arange(0.0, 360.0, 30.0)
     plain = Camera(axis=axis, width=width, height=height, focal_px=1.0, center_px=(0.0, 0.0))
     some = np.asarray(xyz_held_m, dtype=np.float64)[:: max(1, len(xyz_held_m) // 5000)]
@@ -55,10 +55,10 @@ def paint_points(
     size_m: float,
     behind_m: Floats,
 ) -> None:
-    """Paint points (N, 3) into an image (H, W, 3) as squares of a size in space, the nearest on top.
+    """Draw points (N, 3) into an image (H, W, 3) as squares of fixed size in space, the nearest on top.
 
-    ``behind_m`` (N,) sets points back when it is asked what is nearest: of two layers of points on
-    one surface, that one does not show through.
+    ``behind_m`` (N,) is added to the depths for the comparison of two layers of points on one
+    surface, so that one of them does not show through.
     """
     place, depth = camera.project(xyz_held_m, angle_deg)
     known = np.isfinite(place).all(axis=1) & (depth > 0.05)
@@ -68,7 +68,7 @@ def paint_points(
     side = max(1, round(size_m * camera.focal_px / float(np.median(depth[order]))))
     corner = np.rint(place[order] - (side - 1) / 2).astype(np.intp)
     colors = rgb[order]
-    # Pixel by pixel of the square, all points at once would let a far point cover a near one.
+    # Draw one pixel of the square at a time: otherwise a far point could cover a near one.
     nearest = np.full(image.shape[:2], -1, dtype=np.intp)
     rank = np.arange(len(order))
     for dy in range(side):

@@ -1,4 +1,4 @@
-"""Small pictures of where the hypotheses lay a view on the shape."""
+"""Thumbnails of the hypotheses: a view at its possible placements on the shape."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, Uint8
 
 WIDTH_PX, HEIGHT_PX = 216, 150
-"""Twice what the page shows them at, for sharp screens."""
+"""Twice the displayed size, for high-resolution screens."""
 
 _MARGIN = 0.04
 _PALE = 90
-"""Opacity of the shape, of 255: pale on light and on dark pages."""
+"""Opacity of the shape, of 255; suits light and dark pages."""
 _TINT = np.array([230.0, 126.0, 0.0])
 
 
 def thumbnail(current: FlattenedView, new: FlattenedView, placements: Sequence[Rigid2], index: int) -> Uint8:
-    """Return a picture (150, 216, 4) uint8: the shape pale, the view on it at one of its placements.
+    """Return a picture (150, 216, 4) uint8: the shape pale, and the view at one of its placements.
 
-    All placements share one frame, so that their pictures can be compared.
+    All placements are drawn in the same frame, so that their pictures can be compared.
     """
     uv = _grid(current, new, placements)
     image = np.zeros((HEIGHT_PX, WIDTH_PX, 4), dtype=np.uint8)
@@ -36,7 +36,7 @@ def thumbnail(current: FlattenedView, new: FlattenedView, placements: Sequence[R
 
 
 def _grid(current: FlattenedView, new: FlattenedView, placements: Sequence[Rigid2]) -> Float64:
-    """Return the places (H, W, 2) of the plane that the pixels of all pictures stand for."""
+    """Return the plane positions (H, W, 2) of the pixels of all pictures."""
     box, own = _corners(current), _corners(new)
     places = np.concatenate([box, *(placement.apply(own) for placement in placements)])
     low, high = places.min(axis=0), places.max(axis=0)
@@ -54,7 +54,7 @@ def _corners(view: FlattenedView) -> Float64:
 
 
 def _look_up(view: FlattenedView, uv: Float64) -> tuple[Bool, Uint8]:
-    """Return where places (H, W, 2) have cloth (H, W) and its colors (H, W, 3), of the nearest pixel."""
+    """Return which positions (H, W, 2) have cloth (H, W), and the color (H, W, 3) of the nearest pixel."""
     at = np.floor(view.rc_from_uv(uv) + 0.5).astype(np.int64)
     inside = np.asarray(((at >= 0) & (at < view.shape)).all(axis=-1))
     row, col = np.where(inside[..., None], at, 0).transpose(2, 0, 1)

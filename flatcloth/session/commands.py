@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import Side
 
@@ -72,6 +73,27 @@ class TakePart:
     view_index: int
     component: int
     current_from_new: Rigid2
+
+
+@dataclass(frozen=True)
+class PaintImage:
+    """Say of the cloth under a stroke on an image which side it is; the views of the shape follow."""
+
+    stroke: ImageStroke
+
+
+@dataclass(frozen=True)
+class PaintSpace:
+    """Say of the cloth under a stroke in space, or on the canvas, which side it is."""
+
+    stroke: SpaceStroke
+
+
+@dataclass(frozen=True)
+class CutCloth:
+    """Say that the cloth beyond a line is not of interest."""
+
+    stroke: Cut
 
 
 @dataclass(frozen=True)
@@ -145,7 +167,31 @@ class Failed:
     token: int
 
 
+Paint = PaintImage | PaintSpace | CutCloth
 Command = (
-    Start | Propose | Accept | Reject | Skip | Reopen | Nudge | TakePart | Undo | Redo | Cancel | Restart
+    Start
+    | Propose
+    | Accept
+    | Reject
+    | Skip
+    | Reopen
+    | Nudge
+    | TakePart
+    | Paint
+    | Undo
+    | Redo
+    | Cancel
+    | Restart
 )
 Event = Started | Proposed | Followed | NothingMore | Failed
+
+
+def paint(decision: Decision) -> Paint:
+    """Return the command that makes a decision about sides."""
+    match decision:
+        case ImageStroke():
+            return PaintImage(decision)
+        case SpaceStroke():
+            return PaintSpace(decision)
+        case Cut():
+            return CutCloth(decision)

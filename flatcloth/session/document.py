@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Rigid2
 
 UNSURE = "score too low"
@@ -63,10 +64,14 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Later:
-    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it."""
+    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it.
+
+    ``anew``: the view itself has changed by a stroke, so it is laid again even where ``on`` is unchanged.
+    """
 
     decision: Accepted
     on: tuple[Accepted, ...]
+    anew: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,7 @@ class Document:
     finished: str | None = None
     skipped: tuple[Skipped, ...] = ()
     later: tuple[Later, ...] = ()
+    strokes: tuple[Decision, ...] = ()
 
     @property
     def put_off(self) -> frozenset[int]:
@@ -225,11 +231,28 @@ def propose(document: Document, pending: Pending) -> Document:
 
 
 def follow_unchanged(document: Document) -> Document:
-    """Accept the later views in order as long as the shape below them is unchanged."""
-    while document.pending is None and document.later and document.later[0].on == document.accepted:
+    """Accept the later views in order as long as they and the shape below them are unchanged."""
+    while document.pending is None and document.later and _unchanged(document.later[0], document):
         accepted = (*document.accepted, document.later[0].decision)
         document = replace(document, accepted=accepted, later=document.later[1:])
     return document
+
+
+def _unchanged(later: Later, document: Document) -> bool:
+    return not later.anew and later.on == document.accepted
+
+
+def paint(document: Document, decision: Decision) -> Document:
+    """Add a decision about sides; the views of the shape change with it, and are laid anew in their order.
+
+    The proposal is dropped: its view may show other cloth now.
+    """
+    document = drop_pending(document)
+    again = [Later(a, document.accepted[:k], anew=True) for k, a in enumerate(document.accepted)]
+    waiting = [replace(later, anew=True) for later in document.later]
+    return replace(
+        document, strokes=(*document.strokes, decision), accepted=(), later=(*again, *waiting), finished=None
+    )
 
 
 def follow(document: Document, current_from_new: Rigid2, score: float, component: int) -> Document:

@@ -49,6 +49,14 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         return Config.from_dict(self.config)
 
 
+def state_folder() -> Path:
+    """Return where the user's state is kept: below ``$XDG_STATE_HOME`` (``~/.local/state``)."""
+    state_home = os.environ.get("XDG_STATE_HOME", "")
+    # The XDG specification says to ignore relative paths.
+    root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
+    return root / "flatcloth"
+
+
 def default_session_folder(recording: Recording, method: str, config: Config | None = None) -> Path:
     """Return the default folder of a session.
 
@@ -56,13 +64,10 @@ def default_session_folder(recording: Recording, method: str, config: Config | N
     a short hash of its location and header, the method and the settings, so that sessions that
     cannot continue each other have different folders.
     """
-    state_home = os.environ.get("XDG_STATE_HOME", "")
-    # The XDG specification says to ignore relative paths.
-    root = Path(state_home) if os.path.isabs(state_home) else Path.home() / ".local" / "state"
     settings = (config or Config()).to_former_dict()  # sessions of earlier versions are found again
     about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
-    return root / "flatcloth" / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
+    return state_folder() / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
 
 
 def read_header(folder: Path) -> Header:

@@ -17,16 +17,20 @@ from enum import StrEnum
 from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
 from flatcloth.session import document as edits
 from flatcloth.session.commands import (
     Accept,
     Cancel,
     Command,
+    CutCloth,
     Event,
     Failed,
     Followed,
     NothingMore,
     Nudge,
+    PaintImage,
+    PaintSpace,
     Propose,
     Proposed,
     Redo,
@@ -47,6 +51,7 @@ __all__ = [
     "Accepted",
     "Cancel",
     "Command",
+    "CutCloth",
     "Document",
     "Event",
     "Failed",
@@ -57,6 +62,8 @@ __all__ = [
     "MemorySession",
     "NothingMore",
     "Nudge",
+    "PaintImage",
+    "PaintSpace",
     "Pending",
     "Phase",
     "Propose",
@@ -170,6 +177,8 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
             return f"View {command.view_index} does not exist; there are {state.n_views} views."
     if isinstance(command, Restart):
         return None
+    if isinstance(command, PaintImage | PaintSpace | CutCloth):
+        return _why_not_paint(state, command)
     if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
     if isinstance(command, Start):
@@ -200,6 +209,14 @@ def _why_not_reopen(document: Document, view_index: int) -> str | None:
         return f"View {view_index} is the proposal already."
     if view_index not in document.reopenable_views:
         return f"Nothing was decided about view {view_index} yet."
+    return None
+
+
+def _why_not_paint(state: SessionState, command: PaintImage | PaintSpace | CutCloth) -> str | None:
+    if isinstance(command, PaintImage) and not 0 <= command.stroke.view_index < state.n_views:
+        return f"View {command.stroke.view_index} does not exist; there are {state.n_views} views."
+    if len(state.document.strokes) >= MOST_DECISIONS:
+        return f"The session has {MOST_DECISIONS} strokes, which is the most it can hold. Undo some."
     return None
 
 
@@ -258,6 +275,11 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             nudge = motion @ document.pending.proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge)
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
+        case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
+            painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
+            if document.start_view is None and state.request is not None:
+                return _ask(painted, "start", state.request.view_index)
+            return _go_on(painted)
         case Undo():
             item = state.undo[-1]
             redo = (*state.redo, HistoryItem(item.name, document))
@@ -269,7 +291,14 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Cancel():
             return replace(state, request=None)
         case Restart(view_index=view):
-            return _ask(_edit(state, "restart", Document()), "start", view)
+            return _ask(_edit(state, "restart", Document(strokes=document.strokes)), "start", view)
+
+
+def _name_of(stroke: Decision) -> str:
+    if isinstance(stroke, Cut):
+        return "cut"
+    where = f" on view {stroke.view_index}" if isinstance(stroke, ImageStroke) else ""
+    return ("stroke: this side" if stroke.side == "this" else "stroke: not this side") + where
 
 
 def _ask_for(state: SessionState, view_index: int | None) -> SessionState:

@@ -17,6 +17,7 @@
  * @property {() => void} [placed] the proposal is drawn where the server has put it
  * @property {() => void} [disconnected] the connection is lost: what was asked is not answered any more
  * @property {() => void} [reconnected] another server process may answer from now on
+ * @property {(view: number, rc: [number, number]) => void} [lookAt] show a pixel of a view
  * @property {Record<string, boolean>} [pressed] which of its actions are on, for their buttons
  * @property {any} [status] for tests
  */
@@ -38,6 +39,8 @@ export class Page {
     this.looking = null;
     /** @type {any} */
     this.ruler = null;
+    /** @type {any} the brush of the side of interest, for panels that can be painted on */
+    this.brush = null;
     /** @type {Panel[]} */
     this.panels = [];
   }

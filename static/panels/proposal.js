@@ -34,6 +34,14 @@ function showProposal(state, send) {
         {},
         `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`,
       ),
+      pending.extends === null || pending.extends === "A"
+        ? null
+        : make(
+            "p",
+            { class: "extends", id: "extends" },
+            `Extends the floating piece ${pending.extends}, beside the shape.` +
+              " It joins the shape once a view connects them.",
+          ),
       make(
         "div",
         {

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, Frame, Page, sync_playwright
@@ -100,7 +101,7 @@ class Program:
 
     def again(self) -> Program:
         """Start it anew, after it was stopped, with the same session at the same address."""
-        return Program(self._arguments, self._session, int(self.url.rstrip("/").rsplit(":", 1)[1]))
+        return Program(self._arguments, self._session, int(urlsplit(self.url).port or 0))
 
     def kill(self) -> None:
         """End it as a power cut does."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import Tab
+from conftest import Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
 sys.path.append(str(Path(__file__).parents[1]))
 

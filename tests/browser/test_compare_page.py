@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from urllib.request import urlopen
+from urllib.parse import urljoin
 
 import cv2
 import numpy as np
@@ -42,8 +42,8 @@ class Cloth:
         self.only_shape = only[len(only) // 2]
 
     def image(self, path):
-        with urlopen(self._url + path) as answer:
-            image = cv2.imdecode(np.frombuffer(answer.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+        answer = self._tab.page.request.get(urljoin(self._url, path))
+        image = cv2.imdecode(np.frombuffer(answer.body(), np.uint8), cv2.IMREAD_UNCHANGED)
         return cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA)
 
     def drawn(self, uv):

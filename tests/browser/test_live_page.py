@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from conftest import ROOT, Tab
+from conftest import ROOT, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
 from flatcloth.core.config import Config
 from flatcloth.core.geometry import held_from_camera

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import SCREENSHOTS, WAIT_MS, Tab
+from conftest import SCREENSHOTS, WAIT_MS, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import NAME, cylinder_session
 from playwright.sync_api import Browser, Page, expect
 
@@ -389,5 +389,5 @@ def test_what_cannot_be_taken_away_is_told(open_tab: Callable[..., Tab]) -> None
     tab.until("flatcloth.frame !== null")
     tab.page.keyboard.press("x")
     tab.page.get_by_role("button", name="Report").click()
-    tab.page.locator(".toast.error", has_text="the session has no start view yet").wait_for()
+    tab.page.locator(".toast.error", has_text="the session has no start view").wait_for()
     tab.page.get_by_role("button", name="Close").click()

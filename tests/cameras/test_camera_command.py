@@ -45,7 +45,7 @@ def test_a_session_of_a_camera_goes_on_with_the_axis_that_was_set_by_hand(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--camera", "--live"], "give one of them"),
+        (["--camera", "--live"], "give only one of them"),
         (["--frames", "9"], "--frames belongs to --camera"),
         (["--out", "coat"], "--out belongs to --camera"),
         (["--camera", "--step", "0"], "step"),

@@ -56,7 +56,7 @@ def test_each_stop_of_a_turned_item_becomes_a_view(
         "stops.db3: 240x240 px, 15 frames/s",
         "View 0: let the item hang still.",
         "View 1: turn the item by +10 degrees, to 10.",
-        "View 2 at 20 degrees: 10 frames, which agree to",
+        "View 2 at 20 degrees: 10 frames, noise",
         "View 2 is kept.",
         "played to its end",
         f"3 views are in {out}. Open it with: python app.py view {out}",

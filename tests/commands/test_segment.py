@@ -7,14 +7,14 @@ import json
 import cv2
 import numpy as np
 import pytest
+from plates import TOP_M, plate
+from scenes import AXIS, CAMERA
 
 from flatcloth.cli import main
 from flatcloth.core.strokes import ImageStroke, plain_of_decisions
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.writer import RecordingWriter
-from tests.scenes import AXIS, CAMERA
-from tests.segmentation.plates import TOP_M, plate
 
 # No view along the plate: it would show nothing.
 VIEWS = plate((0.0, 20.0, 40.0, 60.0, 120.0, 150.0, 180.0, 210.0, 240.0, 300.0, 320.0, 340.0))

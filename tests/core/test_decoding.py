@@ -69,7 +69,7 @@ def test_a_place_is_found_again() -> None:
 
 
 def test_values_are_described_in_words() -> None:
-    values = (None, False, 1.5, math.inf, "x", {}, [1, 2])
+    values: tuple[object, ...] = (None, False, 1.5, math.inf, "x", {}, [1, 2])
     assert [described(v) for v in values] == [
         "missing", "true or false", "a number", "not a finite number", "text", "an object", "a list of 2",
     ]  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -99,4 +98,4 @@ def test_a_child_whose_parent_lets_go_of_it_ends(child: Child) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(serve(answer, ValueError))
+    serve(answer, ValueError)

@@ -96,7 +96,7 @@ def test_the_strained_edges_lie_where_they_are_drawn():
 
 
 def test_without_a_proposal_there_are_no_reasons():
-    with pytest.raises(FlatclothError, match="no proposal to give reasons for; step first"):
+    with pytest.raises(FlatclothError, match="no proposal to explain"):
         reasons(CylinderViews(), replace(proposed(1), pending=None))
 
 

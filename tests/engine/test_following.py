@@ -125,7 +125,7 @@ def test_what_no_longer_fits_is_asked_again_with_the_reason(method: str) -> None
     pending = state.document.pending
     assert pending is not None
     assert pending.view_index == 2
-    assert "No longer sure after the change: its score is" in pending.why
+    assert "Its score after the change is" in pending.why
     assert [w.decision.view_index for w in state.document.later] == [3]
     assert made.proposal(state.document).view_index == 2  # it can be looked at
 
@@ -196,7 +196,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     pending = state.document.pending
     assert pending is not None
     assert pending.score == 0.0
-    assert pending.why.endswith("choose another view. It lies beside the shape to be moved.")
+    assert pending.why.endswith("choose another view. Move it from beside the shape.")
     shape, overlay = made.canonical(state.document).view, made.overlay(state.document)
     u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
     u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]

@@ -81,10 +81,10 @@ def test_no_other_motion_fits_better(
 @pytest.mark.parametrize(
     ("new", "shape", "remedy"),
     [
-        (np.zeros((1, 2)), np.zeros((1, 2)), "Two pairs of points or more"),
-        (np.zeros((0, 2)), np.zeros((0, 2)), "Two pairs of points or more"),
-        (np.zeros((2, 2)), POINTS[:2], "lie on each other; pick pairs further apart"),
-        (POINTS[:2], np.full((2, 2), 0.3), "lie on each other; pick pairs further apart"),
+        (np.zeros((1, 2)), np.zeros((1, 2)), "at least two pairs of points"),
+        (np.zeros((0, 2)), np.zeros((0, 2)), "at least two pairs of points"),
+        (np.zeros((2, 2)), POINTS[:2], "coincide; pick pairs farther apart"),
+        (POINTS[:2], np.full((2, 2), 0.3), "coincide; pick pairs farther apart"),
     ],
 )
 def test_pairs_that_tell_too_little_are_refused(new: np.ndarray, shape: np.ndarray, remedy: str) -> None:

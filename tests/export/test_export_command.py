@@ -87,7 +87,7 @@ def test_run_takes_a_hand_eye_transform(
         (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),
-        (["--figures", "{tmp}/file"], "cannot be written there"),
+        (["--figures", "{tmp}/file"], "cannot be written"),
         (["--animation", "{tmp}/growth.webm"], "ends in .gif or .mp4"),
         (["--grasps", "{tmp}/g.json", "--hand-eye", "{tmp}/none.json"], "none.json: cannot be read"),
         (["--html", "{tmp}/page.html", "--recording", "{tmp}/none"], "no such file or folder"),

@@ -252,5 +252,5 @@ def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session:
 
 def test_a_folder_that_cannot_be_written_is_one_clear_line(session: OpenedSession, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(FlatclothError, match=r"file/in: figures cannot be written there .*another folder"):
+    with pytest.raises(FlatclothError, match=r"file/in: figures cannot be written .*another folder"):
         write_figures(session, tmp_path / "file" / "in")

@@ -76,7 +76,7 @@ def test_shapes_that_share_too_little_have_no_motion() -> None:
 
 
 def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:
-    with pytest.raises(FlatclothError, match="no start view yet; there is nothing to export"):
+    with pytest.raises(FlatclothError, match="no start view, so there is nothing to export"):
         grow(session.integration, replace(session.history, document=Document()))
 
 
@@ -117,7 +117,7 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
 
 
 def test_a_session_in_memory_cannot_be_exported(session: OpenedSession) -> None:
-    with pytest.raises(FlatclothError, match="not kept on disk"):
+    with pytest.raises(FlatclothError, match="not saved on disk"):
         of_page(session.integration, object())
 
 

@@ -81,7 +81,7 @@ def test_pixels_that_touch_by_a_corner_are_pieces_of_their_own():
 
 
 def test_without_cloth_there_is_no_outline():
-    with pytest.raises(FlatclothError, match="no cloth to draw the outline of; step first"):
+    with pytest.raises(FlatclothError, match="no cloth with an outline"):
         outline(cloth(np.zeros((20, 20))))
 
 

@@ -88,10 +88,10 @@ def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
     document = Document(start_view=0, finished="One view <only>.")
     history = replace(session.history, document=document, decisions=(), picks=(), config=Config())
     seen = words(report(OpenedSession(history, session.integration)))
-    assert "Nothing was decided" in seen
-    assert "No grasp point was picked" in seen
+    assert "There are no decisions" in seen
+    assert "There are no picks" in seen
     assert "One view <only>." in seen
-    assert "All settings have their defaults." in seen
+    assert "All settings have their default values." in seen
 
 
 # --- painting points ------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def test_an_mp4_plays_as_long_as_the_gif(session: OpenedSession, tmp_path: Path)
 
 
 def test_another_kind_of_animation_is_refused_before_the_work(session: OpenedSession, tmp_path: Path) -> None:
-    with pytest.raises(FlatclothError, match=r"growth\.avi: an animation ends in \.gif or \.mp4"):
+    with pytest.raises(FlatclothError, match=r"growth\.avi: the name of an animation ends in \.gif or \.mp4"):
         write_animation(session, tmp_path / "growth.avi")
 
 

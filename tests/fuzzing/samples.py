@@ -58,7 +58,9 @@ def _with_truth(place: Path) -> None:
     for n, view in enumerate(content["views"]):
         mask = cv2.imread(str(place / "in" / view["mask"]), cv2.IMREAD_UNCHANGED)
         rows, cols = np.indices(mask.shape)
-        truth = np.stack([np.full(mask.shape, 17), 25_000 + 20 * rows, 25_000 + 20 * cols], axis=-1)
+        truth: np.ndarray = np.stack(
+            [np.full(mask.shape, 17), 25_000 + 20 * rows, 25_000 + 20 * cols], axis=-1
+        )
         view["truth"] = f"truth/{n}.png"
         (place / "in/truth").mkdir(exist_ok=True)
         pixels = np.where(mask[..., None] > 0, truth, 0).astype(np.uint16)

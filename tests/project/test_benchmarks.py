@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,7 +14,6 @@ import pytest
 from benchmarks import output
 from benchmarks.__main__ import ON_ALL_CORES, ON_ONE_CORE
 from benchmarks.developable import AXIS, NOISE_M, SheetView, depth_noise_m, sheets, view_of
-from benchmarks.flattening import Row
 from benchmarks.problems import problem_of, signed_areas
 from benchmarks.reach import neighbouring_cells
 from benchmarks.report import exponent
@@ -89,11 +88,6 @@ def test_a_problem_is_one_mesh_of_all_its_points() -> None:
     pairs = {tuple(pair) for pair in np.sort(problem.edges, axis=1).tolist()}
     assert {tuple(side) for side in sides.tolist()} <= pairs
     assert np.unique(sides, axis=0, return_counts=True)[1].max() <= 2
-
-
-def test_rows_have_the_fields_that_were_promised() -> None:
-    names = {field.name for field in fields(Row)}
-    assert names >= {"method", "surface", "sampling_interval_px", "n_points", "ms", "rms_mm", "flips"}
 
 
 def test_the_exponent_is_that_of_a_power() -> None:

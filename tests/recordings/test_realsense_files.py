@@ -7,9 +7,10 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Generator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -208,14 +209,14 @@ def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
         watch = SimpleNamespace(
             current_status=playback.current_status,
             get_position=playback.get_position,
-            pause=lambda: (playback.pause(), done.append("idle")),
+            pause=lambda: (playback.pause(), done.append("idle")),  # type: ignore[func-returns-value]
         )
         return config, Pipeline(pipeline), watch
 
     monkeypatch.setattr(player, "_open", watched)
     playing = player.play()
     next(playing)
-    playing.close()
+    cast("Generator[object, None, None]", playing).close()
     assert done == ["stopped", "idle"]
 
 
@@ -423,4 +424,4 @@ def test_import_takes_any_recording(tmp_path: Path, capsys: pytest.CaptureFixtur
         np.testing.assert_allclose(now[n].depth_m, was[n].depth_m, atol=1e-7)
     capsys.readouterr()
     assert main(["import", str(source), "--out", str(tmp_path / "b"), "--align", "color"]) == 2
-    assert "no RealSense file" in capsys.readouterr().err
+    assert "not a RealSense file" in capsys.readouterr().err

@@ -129,10 +129,10 @@ def test_the_lens_of_camera_info_is_undone_as_opencv_does(
 ) -> None:
     frame = read(write(tmp_path / "take.bag", views(1, info=Info(d=d, model=model))))[0]
     matrix = np.reshape(K, (3, 3))
-    undo = cv2.fisheye.undistortImage if model == "equidistant" else cv2.undistort
-    expected = undo(rgb(0), matrix, np.array(d), Knew=matrix) if model == "equidistant" else undo(
-        rgb(0), matrix, np.array(d)
-    )  # fmt: skip
+    if model == "equidistant":
+        expected = cv2.fisheye.undistortImage(rgb(0), matrix, np.array(d), Knew=matrix)
+    else:
+        expected = cv2.undistort(rgb(0), matrix, np.array(d))
     assert not np.array_equal(frame.color, rgb(0))
     assert np.abs(frame.color.astype(int) - expected).max() <= 12
 

@@ -13,7 +13,7 @@ from tiny_recordings import HEIGHT, WIDTH, write_recording
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RotationAxis
-from flatcloth.recordings import open_recording, writer
+from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.recordings.writer import RecordingWriter
 
@@ -116,7 +116,7 @@ def test_a_full_disk_is_told_and_the_view_can_be_repeated(
         def full(_fd: int) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(writer.os, "fsync", full)
+        monkeypatch.setattr("flatcloth.recordings.writer.os.fsync", full)
         with pytest.raises(RecordingError, match=r"view 1 cannot be written .No space left on device.*saved"):
             made.add(10, color(1), depth(1))
         monkeypatch.undo()

@@ -93,7 +93,7 @@ def errors(found: RotationAxis, truth: RotationAxis, half_height_m: float = 0.15
     for height in (-half_height_m, half_height_m):
         at = truth.point_m + height * truth.direction
         along = (at - found.point_m) @ found.direction
-        ends.append(np.linalg.norm(found.point_m + along * found.direction - at))
+        ends.append(float(np.linalg.norm(found.point_m + along * found.direction - at)))
     return max(ends), math.degrees(math.acos(min(1.0, float(found.direction @ truth.direction))))
 
 
@@ -179,7 +179,7 @@ def test_one_view_gives_the_vertical_through_the_top() -> None:
 def test_views_turned_the_other_way_are_recognised() -> None:
     angles = tuple(20.0 * n for n in range(18))
     found = hanging(Spheres(axis(), angles, tuple(-a for a in angles)))
-    assert "turned the other way" in found.notes[0]
+    assert "other direction of rotation" in found.notes[0]
     np.testing.assert_array_equal(found.axis.direction, [0.0, -1.0, 0.0])
 
 

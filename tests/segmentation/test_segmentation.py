@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plates import THICKNESS_M, TOP_M, plate
+from scenes import AXIS
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError
@@ -13,8 +15,6 @@ from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER
 from flatcloth.segmentation.solver import SideSolver
-from tests.scenes import AXIS
-from tests.segmentation.plates import THICKNESS_M, TOP_M, plate
 
 VIEWS = plate()
 MIDDLE = ((119.0, 119.0),)

@@ -14,17 +14,21 @@ from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.machine import (
     Accept,
     Cancel,
     Command,
+    CutCloth,
     Document,
     Event,
     Failed,
     Followed,
     NothingMore,
     Nudge,
+    PaintImage,
+    PaintSpace,
     Phase,
     Propose,
     Proposed,
@@ -47,6 +51,31 @@ from flatcloth.session.store import SessionFolder
 RECORDING = MemoryRecording()
 VIEWS = st.integers(-1, len(RECORDING))
 MOTIONS = st.builds(Rigid2, *[st.floats(-1, 1) for _ in range(3)])
+NUMBERS = st.floats(-1, 1)
+POINTS = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+LINES = st.lists(st.tuples(POINTS, POINTS), min_size=1, max_size=3)
+SIDES = st.sampled_from(["this", "other"])
+IMAGE_STROKES = st.builds(
+    ImageStroke, side=SIDES, view_index=VIEWS, points_rc=st.tuples(st.tuples(NUMBERS, NUMBERS))
+)
+SPACE_STROKES = st.builds(
+    lambda side, line: SpaceStroke(
+        side=side, points_m=tuple(p for p, _ in line), normals=tuple(n for _, n in line)
+    ),
+    SIDES,
+    LINES,
+)
+CUTS = st.builds(
+    lambda line, beyond, normal: Cut(
+        points_m=tuple(p for p, _ in line),
+        normals=tuple(n for _, n in line),
+        beyond_m=beyond,
+        beyond_normal=normal,
+    ),
+    LINES,
+    POINTS,
+    POINTS,
+)
 COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(Start, st.none() | VIEWS),
     st.builds(Propose, st.none() | VIEWS),
@@ -56,6 +85,9 @@ COMMANDS: st.SearchStrategy[Command] = st.one_of(
     st.builds(Reject, VIEWS, st.text(max_size=8)),
     st.builds(Nudge, VIEWS, MOTIONS),
     st.builds(TakePart, VIEWS, st.integers(0, 3), MOTIONS),
+    st.builds(PaintImage, IMAGE_STROKES),
+    st.builds(PaintSpace, SPACE_STROKES),
+    st.builds(CutCloth, CUTS),
     st.just(Undo()),
     st.just(Redo()),
     st.just(Cancel()),
@@ -198,6 +230,22 @@ class Sessions(RuleBasedStateMachine):
         ):
             assert apply(self.state, event) is self.state
             self.folder.record(event)
+
+    @precondition(lambda self: self.state.document.start_view is not None)
+    @rule(stroke=IMAGE_STROKES.filter(lambda s: 0 <= s.view_index < len(RECORDING)))
+    def paint(self, stroke: ImageStroke) -> None:
+        """Every view of the shape is laid anew in its order, since each may show other cloth now."""
+        was = self.state.document
+        self.do(PaintImage(stroke))
+        document = self.state.document
+        assert document.strokes == (*was.strokes, stroke)
+        assert document.accepted == ()
+        assert document.pending is None
+        assert [w.decision for w in document.later[: len(was.accepted)]] == list(was.accepted) or was.pending
+        if document.later:
+            assert self.state.request is not None
+            assert self.state.request.kind == "follow"
+            assert self.state.request.view_index == document.later[0].decision.view_index
 
     @rule()
     def killed_and_resumed(self) -> None:

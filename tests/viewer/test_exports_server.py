@@ -6,23 +6,27 @@ import contextlib
 import io
 import json
 import shutil
+import threading
 import time
 import zipfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
 import pytest
 from exported_sessions import write_cylinder, write_session
+from page_tabs import get, open_socket
 from viewer_fakes import MemoryFolder
-from websockets.sync.client import connect
 
+from flatcloth.core.errors import CancelledError
 from flatcloth.engine.integration import Integration
 from flatcloth.export.page import page
-from flatcloth.export.session import open_session
+from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.recordings import open_recording
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
+from flatcloth.viewer.routes import exports
 
 WAIT_S = 30
 
@@ -67,8 +71,7 @@ class Tab:
     """A tab that says something and waits for what comes of it."""
 
     def __init__(self, server: PageServer) -> None:
-        address = f"127.0.0.1:{server.port}"
-        self._socket = connect(f"ws://{address}/ws", origin=f"http://{address}", max_size=None)
+        self._socket = open_socket(server)
 
     def __enter__(self) -> Tab:
         return self
@@ -91,10 +94,6 @@ class Tab:
         self.until("state", lambda s: s["layers"])
         self.say(type="show_pick", id=1)
         return self.until("state", lambda s: s["pick"])["pick"]
-
-
-def get(server: PageServer, path: str) -> httpx.Response:
-    return httpx.get(f"http://127.0.0.1:{server.port}{path}", timeout=120)
 
 
 def test_a_pick_tells_its_grip_and_the_scene_draws_it(unchanged: PageServer) -> None:
@@ -120,7 +119,7 @@ def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: Pag
         kept = json.loads((place / "grips.json").read_text())["grips"]["1"]
         # Kept as it was meant; the pose has the part of it that lies across the approach.
         assert kept == {"axis_held": pytest.approx(both["axis_held"], abs=0.02), "opening_m": 0.025}
-        exported = get(server, "/export/grasps.json").json()["grasps"][0]["grip"]
+        exported = get(server, "/export/grasps.json", timeout=120).json()["grasps"][0]["grip"]
         assert (exported["axis_from"], exported["opening_m"]) == ("hand", 0.025)
         tab.say(type="grip", id=1, outline=True)
         again = tab.until("state", lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
@@ -151,7 +150,7 @@ def test_a_deleted_pick_takes_its_grip_along(server: PageServer, place: Path) ->
 
 
 def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Path) -> None:
-    answer = get(unchanged, "/export/page.html")
+    answer = get(unchanged, "/export/page.html", timeout=120)
     assert answer.status_code == 200
     assert answer.text == page(open_session(written))
     # Saved, never shown in the page's own place.
@@ -161,11 +160,11 @@ def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Pa
 
 @pytest.mark.parametrize(("name", "begins"), [("report.html", b"<!doctype html>"), ("growth.gif", b"GIF89a")])
 def test_other_exports_are_made_when_asked_for(unchanged: PageServer, name: str, begins: bytes) -> None:
-    assert get(unchanged, f"/export/{name}").content.startswith(begins)
+    assert get(unchanged, f"/export/{name}", timeout=120).content.startswith(begins)
 
 
 def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
-    with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip").content)) as archive:
+    with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip", timeout=120).content)) as archive:
         assert archive.testzip() is None
         assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(archive.namelist())
 
@@ -174,10 +173,72 @@ def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -
     recording = open_recording(written.parent / "recording")
     integration, folder = Integration(recording, method="paper"), MemoryFolder(len(recording))
     with PageServer(integration, folder, port=0) as running:  # type: ignore[arg-type]
-        unknown = get(running, "/export/shirt.exe")
+        unknown = get(running, "/export/shirt.exe", timeout=120)
         assert unknown.status_code == 404
         assert "known are page.html" in unknown.text
-        in_memory = get(running, "/export/page.html")
+        in_memory = get(running, "/export/page.html", timeout=120)
         assert in_memory.status_code == 409
-        assert "not kept on disk" in in_memory.text
+        assert "not saved on disk" in in_memory.text
         assert "\n" not in in_memory.text
+
+
+# --- one at a time --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def slow_export(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowExport]:
+    slow = SlowExport()
+    monkeypatch.setitem(exports.KINDS, "outline.svg", ("image/svg+xml", slow))
+    yield slow
+    slow.gate.set()
+
+
+class SlowExport:
+    """An export that takes until its gate is opened, looking now and then whether it is still wanted."""
+
+    def __init__(self) -> None:
+        self.gate, self.begun = threading.Event(), threading.Event()
+        self.ended: str = ""
+        self.threads: list[str] = []
+
+    def __call__(self, session: OpenedSession) -> bytes:
+        self.threads.append(threading.current_thread().name)
+        self.begun.set()
+        try:
+            while not self.gate.wait(0.02):
+                session.progress(0.5, "drawing")
+        except CancelledError:
+            self.ended = "given up"
+            raise
+        self.ended = "made"
+        return b"<svg/>"
+
+
+def test_a_second_export_is_refused_while_one_is_made(unchanged: PageServer, slow_export: SlowExport) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(get, unchanged, "/export/outline.svg", 120)
+        assert slow_export.begun.wait(WAIT_S)
+        for _ in range(50):
+            second = get(unchanged, "/export/outline.json")
+            assert second.status_code == 429
+            assert "Another export is being made" in second.text
+        # Nothing else waits for it.
+        assert get(unchanged, "/colormaps.json").status_code == 200
+        slow_export.gate.set()
+        assert first.result().content == b"<svg/>"
+    assert get(unchanged, "/export/outline.json", timeout=120).status_code == 200
+    assert all(name.startswith("flatcloth-export") for name in slow_export.threads)
+
+
+def test_an_export_is_given_up_when_its_client_leaves(unchanged: PageServer, slow_export: SlowExport) -> None:
+    with pytest.raises(httpx.ReadTimeout):
+        get(unchanged, "/export/outline.svg", timeout=1.0)
+    until = time.monotonic() + WAIT_S
+    while not slow_export.ended:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    assert slow_export.ended == "given up"
+    answer = get(unchanged, "/export/outline.json", timeout=120)
+    while answer.status_code == 429:
+        answer = get(unchanged, "/export/outline.json", timeout=120)
+    assert answer.status_code == 200

@@ -6,9 +6,8 @@ import dataclasses
 import json
 from pathlib import Path
 
-import httpx
 import pytest
-from page_tabs import Tab
+from page_tabs import Tab, get
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.config import Config, PlanningConfig
@@ -132,5 +131,5 @@ def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
 
 
 def test_the_page_gets_the_numbers_of_the_method(server):
-    answer = httpx.get(f"http://127.0.0.1:{server.port}/settings/numbers.json")
+    answer = get(server, "/settings/numbers.json")
     assert answer.json() == json.loads(json.dumps(method_numbers(Config())))

@@ -57,7 +57,7 @@ class Page:
     def get(self, address, **query):
         path, _, text = address.partition("?")
         text = "&".join([text, *(f"{name}={value}" for name, value in query.items())]).strip("&")
-        self.sent = []
+        self.sent: list[Any] = []
         run_apart(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
         body = b"".join(message.get("body", b"") for message in self.sent)
         return self.sent[0]["status"], body
@@ -225,7 +225,7 @@ def test_a_question_that_means_nothing_is_refused(page, address, status, told):
 def test_a_number_that_cannot_be_shown_is_an_error_for_the_learner(page):
     values, _ = lesson(page, "flattening", start_view=0, sampling_interval_px=2)
     assert values["kind"] == "error"
-    assert "d, the sampling interval (px), must lie between 4 and 40, not at 2." in values["text"]
+    assert "d, the sampling interval (px), must be between 4 and 40, not 2." in values["text"]
 
 
 def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, routes, monkeypatch, caplog):

@@ -150,7 +150,7 @@ def test_the_panel_reads_all_views_beside_and_says_why_nothing_is_shown(
     try:
         assert len(panel.clouds(picture, AXIS)[HELD].points_m) == picture.view.valid.sum()
         assert panel._hint.visible is False
-        panel._points.value = ALL
+        panel._points.value = ALL  # type: ignore[misc]  # viser sets it by a descriptor
         panel.clouds(picture, AXIS)
         end = time.monotonic() + 20
         while len(panel.clouds(picture, AXIS)[HELD].points_m) <= picture.view.valid.sum():
@@ -158,7 +158,7 @@ def test_the_panel_reads_all_views_beside_and_says_why_nothing_is_shown(
             time.sleep(0.02)
         assert changes
         assert panel._hint.visible is False
-        panel._points.value = CONFLICTS
+        panel._points.value = CONFLICTS  # type: ignore[misc]
         panel.clouds(replace(picture, overlay=None), AXIS)
         assert panel._hint.visible is True
         assert "no proposal" in panel._hint.content

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,10 +27,12 @@ class SceneView:
 
 @pytest.fixture
 def held():
-    views, stage, jobs = CylinderViews(), SceneView(), []
+    views, stage = CylinderViews(), SceneView()
+    jobs: list[Any] = []
     hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
     proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
-    overlay = SimpleNamespace(revision=7, proposal=proposal)
+    sheet = SimpleNamespace(shown=lambda motion, _center: motion)
+    overlay = SimpleNamespace(revision=7, proposal=proposal, own_center_uv_m=(0.0, 0.0), sheet=sheet)
     document = proposed(1)
     held = SimpleNamespace(
         picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))

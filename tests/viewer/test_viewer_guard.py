@@ -2,24 +2,52 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import logging
 import socket
+import stat
+import time
 
 import httpx
+import psutil
 import pytest
-from page_tabs import WAIT_S, Tab, get
+import viser
+from page_tabs import WAIT_S, bearer, get, open_socket
 from viewer_fakes import CylinderIntegration, MemoryFolder
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
 
 from flatcloth.core.errors import ServerError
 from flatcloth.viewer import PageServer
+from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.guard import Guard, is_loopback
+from flatcloth.viewer.server.token import kept_token
 
 
-def greet(address, **options):
+def greet(server, path, **options):
     """Open a socket and return its sub-protocol and the first thing it says."""
-    with connect(address, max_size=None, **options) as opened:
+    with open_socket(server, path, **options) as opened:
         return opened.subprotocol, opened.recv(timeout=WAIT_S)
+
+
+def ask(server, raw: str) -> bytes:
+    """Send a request by hand, since a client library would tidy it up; return the whole answer."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as connection:
+        connection.sendall(raw.encode("latin-1"))
+        return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def request(server, path="/", host=None, token=True, **headers) -> str:
+    """Write a request by hand."""
+    lines = {"Host": host or f"127.0.0.1:{server.port}", "Connection": "close"}
+    lines |= bearer(server) if token else {}
+    lines |= {name.replace("_", "-"): value for name, value in headers.items()}
+    return f"GET {path} HTTP/1.1\r\n" + "".join(f"{k}: {v}\r\n" for k, v in lines.items()) + "\r\n"
+
+
+def status(answer: bytes) -> int:
+    return int(answer.split(b" ", 2)[1])
 
 
 def test_the_page_and_visers_page_are_served(server):
@@ -36,20 +64,14 @@ def test_the_page_and_visers_page_are_served(server):
      "/viser/../pyproject.toml", "/viser/%2e%2e/x", "/static//etc/passwd", "/pyproject.toml"],
 )  # fmt: skip
 def test_files_outside_the_page_cannot_be_had(server, path):
-    with socket.create_connection(("127.0.0.1", server.port)) as raw:
-        # By hand: a client library would tidy the path up.
-        raw.sendall(
-            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nConnection: close\r\n\r\n".encode()
-        )
-        answer = b"".join(iter(lambda: raw.recv(65536), b""))
-    assert b" 404 " in answer.split(b"\r\n")[0]
+    assert status(ask(server, request(server, path))) == 404
 
 
 @pytest.mark.parametrize("path", ["/ws", "/viser"])
 def test_sockets_of_foreign_pages_are_refused(server, path):
     for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}", None):
         with pytest.raises((InvalidStatus, ConnectionClosed)):
-            greet(f"ws://127.0.0.1:{server.port}{path}", origin=origin)
+            greet(server, path, origin=origin)
 
 
 def test_a_foreign_host_name_is_refused(server):
@@ -59,15 +81,37 @@ def test_a_foreign_host_name_is_refused(server):
 
 
 def test_visers_socket_goes_through_the_relay_only(server):
-    import viser
-
     version = f"viser-v{viser.__version__}"
-    address = f"127.0.0.1:{server.port}"
-    protocol, first = greet(f"ws://{address}/viser", origin=f"http://{address}", subprotocols=[version])
+    protocol, first = greet(server, "/viser", subprotocols=[version])
     assert protocol == version
     assert isinstance(first, bytes)
-    with pytest.raises(ConnectionClosed):
-        greet(f"ws://127.0.0.1:{server._scene.port}", subprotocols=[version])
+    with pytest.raises((InvalidStatus, ConnectionClosed)):
+        greet(server, "/viser", subprotocols=[version], additional_headers={})
+
+
+def test_no_port_but_the_page_s_is_opened(server):
+    """A hidden port of viser's would let any web page write into the session."""
+    listening = {
+        c.laddr.port for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN
+    }
+    assert server.port in listening
+    for port in listening - {server.port}:
+        refused = (InvalidMessage, InvalidStatus, ConnectionClosed, TimeoutError, EOFError)
+        version = viser.__version__
+        with (
+            pytest.raises(refused),
+            connect(f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{version}"], open_timeout=2) as opened,
+        ):
+            opened.recv(timeout=2)
+    mode = server._scene.path.parent.stat().st_mode
+    assert stat.S_IMODE(mode) == 0o700
+
+
+def test_the_socket_file_goes_with_the_server(integration, folder):
+    with PageServer(integration, folder, port=0) as server:
+        path = server._scene.path
+        assert path.exists()
+    assert not path.parent.exists()
 
 
 def test_nobody_can_open_a_tunnel():
@@ -78,15 +122,163 @@ def test_nobody_can_open_a_tunnel():
     assert _messages.ShareUrlRequest not in handlers
 
 
-def test_beyond_loopback_the_token_is_asked_for():
-    with PageServer(CylinderIntegration(), MemoryFolder(), host="0.0.0.0", port=0) as server:
-        assert get(server, "/").status_code == 403
-        assert get(server, "/?token=wrong").status_code == 403
-        with pytest.raises(InvalidStatus):
-            Tab(server)
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_the_token_is_asked_for(host):
+    with PageServer(CylinderIntegration(), MemoryFolder(), host=host, port=0) as server:
+        for path in (
+            "/",
+            "/?token=wrong",
+            "/static/main.js",
+            "/viser/",
+            "/layers/1/color.png",
+            "/?token=%C3%A9",
+        ):
+            assert status(ask(server, request(server, path, token=False))) == 403
+        for path in ("/ws", "/viser"):
+            with pytest.raises(InvalidStatus):
+                open_socket(server, path, additional_headers={})
         with httpx.Client(follow_redirects=True) as client:
             assert client.get(server.url).status_code == 200
             assert "token" not in str(client.get(server.url).url)
+
+
+def test_without_a_token_this_computer_is_let_in_and_nobody_else():
+    with PageServer(CylinderIntegration(), MemoryFolder(), port=0, token=False) as server:
+        assert "token" not in server.url
+        assert status(ask(server, request(server, token=False))) == 200
+    with pytest.raises(ServerError, match=r"would let everybody in"):
+        PageServer(CylinderIntegration(), MemoryFolder(), host="0.0.0.0", port=0, token=False)
+
+
+def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
+    first = kept_token()
+    assert kept_token() == first
+    file = state_home / "flatcloth" / "token"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    file.chmod(0o644)  # others have seen it
+    second = kept_token()
+    assert second != first
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    other = state_home / "elsewhere"
+    other.write_text("x" * 40 + "\n")
+    file.unlink()
+    file.symlink_to(other)  # a token that somebody else has put there
+    assert kept_token() not in (first, second, "x" * 40)
+    assert other.read_text() == "x" * 40 + "\n"
+
+
+@pytest.mark.parametrize("path", ["//evil.example/", "//evil.example", "/\\evil.example", "/static/"])
+def test_the_token_leads_to_the_page_and_nowhere_else(server, path):
+    answer = ask(server, request(server, f"{path}?token={server.token}", token=False))
+    assert status(answer) == 303
+    assert b"location: /\r\n" in answer.lower()
+
+
+def test_pages_of_other_sites_cannot_ask_for_anything(server):
+    for site in ("cross-site", "same-site"):
+        for path in ("/export/growth.gif", "/layers/1/color.png", "/", "/viser/"):
+            assert status(ask(server, request(server, path, Sec_Fetch_Site=site))) == 403
+        # A link may open the page, but no frame.
+        opened = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate"}
+        assert status(ask(server, request(server, "/", **opened, Sec_Fetch_Dest="document"))) == 200
+        assert status(ask(server, request(server, "/", **opened, Sec_Fetch_Dest="iframe"))) == 403
+        assert status(ask(server, request(server, "/export/page.html", **opened))) == 403
+    for site in ("same-origin", "none"):
+        assert status(ask(server, request(server, "/", Sec_Fetch_Site=site))) == 200
+
+
+def test_every_answer_says_that_only_the_page_may_use_it(server):
+    for path in ("/", "/viser/", "/static/main.js", "/colormaps.json", "/nothing"):
+        answer = get(server, path)
+        assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+    assert b"cross-origin-resource-policy" in ask(server, request(server, token=False)).lower()
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "headers"),
+    [
+        ("/", "[::1", {}),
+        ("/", "[]", {}),
+        ("/", "a b", {}),
+        ("/", "127.0.0.1:x", {}),
+        ("/", "user@127.0.0.1", {}),
+        ("/", None, {"Origin": "http://[::1"}),
+        ("/", None, {"Origin": "http://127.0.0.1:1:2"}),
+        ("/", None, {"Origin": "\xff"}),
+        ("/layers/" + "9" * 900 + "/color.png", None, {}),
+        ("/layers/" + "9" * 5000 + "/color.png", None, {}),
+        ("/source/" + "1" * 5000 + "/color.jpg", None, {}),
+        ("/?" + "x" * 3000, None, {}),
+        ("/%00", None, {}),
+        ("/a%0d%0ab", None, {}),
+    ],
+)
+def test_what_no_browser_sends_is_answered_400(server, path, host, headers, caplog):
+    assert status(ask(server, request(server, path, host=host, **headers))) == 400
+    assert not [r for r in caplog.records if r.exc_info]
+
+
+def test_a_request_that_never_ends_is_closed(server, monkeypatch):
+    monkeypatch.setattr(limits, "REQUEST_TIMEOUT_S", 0.3)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as slow:
+        slow.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nX-Slow: ".encode())
+        assert closed(slow)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as silent:
+        assert closed(silent)
+    # One that is answered, and a socket that is quiet, are not.
+    with open_socket(server) as tab:
+        tab.recv(timeout=WAIT_S)
+        time.sleep(0.6)
+        tab.send('{"type": "set", "follow": false}')
+        assert tab.recv(timeout=WAIT_S)
+
+
+def closed(connection: socket.socket) -> bool:
+    try:
+        return connection.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+def test_more_connections_than_there_is_room_for_are_closed(server, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_CONNECTIONS", 20)
+    with contextlib.ExitStack() as stack:
+        held = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S))
+            for _ in range(30)
+        ]
+        assert all(closed(connection) for connection in held[20:])
+    until = time.monotonic() + WAIT_S
+    while True:
+        try:
+            assert get(server, "/").status_code == 200
+            break
+        except httpx.TransportError:
+            assert time.monotonic() < until
+
+
+def test_a_message_of_more_than_a_mebibyte_closes_the_socket(server):
+    for path in ("/ws", "/viser"):
+        with open_socket(server, path, subprotocols=[f"viser-v{viser.__version__}"]) as opened:
+            opened.send("x" * (limits.MAX_MESSAGE_BYTES + 1))
+            with contextlib.suppress(ConnectionClosed):
+                while True:
+                    opened.recv(timeout=WAIT_S)
+        assert opened.close_code == 1009
+
+
+def test_a_line_that_is_logged_again_and_again_is_limited(caplog):
+    logger = logging.getLogger("flooded")
+    handler = logging.StreamHandler(out := io.StringIO())
+    handler.addFilter(limits.RateLimit(most=5, seconds=0.2))
+    logger.addHandler(handler)
+    for n in range(1000):
+        logger.warning("socket.accept() out of system resource: %d", n)
+    logger.warning("another")
+    assert len(out.getvalue().splitlines()) == 6
+    time.sleep(0.25)
+    logger.warning("socket.accept() out of system resource: %d", 0)
+    assert "(and 995 more such lines before)" in out.getvalue()
 
 
 def test_a_busy_port_is_one_clear_line(server):
@@ -104,7 +296,7 @@ def test_a_host_that_cannot_be_bound_is_one_clear_line(host):
     ("host", "expected"),
     [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("cell-3", False)],
 )
-def test_only_loopback_needs_no_token(host, expected):
+def test_loopback_is_known(host, expected):
     assert is_loopback(host) is expected
 
 

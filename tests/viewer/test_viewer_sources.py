@@ -11,7 +11,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import Tab
+from page_tabs import Tab, get
 from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
@@ -31,13 +31,11 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
     folder.close()
 
 
-def get(server: PageServer, path: str) -> httpx.Response:
-    return httpx.get(f"http://127.0.0.1:{server.port}{path}", timeout=60)
-
-
 def decoded(answer: httpx.Response) -> np.ndarray:
     assert answer.status_code == 200, answer.text
-    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image
 
 
 def picked(server: PageServer) -> dict[str, Any]:

@@ -1,10 +1,10 @@
-"""One joint flattening of all accepted views (a departure from the paper, which lays views rigidly).
+"""The joint flattening of all accepted views (a departure from the paper, which places views rigidly).
 
 Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs.
-Eq. (2) is minimised over all pairs at once, each with the weight that its accuracy deserves; pairs
-that contradict the others lose their weight. Minimising from a poor start folds the sheet, so each
-new node is first laid out from its placed neighbours, and the whole is relaxed as rigidly as
-possible: every view says how its neighbours lie around a node, mirror images excluded.
+Eq. (2) is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the
+others lose their weight. Minimisation from a poor start would fold the sheet. Therefore each new node is
+first initialised from its placed neighbours, and the whole is relaxed as rigidly as possible: every view
+determines the arrangement of the neighbours around a node, with mirror images excluded.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from flatcloth.methods.robust.observations import (
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 _ROBUST_STD = 3.0
-"""A pair that is off by this many standard deviations counts a quarter."""
+"""A pair with a residual of this many standard deviations has a quarter of its weight."""
 _LEAST_EVIDENCE = 2.0
-"""... so many smooth pairs without noise, or more with."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
 _OUTGROWN = 1.3
-"""Another piece that has so many times the nodes of the main one becomes the main one."""
+"""A floating piece with this many times the nodes of the main piece becomes the main piece."""
 _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation."""
 _ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
+"""Minimisations after each acceptance; the weights of the pairs are updated between them."""
 
 Int64 = NDArray[np.int64]
 
@@ -53,7 +53,7 @@ _LEAST_WEIGHT = 1e-4
 _MAJORISATIONS = 6
 _TOLERANCE = 2e-3
 _LEAST_PIECE = 12
-"""Nodes of a floating piece that is worth keeping."""
+"""Fewest nodes of a floating piece that is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,13 +78,13 @@ class Links:
 class JointShape:
     """All accepted views, flattened together.
 
-    ``observations`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
-    piece of cloth that each node belongs to: 0 the main piece, others float (nothing seen connects
-    them to it), -1 too small to matter. ``all_uv_m`` (N, 2) is where each node lies; floating pieces
-    lie beside the main one, far off. ``anchor`` (A,) int32 are nodes of the main piece that one of
-    the first views saw and ``anchor_uv_m`` (A, 2) where they lay then: the plane stays theirs.
-    ``weight`` (M,) of the pairs of ``links``, 0 to 1 relative to what their accuracy deserves: small
-    where a pair contradicts the others.
+    ``observations`` and ``held_from_camera`` are in the order of acceptance. ``piece`` (N,) int32 is
+    the piece of cloth of each node: 0 for the main piece, positive for floating pieces (which no view
+    connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the positions of the nodes; floating
+    pieces lie far beside the main one. ``anchor`` (A,) int32 are nodes of the main piece seen by one
+    of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
+    ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
+    pair contradicts the others.
     """
 
     nodes: Nodes
@@ -98,12 +98,12 @@ class JointShape:
 
     @cached_property
     def uv_m(self) -> Float64:
-        """(N, 2) where the nodes of the main piece lie; NaN for all others."""
+        """(N, 2) positions of the nodes of the main piece; NaN for all others."""
         return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
 
     @property
     def has_place(self) -> Bool:
-        """(N,) whether a node lies anywhere, be it on a floating piece."""
+        """(N,) whether a node has a position, on the main piece or a floating one."""
         found: Bool = np.isfinite(self.all_uv_m[:, 0])
         return found
 
@@ -114,7 +114,7 @@ class JointShape:
 
     @property
     def placed(self) -> Bool:
-        """(N,) whether a node lies on the main piece."""
+        """(N,) whether a node is on the main piece."""
         found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
         return found
 
@@ -137,9 +137,9 @@ def begin_joint(
     surface : Surface
         The start view's surface.
     held_from_camera : Rigid3
-        Where its camera stands.
+        Pose of its camera.
     start_uv_m : (H, W, 2) float64
-        Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
+        Position of each pixel of its main component on the plane; NaN elsewhere.
     flattening : FlatteningConfig
         Sampling interval.
     """
@@ -169,18 +169,18 @@ def extend_joint(
     flattening: FlatteningConfig,
     associated: Association | None = None,
 ) -> JointShape:
-    """Return the shape with one view more, all flattened anew.
+    """Return the shape with one more view, with all views flattened again.
 
     Parameters
     ----------
     shape : JointShape
         The shape so far.
     surface, held_from_camera
-        The view to add, and where its camera stands.
+        The view to add, and the pose of its camera.
     flattening : FlatteningConfig
         Sampling interval.
     associated : Association, optional
-        The nodes that the view shows, if they are not to be found by place and normal.
+        The nodes that the view shows; by default they are found by place and normal.
     """
     if associated is None:
         associated = associate(shape.nodes, surface, held_from_camera)
@@ -200,7 +200,7 @@ def extend_joint(
 
 
 def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
-    """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
+    """Return the shape with other camera poses: its nodes move in space, not on the plane."""
     if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
         return shape
     nodes = no_nodes()
@@ -210,9 +210,9 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
 
 
 def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
-    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
+    """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
 
-    Nodes of the main piece that are ``unreliable`` (N,) float too, each connected part of it as a piece.
+    Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
     """
     pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
     if unreliable is not None and unreliable.any():
@@ -230,7 +230,7 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 def _solved(shape: JointShape) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
-    The main piece stays the main one unless another outgrows it clearly.
+    The main piece stays the main one unless another is clearly larger.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)
@@ -267,11 +267,11 @@ def _solved(shape: JointShape) -> JointShape:
 
 
 _APART_M = 10.0
-"""Floating pieces lie this far apart on the plane."""
+"""Distance of floating pieces on the plane."""
 
 
 def _known(members: Bool, before: Int32) -> Bool:
-    """Of a piece's members that lie somewhere, those that were one piece before: the most."""
+    """Of a piece's members that have positions, return the largest set that was one piece before."""
     if not members.any():
         return members
     was = before[members]
@@ -281,14 +281,14 @@ def _known(members: Bool, before: Int32) -> Bool:
 
 
 def _seed(z: Complex128, links: Links, within: Int64) -> None:
-    """Lay down one pair, from which the rest of a piece can be laid out."""
+    """Place one pair, from which the rest of a piece is initialised."""
     seed = within[np.argmin(links.std_m[within])]
     z[links.edges[seed, 0]] = 0.0
     z[links.edges[seed, 1]] = links.offset[seed, 0]
 
 
 def _anchored(shape: JointShape) -> JointShape:
-    """Move the main piece to where its anchor lay; a main piece without one gets one."""
+    """Move the main piece onto its anchor; a main piece without an anchor gets one."""
     kept = shape.placed[shape.anchor]
     if kept.sum() >= 3:
         motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
@@ -296,7 +296,7 @@ def _anchored(shape: JointShape) -> JointShape:
         uv[shape.placed] = motion.apply(uv[shape.placed])
         return replace(shape, all_uv_m=uv)
     if shape.anchor.size and shape.placed.any():
-        # A piece that floated has outgrown the main one: it comes from where it lay to the plane's middle.
+        # A floating piece has become the main one: move it to the middle of the plane.
         uv = shape.all_uv_m.copy()
         uv[shape.placed] -= uv[shape.placed].mean(axis=0)
         shape = replace(shape, all_uv_m=uv)
@@ -308,7 +308,7 @@ def _anchored(shape: JointShape) -> JointShape:
 
 
 def _pieces(shape: JointShape) -> Int32:
-    """Return which piece of cloth each node (N,) belongs to."""
+    """Return the piece of cloth of each node (N,)."""
     evidence = np.concatenate([s.edge_evidence for s in shape.observations])
     return connected_pieces(
         len(shape.nodes), shape.links.edges, shape.weight * evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
@@ -332,14 +332,14 @@ def _links(observations: tuple[Observation, ...]) -> Links:
     )
 
 
-# ------------------------------------------------------------------ laying out
+# ------------------------------------------------------------------ initialisation
 
 
 def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
-    """Place (as u + iv) what pairs ``inside`` connect to placed nodes, layer by layer.
+    """Place nodes (as u + iv) that pairs ``inside`` connect to placed nodes, layer by layer.
 
-    A placed node whose turn is known, from its placed neighbours in the same view, says where its
-    other neighbours in that view lie; several such opinions are averaged.
+    A placed node has a known rotation if placed neighbours of the same view determine it. It then
+    predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
     z = z.copy()
     open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
@@ -366,7 +366,7 @@ def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
         z[found] = sums[found] / counts[found]
 
 
-# ------------------------------------------------------------------ minimising
+# ------------------------------------------------------------------ minimisation
 
 
 def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
@@ -402,7 +402,7 @@ def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> t
             narrow=narrow,
         ).uv_m
         residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std, _ROBUST_STD)
+        weight = _robust_weight(residual / std)
     sheet = FlexibleSheet(
         edges=edges,
         member=links.member[inside],
@@ -416,8 +416,8 @@ def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> t
     return uv, weight
 
 
-def _robust_weight(normed: Float64, robust_std: float) -> Float64:
-    """Geman-McClure weights of residuals that are given in standard deviations."""
-    scale = robust_std * max(1.0, 1.48 * float(np.median(np.abs(normed))))
+def _robust_weight(normed: Float64) -> Float64:
+    """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
+    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
     weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
     return weight

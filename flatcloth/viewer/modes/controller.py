@@ -21,7 +21,7 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
 from flatcloth.grasping.measuring import measure
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picks import PickStore, PlaceStore
+from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import Note, PageStatus
@@ -81,6 +81,9 @@ class SceneView(Protocol):
 
     def follow(self, on: bool) -> None:
         """Let the cameras follow the view, or not."""
+
+    def look_from(self, angle_deg: float) -> None:
+        """Let all cameras look from where the real camera stood at an angle."""
 
 
 class PageController(ABC):
@@ -171,6 +174,11 @@ class PageController(ABC):
         source = None if hover.view is None else place_under(self._integration, hover.view, proposal, shape)
         return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal, "source": source}
 
+    def describe_ray(self, hover: messages.HoverRay) -> dict[str, Any]:
+        """Answer what a ray of the 3D scene hits, and where that lies on the plane; reads only."""
+        place = hit_by(self._picture, self._scene_view.visible_points(), hover.origin_m, hover.direction)
+        return {"type": "hover_ray", "id": hover.id, **place}
+
     def grasps(self) -> dict[str, Any]:
         """Return the list of picks as it is exported.
 
@@ -211,6 +219,7 @@ class PageController(ABC):
         match message:
             case messages.ShowPick(id=pick_id):
                 self._picks.show(pick_id, self._picture)
+                self._turn_to_pick()
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
                 self._picks.rename(pick_id, name.strip(), self._picture)
@@ -223,12 +232,28 @@ class PageController(ABC):
                 self._publish()
             case messages.Set():
                 self._set(message)
+            case messages.TurnTo(view_index=view):
+                self._turn_to(view)
             case messages.Hover():
                 self._sink.tell(client, self.describe(message))
             case messages.Measure():
                 self._sink.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
+
+    def _turn_to(self, view_index: int) -> None:
+        angles_deg = self._integration.recording.angles_deg
+        if not 0 <= view_index < len(angles_deg):
+            raise FlatclothError(f"The recording has no view {view_index}.")
+        self._scene_view.look_from(angles_deg[view_index])
+
+    def _turn_to_pick(self) -> None:
+        """Look at the current pick from where it was seen, if it faces away from the present camera."""
+        current, picture = self._picks.current, self._picture
+        if current is None or picture is None or not self._page_settings.now.turn_to_pick:
+            return
+        if faces_away(current.pick, self._integration.axis, picture.angle_deg):
+            self._turn_to(current.pick.view_index)
 
     def _measured(self, asked: messages.Measure) -> dict[str, Any]:
         if self._picture is None:
@@ -269,6 +294,7 @@ class PageController(ABC):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background picks nothing and changes nothing.
+        # Nor does the camera turn: who clicks in the scene sees what is clicked.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()
 

@@ -132,7 +132,8 @@ class DiagnosticsService:
 
         def make() -> bytes:
             new = self._integration.part(asked["view"], overlay.proposal.component)
-            placements = [h.current_from_new for h in hypotheses]
+            own = np.array(overlay.own_center_uv_m)
+            placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
             return layers.png(thumbnail(picture.view, new, placements, asked["index"]))
 
         data = await run_in_threadpool(make)

@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Rigid2, finite
+from flatcloth.core.types import Float64, Rigid2, finite
 from flatcloth.engine.repair import PairFit, Reach, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import nudge_about
 from flatcloth.viewer.protocol.picture import Overlay
 from flatcloth.viewer.worker import Worker
 
@@ -54,12 +53,9 @@ class RepairService:
         """End after what is being computed."""
         self._worker.stop(timeout_s)
 
-    def preview(
-        self, client: int, asked: messages.Preview, document: Document, center: tuple[float, float]
-    ) -> None:
-        """Tell a tab how the proposal would fit if it were moved; replaces its last question."""
+    def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
+        """Tell a tab how the proposal would fit if it were moved ``by``; replaces its last question."""
         pending = meant(document, asked.view_index)
-        by = nudge_about(center, asked.theta_rad, asked.u_m, asked.v_m)
         moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
         with self._lock:
             waiting = client in self._wanted
@@ -140,8 +136,8 @@ def told_reach(found: Reach) -> dict[str, Any]:
     }
 
 
-def fit_of(pending: Pending, pairs: messages.Pairs) -> PairFit:
-    """Fit the pairs of a tab; their points of the proposal come in its own plane.
+def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
+    """Fit the pairs of a tab; their points of the proposal come in its own plane, which lies at a placement.
 
     Raises
     ------
@@ -152,7 +148,7 @@ def fit_of(pending: Pending, pairs: messages.Pairs) -> PairFit:
         raise FlatclothError("Pairs need a point of the proposal, one of the shape and a weight each.")
     own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
     there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
-    return fit_pairs(pending.current_from_new.apply(own), there, np.array(pairs.weights))
+    return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
 
 
 def told_fit(fit: PairFit) -> dict[str, Any]:
@@ -165,10 +161,10 @@ def told_fit(fit: PairFit) -> dict[str, Any]:
     }
 
 
-def told_refined(pending: Pending, found: Reach, center: tuple[float, float]) -> tuple[Rigid2 | None, str]:
+def told_refined(pending: Pending, found: Reach, center: Float64) -> tuple[Rigid2 | None, str]:
     """Return the motion of a refinement, None if it is none, and what the operator is told."""
     by = found.refined @ pending.current_from_new.inverse()
-    moved = by.apply(np.array(center)) - np.array(center)
+    moved = by.apply(center) - center
     shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
     if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
         return None, "Refining from here changes nothing."

@@ -9,8 +9,13 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import RotationAxis, finite
+from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import place_of_piece
+from flatcloth.grasping.grasps import point_on_ray
+from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -19,9 +24,11 @@ from flatcloth.session.machine import (
     Failed,
     Followed,
     Nudge,
+    Pending,
     Phase,
     Propose,
     Reject,
+    Reopen,
     Request,
     SessionState,
     Skip,
@@ -31,10 +38,12 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -79,6 +88,8 @@ class Application(PageController):
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
+        self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
+
     @property
     def _state(self) -> SessionState:
         return self._folder.state
@@ -87,7 +98,11 @@ class Application(PageController):
 
     def routes(self) -> list[BaseRoute]:
         """Return what the web server serves of a session."""
-        return [*super().routes(), *self._diagnostics.routes()]
+        return [
+            *super().routes(),
+            *self._diagnostics.routes(),
+            *self._sides.routes(lambda: self._picture),
+        ]
 
     def start(self) -> None:
         """Show the session as it was left, and ask for the start view if there is none."""
@@ -99,6 +114,7 @@ class Application(PageController):
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
         self._repair.stop(timeout_s=2.0)
+        self._sides.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -121,13 +137,16 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                self._repair.preview(client, message, self._state.document, self._center())
+                by = self._meant(message.theta_rad, message.u_m, message.v_m)
+                self._repair.preview(client, message, self._state.document, by)
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+                self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
                 pending = meant(self._state.document, view)
                 self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+            case messages.PlacePiece(label=label):
+                self._place_piece(label)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -136,11 +155,20 @@ class Application(PageController):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._turn_to_pick()
                 self._publish()
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
                 self._publish()
+            case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
+                self._by_hand(paint(self._sides.decision(message, self._picture)))
+            case messages.Brush():
+                self._sides.brush = message if message.side is not None else None
+            case messages.WhereToStroke():
+                self._sides.where_next(
+                    self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
+                )
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -158,13 +186,33 @@ class Application(PageController):
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
-    def _center(self) -> tuple[float, float]:
-        """Return what a nudge turns about: the centre of the proposal."""
+    def _placed(self) -> tuple[Pending, Overlay] | None:
+        """Return the proposal with the picture of it, None while there is none."""
         overlay = None if self._picture is None else self._picture.overlay
         pending = self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
-            return 0.0, 0.0
-        return center_uv_m(pending, overlay)
+            return None
+        return pending, overlay
+
+    def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+        """Return the nudge that is meant by a turn about the proposal's centre and a shift, as shown."""
+        placed = self._placed()
+        if placed is None:
+            return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+        pending, overlay = placed
+        return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+
+    def _place_piece(self, label: str) -> None:
+        """Decide again about the view that shows most of a floating piece, with that component of it."""
+        sheet = None if self._picture is None else self._picture.sheet
+        pieces = () if sheet is None else sheet.pieces
+        piece = next((p for p in pieces if p.label == label), None)
+        if piece is None:
+            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+        accepted = [a.view_index for a in self._state.document.accepted]
+        found = place_of_piece(self._integration, piece, accepted)
+        self._by_hand(Reopen(found.view_index))
+        self._do(TakePart(found.view_index, found.component, found.placement))
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -179,18 +227,48 @@ class Application(PageController):
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
-        by, text = told_refined(pending, found, self._center())
+        placed = self._placed()
+        own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
+        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        pending = meant(self._state.document, pairs.view_index)
-        fit = fit_of(pending, pairs)
+        meant(self._state.document, pairs.view_index)
+        placed = self._placed()
+        if placed is None:
+            raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+        pending, overlay = placed
+        fit = fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
-            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
-            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
+            fitted = fit.by @ overlay.shown(pending)
+            self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
+            fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
+
+    def _pixels_per_m(self) -> float:
+        """Return how many pixels of the image a metre of the item covers, at the distance of the axis."""
+        return self._integration.recording.intrinsics.fx / float(self._integration.axis.point_m[2])
+
+    def _sides_told(self, changed: str) -> None:
+        """Say what a stroke changed; the labels of the cloth are others."""
+        if changed:
+            self._tell(None, "info", changed)
+        else:
+            self._publish()
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        if self._sides.brush is None:
+            super()._pick_on_ray(origin_m, direction)
+            return
+        picture, points = self._picture, self._scene_view.visible_points()
+        hit = point_on_ray(points, origin_m, direction) if len(points) else None
+        if picture is None or hit is None:
+            return
+        nowhere = np.full(3, np.nan)
+        place = place_in_view(self._integration, picture.present_view, points[hit], nowhere)
+        self._by_hand(paint(self._sides.dab(picture.present_view, place.row, place.col)))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
@@ -243,8 +321,9 @@ class Application(PageController):
 
     def _settle(self) -> None:
         """Bring the work, the picture, Auto and the tabs in line with the state."""
-        self._settle_work()
         document = self._state.document
+        self._sides.follow(document)
+        self._settle_work()
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
@@ -303,7 +382,7 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        return snapshot(
+        told = snapshot(
             revision,
             self._state,
             self._page_status,
@@ -312,6 +391,7 @@ class Application(PageController):
             self._integration,
             self._places,
         )
+        return {**told, "sides": self._sides.plain(), "pixels_per_m": self._pixels_per_m()}
 
     # --- the worker --------------------------------------------------------------------------
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_held, held_from_camera
 from flatcloth.core.types import Float64, Floats, RotationAxis, finite
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
@@ -184,6 +184,29 @@ class PickStore:
             if pick.id == pick_id:
                 return pick
         raise FlatclothError(f"Pick {pick_id} is no longer in the list.")
+
+
+def faces_away(pick: Pick, axis: RotationAxis, angle_deg: float) -> bool:
+    """Say whether a pick's cloth faces away from where the camera stands at an angle; unknown: no."""
+    eye_m = held_from_camera(axis, angle_deg).translation_m
+    towards = (eye_m - np.asarray(pick.position_held_m)) @ np.asarray(pick.normal_held)
+    return bool(np.isfinite(towards) and towards < 0)
+
+
+def hit_by(
+    picture: Picture | None, points_m: Floats, origin_m: Sequence[float], direction: Sequence[float]
+) -> dict[str, Any]:
+    """Return what a ray hits first, ``xyz_m``, and where it lies on the plane, ``uv_m``; None: nothing."""
+    nothing: dict[str, Any] = {"xyz_m": None, "uv_m": None}
+    if picture is None or not len(points_m) or not np.linalg.norm(direction) > 0:
+        return nothing
+    hit = point_on_ray(points_m, np.array(origin_m), np.array(direction))
+    if hit is None:
+        return nothing
+    xyz = points_m[hit]
+    rc, distance_m = pixel_of_point(picture.view, xyz)
+    uv = picture.view.uv_from_rc(np.array(rc)).tolist() if distance_m <= TOO_FAR_M else None
+    return {"xyz_m": [float(x) for x in xyz], "uv_m": uv}
 
 
 def _shown(picture: Picture | None) -> Picture:

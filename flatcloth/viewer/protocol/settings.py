@@ -38,6 +38,7 @@ class Settings:
     auto_threshold: float = 0.75
     advance: bool = False
     follow: bool = True
+    turn_to_pick: bool = True
     step_mm: float = 2.0
     step_deg: float = 1.0
 
@@ -96,6 +97,12 @@ SETTINGS = (
         title="3D camera follows",
         description="The 3D camera stands where the real camera stood for the view that is shown.",
     ),
+    Setting(
+        name="turn_to_pick",
+        title="Turn the item to a pick",
+        description="A pick that faces away from the 3D camera is looked at from where it was seen."
+        " Off: its mark shows through the cloth.",
+    ),
 )
 
 
@@ -105,7 +112,7 @@ class SettingsStore:
     Raises
     ------
     FlatclothError
-        If the file that is there is damaged.
+        If the existing file is damaged.
     """
 
     def __init__(self, folder: Path | None, defaults: Settings) -> None:

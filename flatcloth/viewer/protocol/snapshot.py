@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import Sheet, label_of
+from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
@@ -209,6 +211,7 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
+        "extends": None if overlay is None else label_of(overlay.piece(pending)),
         **_placing(overlay),
     }
 
@@ -231,22 +234,26 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
     """Return a nudge as a turn about the proposal's own centre and the shift of that, as one sees it."""
     if overlay is None:
         return pending.nudge
-    center = pending.proposed.apply(np.array(overlay.own_center_uv_m))
-    shift = pending.nudge.apply(center) - center
+    own = np.array(overlay.own_center_uv_m)
+    shift = overlay.shown(pending).apply(own) - overlay.sheet.shown(pending.proposed, own).apply(own)
     return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
     """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
     placement = None if overlay is None else overlay.proposal.placement
-    if placement is None or not placement.hypotheses:
+    if overlay is None or placement is None or not placement.hypotheses:
         return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
     return {
         "cameras": placement.cameras,
         "margin": finite(float(placement.margin)),
         "undetermined": list(placement.hypotheses[0].undetermined),
         "hypotheses": [
-            {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
+            {
+                "source": h.source,
+                "score": finite(h.score.total),
+                **_motion(_shown(overlay, h.current_from_new)),
+            }
             for h in placement.hypotheses
         ],
     }
@@ -270,11 +277,31 @@ def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
-        "area_cm2": picture.view.area_m2 * 1e4,
+        "area_cm2": (picture.view if picture.sheet is None else picture.sheet.canonical.view).area_m2 * 1e4,
+        "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
         **grid(picture.view),
     }
+
+
+def _floating(sheet: Sheet) -> list[dict[str, Any]]:
+    """Return the floating pieces: letter, area, reason, views, color, and their rectangles on the sheet."""
+    return [
+        {
+            "label": piece.label,
+            "area_cm2": 1e4 * piece.view.area_m2,
+            "reason": piece.reason,
+            "views": list(piece.views),
+            "color": "#" + bytes(piece_color(n).tolist()).hex(),
+            "grid": grid(piece.view),
+        }
+        for n, piece in enumerate(sheet.pieces, start=1)
+    ]
+
+
+def _shown(overlay: Overlay, motion: Rigid2) -> Rigid2:
+    return overlay.sheet.shown(motion, np.array(overlay.own_center_uv_m))
 
 
 def _overlay(picture: Picture) -> dict[str, Any] | None:
@@ -282,7 +309,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
     overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
     if overlay is None or pending is None:
         return None
-    at = pending.current_from_new
+    at = overlay.shown(pending)
     return {
         "revision": overlay.revision,
         "view_index": overlay.proposal.view_index,
@@ -295,7 +322,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
 
 def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
     """Return where the centre of the proposal lies on the plane: what a nudge turns about."""
-    u_m, v_m = pending.current_from_new.apply(np.array(overlay.own_center_uv_m)).tolist()
+    u_m, v_m = overlay.shown(pending).apply(np.array(overlay.own_center_uv_m)).tolist()
     return float(u_m), float(v_m)
 
 
@@ -309,7 +336,13 @@ def _pick(
 
 
 def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
-    listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
+    listed: dict[str, Any] = {
+        "id": pick.id,
+        "name": pick.name,
+        "view_index": pick.view_index,
+        "position_held_m": [float(x) for x in pick.position_held_m],
+        "uv_m": None,
+    }
     if picture is not None:
         place = places.place(picture, pick.position_held_m)
         if place.in_shape:

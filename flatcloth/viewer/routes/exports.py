@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import logging
 import re
@@ -9,14 +10,14 @@ import tempfile
 import threading
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.export.session import OpenedSession, of_page
 
 if TYPE_CHECKING:
@@ -85,8 +86,15 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
 """What can be asked for: the media type, and what makes it."""
 
 
+BUSY = "Another export is being made; ask again when it is done."
+_LOOK_S = 0.25
+"""Interval at which the client is checked for having left."""
+
+
 class ExportRoutes:
-    """Makes exports, one at a time: they take all the processor that there is.
+    """Makes exports, one at a time and in a thread of its own: each uses all processors.
+
+    Requests that come meanwhile are answered 429. An export is cancelled when its client leaves.
 
     Parameters
     ----------
@@ -98,6 +106,13 @@ class ExportRoutes:
         self._integration = integration
         self._folder = folder
         self._turn = threading.Lock()
+        self._pool = ThreadPoolExecutor(1, "flatcloth-export")
+        self._left = threading.Event()
+
+    def stop(self) -> None:
+        """Take no more, and give up the one that is being made."""
+        self._left.set()
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, request: Request) -> Response:
         """Answer with the file that was asked for, or with one line that says why not."""
@@ -105,20 +120,41 @@ class ExportRoutes:
         if name not in KINDS:
             known = ", ".join(KINDS)
             return PlainTextResponse(f"There is no export {name!r:.40}; known are {known}.", status_code=404)
+        if not self._turn.acquire(blocking=False):
+            return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
+        left = self._left = threading.Event()
+        work = self._pool.submit(self._make, name, left)
+        work.add_done_callback(lambda _: self._turn.release())
         try:
-            data = await run_in_threadpool(self._make, name)
+            while not work.done():
+                await asyncio.wait([asyncio.wrap_future(work)], timeout=_LOOK_S)
+                if not work.done() and await request.is_disconnected():
+                    left.set()
+                    return PlainTextResponse("Nobody waits for this export.", status_code=499)
+            data = work.result()
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         except Exception as error:  # noqa: BLE001 - told and logged
             _log.exception("the export of %s failed", name)
             return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
+        finally:
+            left.set()
         # As a file to keep, never shown in the page's own place: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
         return Response(data, media_type=KINDS[name][0], headers=headers)
 
-    def _make(self, name: str) -> bytes:
-        with self._turn:
-            return KINDS[name][1](of_page(self._integration, self._folder))
+    def _make(self, name: str, left: threading.Event) -> bytes | None:
+        def go_on(_share: float, _text: str) -> None:
+            if left.is_set():
+                raise CancelledError
+
+        try:
+            opened = of_page(self._integration, self._folder, go_on)
+            go_on(0.0, "")
+            return KINDS[name][1](opened)
+        except CancelledError:
+            _log.info("the export of %s was given up: nobody waits for it", name)
+            return None
 
     def _stem(self) -> str:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]

@@ -12,7 +12,7 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.layers import difference
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
@@ -75,7 +75,7 @@ def clouds_of(
     if points == SHAPE:
         live = picture.cloud
         found[LIVE] = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest), 0.0015)
-        found[HELD] = _cloud(view, view.valid, color, axis, n_views, 0.0018)
+        found[HELD] = _with_pieces(_cloud(view, view.valid, color, axis, n_views, 0.0018), picture, color)
     if overlay is None:
         return found
     if points in (SHAPE, NEW):
@@ -90,6 +90,17 @@ def clouds_of(
         colors = layers.difference_rgba(apart, "position")[where][:, :3]
         found[PROPOSAL] = Cloud(overlay.view.xyz_m[where], colors, 0.0026)
     return found
+
+
+def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:
+    """Tint the points of floating pieces in the colours that the flattened view marks them with."""
+    if picture.sheet is None or not picture.sheet.pieces or color != "color":
+        return cloud
+    piece = picture.sheet.piece[picture.view.valid]
+    colors = cloud.colors.astype(np.float64)
+    for n in range(1, len(picture.sheet.pieces) + 1):
+        colors[piece == n] = 0.5 * colors[piece == n] + 0.5 * piece_color(n)
+    return Cloud(cloud.points_m, colors.astype(np.uint8), cloud.size_m)
 
 
 def _cloud(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -16,6 +14,7 @@ from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
 from flatcloth.viewer.scene.panels import Panels
+from flatcloth.viewer.scene.private_viser import PrivateViser
 
 if TYPE_CHECKING:
     import viser
@@ -35,7 +34,7 @@ _PICK_COLOR = (225, 29, 116)
 
 
 class Scene:
-    """Owns a viser server on loopback; every method may be called from any thread.
+    """Owns a viser server that only this process reaches, at ``path``; methods may be called from any thread.
 
     Parameters
     ----------
@@ -43,12 +42,9 @@ class Scene:
         Held frame.
     intrinsics : Intrinsics
         Of the real camera, for its frustum.
-    relay_key : str
-        Connections that do not carry this in their header ``X-Flatcloth-Relay`` are closed, so that
-        other pages on this computer cannot reach the scene behind our server's back.
     """
 
-    def __init__(self, axis: RotationAxis, intrinsics: Intrinsics, relay_key: str) -> None:
+    def __init__(self, axis: RotationAxis, intrinsics: Intrinsics) -> None:
         self._axis = axis
         self._axis_span_m = (-0.5, 0.5)
         self._axis_panel: AxisPanel | None = None
@@ -62,8 +58,9 @@ class Scene:
         self._shown: tuple[Any, int] | None = None
         self._view_from: tuple[Float64, Float64, float, float] | None = None
         self._follow = True
-        self._server = _start_viser(relay_key)
-        self.port: int = self._server.get_port()
+        self._viser = PrivateViser()
+        self._server = self._viser.server
+        self.path = self._viser.path
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
         self.on_follow: Callable[[bool], None] = lambda _on: None
         self._build(intrinsics)
@@ -117,8 +114,7 @@ class Scene:
         """Close the viser server."""
         if self._cloud_panel is not None:
             self._cloud_panel.stop()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self._server.stop()
+        self._viser.stop()
 
     def visible_points(self) -> Float32:
         """Return the points (N, 3) of all clouds that are switched on."""
@@ -219,6 +215,15 @@ class Scene:
         self._panels.set_follow(on)
         if on:
             self._aim_all()
+
+    def look_from(self, angle_deg: float) -> None:
+        """Let all cameras look from where the real camera stood at an angle, the item in the middle."""
+        with self._lock:
+            if self._view_from is None:
+                return
+            eye_m = held_from_camera(self._axis, angle_deg).translation_m
+            self._view_from = (self._view_from[0], eye_m, *self._view_from[2:])
+        self._aim_all()
 
     def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
         self._filled[name] = len(points_m) > 0
@@ -331,27 +336,6 @@ class Scene:
 
     def _axis_points(self, axis: RotationAxis) -> Float64:
         return np.array([[axis.point_m + x * axis.direction for x in self._axis_span_m]])
-
-
-def _start_viser(relay_key: str) -> viser.ViserServer:
-    import viser
-    from viser import _messages
-
-    # viser prints its own address; ours is the only one a user may open.
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    socket = server._websock_server
-    # Any client could open a public tunnel to this computer with it.
-    socket.unregister_handler(_messages.ShareUrlRequest)
-
-    async def only_our_relay(connection: Any) -> None:
-        live = socket._live_connections.get(connection.client_id)
-        if live is None or live.request is None or live.request.headers.get("X-Flatcloth-Relay") != relay_key:
-            if live is not None:
-                await live.close(1008, "use the page's own address")
-
-    socket._client_connect_cb.insert(0, only_our_relay)
-    return server
 
 
 def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:

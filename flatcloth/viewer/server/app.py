@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import secrets
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
@@ -37,7 +36,9 @@ from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.hub import Hub, Tab
+from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol
 from flatcloth.viewer.server.relay import relay
+from flatcloth.viewer.server.token import kept_token, new_token
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -46,6 +47,10 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STATIC = static_folder()
+_ALL_HEADERS = {
+    # Pages of other addresses cannot embed what is served here.
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
 _PAGE_HEADERS = {
     # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
     # the page itself never evaluates text.
@@ -53,6 +58,7 @@ _PAGE_HEADERS = {
     " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
+    **_ALL_HEADERS,
 }
 
 
@@ -64,9 +70,12 @@ class PageServer:
     integration, folder
         What to show, see :class:`flatcloth.viewer.modes.controller.PageController`.
     host : str
-        Address to bind; beyond loopback the page needs the token that is part of :attr:`url`.
+        Address to bind.
     port : int
         0 chooses a free one.
+    token : bool
+        Ask for the token that is part of :attr:`url`. False lets every user and program of this
+        computer in; beyond loopback that is refused.
     player : Player, optional
         Given for live mode: flattens the frames that are played.
     fps : float
@@ -82,18 +91,22 @@ class PageServer:
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
+        token: bool = True,
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
         controller: Callable[[SceneView, ClientSink], PageController] | None = None,
     ) -> None:
+        if not token and not is_loopback(host):
+            raise ServerError(
+                f"Without a token {host} would let everybody in; use --host 127.0.0.1, or a token."
+            )
         self._integration = integration
         self._socket = bind(host, port)
-        self._token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        self.token = _token(host) if token else None
         self._host = host
         self.port: int = self._socket.getsockname()[1]
-        self._relay_key = secrets.token_urlsafe(24)
         axis = integration.axis
-        self._scene = Scene(axis, integration.recording.intrinsics, self._relay_key)
+        self._scene = Scene(axis, integration.recording.intrinsics)
         self._hub = Hub()
         self.application: PageController
         if controller is not None:
@@ -118,11 +131,13 @@ class PageServer:
             log_config=None,
             access_log=False,
             ws="websockets-sansio",
-            ws_max_size=2**31 - 1,
+            ws_max_size=MAX_MESSAGE_BYTES,
             ws_per_message_deflate=False,
             ws_ping_interval=20.0,
             ws_ping_timeout=60.0,
             timeout_graceful_shutdown=1,
+            http=LimitedProtocol,
+            limit_concurrency=MAX_REQUESTS,
         )
         self._uvicorn = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
@@ -132,7 +147,7 @@ class PageServer:
         """The address to open, with the token if one is needed."""
         host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
         host = f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def start(self) -> PageServer:
         """Start serving; returns when the page answers."""
@@ -147,6 +162,7 @@ class PageServer:
         self._thread.join(timeout=5.0)
         self.application.stop()
         self._teaching.stop()
+        self._exports.stop()
         self._scene.stop()
         self._socket.close()
 
@@ -188,21 +204,28 @@ class PageServer:
             WebSocketRoute("/viser", self._viser_socket),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        guard = Middleware(Guard, names=own_names(self._host), token=self._token, port=self.port)
-        return Starlette(routes=routes, middleware=[guard, Middleware(_Headers)], lifespan=lifespan)
+        guard = Middleware(Guard, names=own_names(self._host), token=self.token, port=self.port)
+        return Starlette(routes=routes, middleware=[Middleware(_Headers), guard], lifespan=lifespan)
 
     async def _messages(self, browser: WebSocket) -> None:
         def receive(key: int, tab: Tab, text: str) -> None:
-            hover = _hover(text)
-            if hover is None:
+            answer = self._pointed_at(text)
+            if answer is None:
                 self.application.receive(key, text)
             else:
-                tab.put(json.dumps(self.application.describe(hover), allow_nan=False))
+                tab.put(json.dumps(answer, allow_nan=False))
 
         await self._hub.serve(browser, self.application.last_snapshot, receive)
 
+    def _pointed_at(self, text: str) -> dict[str, Any] | None:
+        """Answer a question about what is under the pointer; None for any other message."""
+        hover = _hover(text)
+        if isinstance(hover, messages.HoverRay):
+            return self.application.describe_ray(hover)
+        return None if hover is None else self.application.describe(hover)
+
     async def _viser_socket(self, browser: WebSocket) -> None:
-        await relay(browser, self._scene.port, self._relay_key)
+        await relay(browser, self._scene.path)
 
     async def _grasps(self, _request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
@@ -213,20 +236,26 @@ class PageServer:
         return JSONResponse(grasps, headers=headers)
 
 
+def _token(host: str) -> str:
+    """Return the user's own token on this computer; beyond it, where it may be overheard, a new one."""
+    return kept_token() if is_loopback(host) else new_token()
+
+
 class _Headers:
-    """ASGI middleware that adds the page's protective headers to what is not viser's."""
+    """ASGI middleware that adds protective headers; viser's page gets fewer."""
 
     def __init__(self, app: Any) -> None:
         self._app = app
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] != "http" or scope["path"].startswith("/viser"):
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        added = _ALL_HEADERS if scope["path"].startswith("/viser") else _PAGE_HEADERS
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                extra = [(k.lower().encode(), v.encode()) for k, v in _PAGE_HEADERS.items()]
+                extra = [(k.lower().encode(), v.encode()) for k, v in added.items()]
                 message["headers"] = [*message.get("headers", []), *extra]
             await send(message)
 
@@ -245,15 +274,15 @@ async def _viser_page(_request: Request) -> Response:
     return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
 
 
-def _hover(text: str) -> messages.Hover | None:
+def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
     # Hover read-outs need no turn in the queue: they only read the present picture.
-    if '"hover"' not in text[:200]:
+    if '"hover' not in text[:200]:
         return None
     try:
         message = messages.parse(text)
     except FlatclothError:
         return None  # the application thread reports it
-    return message if isinstance(message, messages.Hover) else None
+    return message if isinstance(message, messages.Hover | messages.HoverRay) else None
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -290,6 +319,7 @@ def serve(
     *,
     host: str = "127.0.0.1",
     port: int = 8080,
+    token: bool = True,
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
     controller: Callable[[SceneView, ClientSink], PageController] | None = None,
@@ -299,7 +329,7 @@ def serve(
 
     Parameters
     ----------
-    integration, folder, host, port, player, fps, controller
+    integration, folder, host, port, token, player, fps, controller
         See :class:`PageServer`.
     open_url
         Called with the page's address once it answers; the default prints it.
@@ -307,10 +337,17 @@ def serve(
     Raises
     ------
     ServerError
-        If the address cannot be bound.
+        If the address cannot be bound, or would let everybody in.
     """
     with PageServer(
-        integration, folder, host=host, port=port, player=player, fps=fps, controller=controller
+        integration,
+        folder,
+        host=host,
+        port=port,
+        token=token,
+        player=player,
+        fps=fps,
+        controller=controller,
     ) as server:
         (open_url or _print_url)(server.url)
         try:

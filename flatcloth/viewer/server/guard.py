@@ -1,19 +1,30 @@
-"""Who may speak to the server: only pages of its own address, and with a token beyond loopback.
+"""Access control: only pages of the server's own address, and only with its token.
 
-Without this, any web page that the operator has open could drive the session, or read it through a
-name that it has pointed at this computer.
+Without it, any web page that the operator has open could drive the session or read it (also through a host
+name that resolves to this computer), and so could any other user of this computer.
 """
 
 from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 import socket
+from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
+from typing import Literal
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
+
+MAX_PATH_CHARS = 1000
+MAX_QUERY_CHARS = 2000
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
+_ORIGIN = re.compile(r"null|[a-z][a-z0-9+.-]{0,30}://" + _HOST.pattern)
+_LONG_NUMBER = re.compile(r"\d{16}")
+"""No route has a number that JavaScript cannot count to."""
+_SINGLE = (b"host", b"origin", b"sec-fetch-site", b"authorization")
 
 
 def is_loopback(host: str) -> bool:
@@ -34,8 +45,19 @@ def own_names(host: str) -> frozenset[str]:
     return frozenset(name.lower() for name in names)
 
 
+class _Refusal(Exception):  # noqa: N818
+    """A request that is not served; ``status`` is 400 (malformed) or 403 (not allowed)."""
+
+    def __init__(self, status: Literal[400, 403], reason: str) -> None:
+        super().__init__(reason)
+        self.status, self.reason = status, reason
+
+
 class Guard:
-    """ASGI middleware that refuses foreign hosts and origins, and callers without the token."""
+    """ASGI middleware that refuses malformed requests, foreign hosts and origins, and missing tokens.
+
+    ``token`` None asks for none.
+    """
 
     def __init__(self, app: ASGIApp, names: frozenset[str], token: str | None, port: int) -> None:
         self._app = app
@@ -45,49 +67,86 @@ class Guard:
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on, refuse, or (first visit with the token in the address) set the cookie."""
+        """Pass the request on, refuse it, or (with the token in the address) set the cookie."""
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
-        headers = {k.decode("latin-1").lower(): v.decode("latin-1") for k, v in scope["headers"]}
-        reason = self._why_refused(scope, headers)
-        if reason is None and self._token is not None:
-            given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-            if scope["type"] == "http" and self._is_token(given):
-                await self._welcome(scope, receive, send)
-                return
-            bearer = headers.get("authorization", "").removeprefix("Bearer ")  # of a program, not a browser
-            if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name) or bearer):
-                reason = "This page needs the address with the token that the program printed."
-        if reason is None:
-            await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": 1008, "reason": reason})
-        else:
-            await PlainTextResponse(reason, status_code=403)(scope, receive, send)
+        try:
+            headers = _single_headers(scope["headers"])
+            _check_form(scope, headers)
+            self._check_source(scope, headers)
+            if self._token is not None:
+                given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+                if scope["type"] == "http" and self._is_token(given):
+                    await self._welcome(scope, receive, send)
+                    return
+                self._check_token(headers)
+        except _Refusal as refusal:
+            if scope["type"] == "websocket":
+                await receive()
+                await send({"type": "websocket.close", "code": 1008, "reason": refusal.reason})
+            else:
+                answer = PlainTextResponse(refusal.reason, status_code=refusal.status)
+                await answer(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
 
-    def _why_refused(self, scope: Scope, headers: dict[str, str]) -> str | None:
-        host = headers.get("host", "")
+    def _check_source(self, scope: Scope, headers: dict[str, str]) -> None:
+        """Refuse what was sent to another name, or by another page."""
+        host = headers["host"]
         name = (urlsplit(f"//{host}").hostname or "").lower()
         reached = str((scope.get("server") or ("",))[0]).lower()
         if name not in self._names and name != reached:
-            return f"Refused: {host!r:.80} is not an address of this server."
+            raise _Refusal(403, f"Refused: {host!r:.80} is not an address of this server.")
         origin = headers.get("origin")
-        if origin is None:
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            raise _Refusal(403, f"Refused: pages of {origin!r:.80} may not use this server.")
+        if origin is None and scope["type"] == "websocket":
             # Browsers always send it with a socket; what does not is no page of ours.
-            return "Refused: a socket without an Origin." if scope["type"] == "websocket" else None
-        if urlsplit(origin).netloc.lower() != host.lower():
-            return f"Refused: pages of {origin!r:.80} may not use this server."
-        return None
+            raise _Refusal(403, "Refused: a socket without an Origin.")
+        # Images, links and frames of other pages carry no Origin, but browsers tell where they come
+        # from. "same-site" is another port of this computer. The page itself may be opened by a link.
+        site = headers.get("sec-fetch-site", "none")
+        opened = scope["path"] == "/" and headers.get("sec-fetch-mode") == "navigate"
+        framed = headers.get("sec-fetch-dest", "document") != "document"
+        if site not in ("none", "same-origin") and (not opened or framed):
+            raise _Refusal(403, "Refused: pages of other addresses may not use this server.")
+
+    def _check_token(self, headers: dict[str, str]) -> None:
+        bearer = headers.get("authorization", "").removeprefix("Bearer ")  # of a program, not a browser
+        if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name) or bearer):
+            raise _Refusal(403, "This page needs the address with the token that the program printed.")
 
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
-        response = RedirectResponse(scope["path"], status_code=303)
+        # To the page, never to the path that was given: "//host/" would lead elsewhere.
+        response = RedirectResponse("/", status_code=303)
         response.set_cookie(self._cookie_name, self._token or "", httponly=True, samesite="strict")
         await response(scope, receive, send)
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), (self._token or "").encode())
+        return hmac.compare_digest(given.encode("utf-8", "replace"), (self._token or "").encode())
+
+
+def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for key, value in raw:
+        name = key.lower()
+        if name in _SINGLE and name.decode() in found:
+            raise _Refusal(400, f"Malformed request: two headers {name.decode()}.")
+        found[name.decode("latin-1")] = value.decode("latin-1")
+    return found
+
+
+def _check_form(scope: Scope, headers: dict[str, str]) -> None:
+    """Refuse what no browser sends, before anything else looks at it."""
+    if not _HOST.fullmatch(headers.get("host", "")):
+        raise _Refusal(400, "Malformed request: no valid Host.")
+    if not _ORIGIN.fullmatch(headers.get("origin", "null")):
+        raise _Refusal(400, "Malformed request: no valid Origin.")
+    if len(scope["path"]) > MAX_PATH_CHARS or len(scope["query_string"]) > MAX_QUERY_CHARS:
+        raise _Refusal(400, "Malformed request: the address is too long.")
+    if not scope["path"].isprintable() or _LONG_NUMBER.search(scope["path"]):
+        raise _Refusal(400, "Malformed request: the address is none of this server's.")
 
 
 def _cookie(header: str, name: str) -> str:

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import websockets
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection, unix_connect
 from websockets.typing import Subprotocol
 
 
-async def relay(browser: WebSocket, port: int, key: str) -> None:
-    """Join a browser's socket with viser's on loopback until either closes.
+async def relay(browser: WebSocket, path: Path) -> None:
+    """Join a browser's socket with viser's, a socket file, until either closes.
 
-    The sub-protocol (viser's version) goes through unchanged; nothing is compressed or limited in
-    size, since point clouds are neither small nor compressible.
+    The sub-protocol (viser's version) goes through unchanged; nothing is compressed, and what
+    viser sends is not limited in size, since point clouds are neither small nor compressible.
     """
     wanted = [Subprotocol(p) for p in browser.scope.get("subprotocols", [])]
     try:
-        viser = await connect(
-            f"ws://127.0.0.1:{port}",
+        viser = await unix_connect(
+            str(path),
+            uri="ws://localhost/",
             subprotocols=wanted or None,
             compression=None,
             max_size=None,
-            proxy=None,
-            additional_headers={"X-Flatcloth-Relay": key},
         )
     except (OSError, websockets.WebSocketException):
         await browser.close(1013, "the 3D scene is not running")

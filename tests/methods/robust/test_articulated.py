@@ -30,7 +30,7 @@ STEP_M = 0.008
 
 def grid(rows: int, cols: int, corner: tuple[float, float]) -> np.ndarray:
     r, c = np.mgrid[:rows, :cols]
-    return np.stack([c.ravel(), r.ravel()], axis=1) * STEP_M + np.array(corner)
+    return np.asarray(np.stack([c.ravel(), r.ravel()], axis=1) * STEP_M + np.array(corner))
 
 
 def plates(neck: int, gap: float = 0.064) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scenes import AXIS, CAMERA, frame, rays
 
 from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import Bool, Float64, RgbdFrame
-from tests.scenes import AXIS, CAMERA, frame, rays
 
 HALF_WIDTH_M, HALF_HEIGHT_M, THICKNESS_M = 0.07, 0.10, 0.002
 TOP_M = np.array([0.0, -HALF_HEIGHT_M, 0.85])

@@ -1,0 +1,217 @@
+"""The single views of a recording: frames with the masks in force, clouds and flattened views, cached."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import Protocol, cast
+
+import numpy as np
+
+from flatcloth.core.cache import Cache, ReadAhead
+from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError, FlatteningError, SegmentationError, SurfaceError
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.strokes import Decision
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float32,
+    Float64,
+    Progress,
+    RgbdFrame,
+    RotationAxis,
+    Uint8,
+    no_progress,
+)
+from flatcloth.engine.sides import Masks, Sides, Solver
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.film.angles import MAX_VIEWS
+from flatcloth.registration.axis import axis_agreement, resolve_axis
+
+_MIB = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewCloud:
+    """Foreground points of a view: ``xyz_m`` (N, 3) object frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
+
+    view_index: int
+    xyz_m: Float32
+    rgb: Uint8
+    of_interest: Bool
+
+
+class Segmenter(Protocol):
+    """Looks at all views once (seconds) and returns what solves for their labels."""
+
+    def __call__(self, views: RecordedViews, progress: Progress) -> Solver:
+        """Look at the views."""
+        ...
+
+
+class RecordedViews:
+    """The views of a recording about its turning axis, and what is derived from each alone.
+
+    Parameters
+    ----------
+    recording : Recording
+        The views.
+    config : Config
+        The numbers of the method.
+    segmenter : Segmenter, optional
+        Finds the side of interest where the recording has no masks; without it, all of the item is.
+
+    Attributes
+    ----------
+    axis : RotationAxis
+        Turning axis, object frame; estimated if the recording has none.
+    held_point_m : (3,) float64
+        Where the item is held.
+    axis_notes : tuple of str
+        What the operator must know about the axis.
+    sides : Sides or None
+        Finds the masks, if the recording has none of its own.
+    masks : Masks or None
+        The masks in force: those of the strokes asked for last.
+    """
+
+    def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
+        self.recording, self.config = recording, config
+        self._segmenter = None if recording.has_masks else segmenter
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
+        self._ahead = ReadAhead(self.recorded)
+        self._segmenting = threading.RLock()
+        hanging = resolve_axis(recording, self.recorded, config.surface)
+        self.held_point_m: Float64 = hanging.held_point_m
+        self.axis_notes = hanging.notes
+        self.turn_about(hanging.axis)
+
+    def turn_about(self, axis: RotationAxis) -> None:
+        """Replace the turning axis, object frame, and clear everything computed with the previous one.
+
+        No other thread may compute meanwhile.
+        """
+        self.axis = axis
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+        self.masks: Masks | None = None
+        segmenter = self._segmenter
+        self.sides = (
+            None
+            if segmenter is None
+            else Sides(lambda progress: segmenter(self, progress), len(self.recording))
+        )
+        self.derive_anew()
+
+    def derive_anew(self) -> None:
+        """Forget what was derived from the single views: the axis or the masks are others."""
+
+    def axis_agreement(self) -> str:
+        """Describe in a sentence how well the views agree with the present axis."""
+        return axis_agreement(self.recording, self.frame, self.axis, self.config.surface)
+
+    # ---------------------------------------------------------------- the side of interest
+
+    def segment(self, strokes: tuple[Decision, ...], progress: Progress = no_progress) -> Masks | None:
+        """Put the masks into force that follow from strokes; None if the recording has its own.
+
+        Raises
+        ------
+        SegmentationError
+            If the item or its side of interest cannot be found, or a recording with masks is painted.
+        """
+        if self.sides is None:
+            if strokes:
+                raise SegmentationError(
+                    f"{self.recording.location}: it has masks, so strokes have no effect. "
+                    "Take the masks out of the recording to paint its side of interest."
+                )
+            return None
+        with self._segmenting:
+            found = self.sides.masks(strokes, progress)
+            changed = self.masks is None or found.keys != self.masks.keys
+            self.masks = found
+            if changed:
+                self.derive_anew()
+            return found
+
+    def _mask_key(self, view_index: int) -> int:
+        return -1 if self.masks is None else self.masks.keys[view_index]
+
+    # ---------------------------------------------------------------- single views
+
+    def frame(self, view_index: int) -> RgbdFrame:
+        """Read a view, with the mask in force; the last few are kept."""
+        frame, masks = self.recorded(view_index), self.masks
+        return frame if masks is None else replace(frame, mask=masks.of(view_index, frame.depth_m.shape))
+
+    def recorded(self, view_index: int) -> RgbdFrame:
+        """Read a view as it was recorded, without a mask found by the program."""
+        return self._frames.get(view_index, lambda: self.recording[view_index])
+
+    def cloud(self, view_index: int) -> ViewCloud:
+        """Return the foreground points of a view, object frame."""
+        key = view_index, self._mask_key(view_index)
+        return self._clouds.get(key, lambda: self._cloud(view_index))
+
+    def flattening(self, view_index: int) -> Flattening:
+        """Return a view's flattened view with its intermediate results.
+
+        Raises
+        ------
+        SurfaceError, FlatteningError
+            If the view shows too little cloth; the error is cached as well.
+        """
+        if self.masks is None:
+            self.segment(())
+        key = view_index, self._mask_key(view_index)
+        made = self._flattenings.get(key, lambda: self._flatten(view_index))
+        if isinstance(made, FlatclothError):
+            raise made
+        return made
+
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one component of a view's flattened view; the largest is 0."""
+        components = self.flattening(view_index).components
+        if not 0 <= component < len(components):
+            raise FlatclothError(f"View {view_index} has {len(components)} components, not {component + 1}.")
+        return components[component].view
+
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        """Return the observed area of the side of interest in each view (n_views,)."""
+        areas = np.zeros(len(self.recording))
+        for n in range(len(areas)):
+            progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
+            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
+            frame = self.frame(n)
+            areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
+        return areas
+
+    def _flatten(self, view_index: int) -> Flattening | FlatclothError:
+        config = self.config
+        try:
+            surface = observe_item(self.frame(view_index), self.axis, config.surface)
+            return flatten(
+                surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
+            )
+        except (SurfaceError, FlatteningError) as error:
+            return error
+
+    def _unusable(self) -> set[int]:
+        failed = (
+            cast("tuple[int, int]", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)
+        )
+        return {view for view, key in failed if key == self._mask_key(view)}
+
+    def _cloud(self, view_index: int) -> ViewCloud:
+        frame = self.frame(view_index)
+        shown = foreground_mask(frame, self.axis, self.config.surface)
+        held = held_from_camera(self.axis, frame.angle_deg)
+        xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
+        of_interest = shown if frame.mask is None else frame.mask
+        return ViewCloud(
+            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
+        )

@@ -1,0 +1,83 @@
+"""A viser server that nothing but this process can reach: it listens on a socket file in a private folder.
+
+viser itself asks no key and checks no Origin, so any web page could connect to a port of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+import tempfile
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
+
+from flatcloth.core.errors import ServerError
+
+if TYPE_CHECKING:
+    import viser
+
+_ONE_AT_A_TIME = threading.Lock()
+_MAX_PATH_CHARS = 90
+"""The system takes 107 bytes for the address of a socket file."""
+
+
+class PrivateViser:
+    """Owns a ``viser.ViserServer`` that listens at ``path``, a socket file of this user only.
+
+    Raises
+    ------
+    ServerError
+        If this version of viser listens in a way that is not known here.
+    """
+
+    def __init__(self) -> None:
+        folder = tempfile.mkdtemp(prefix="flatcloth-")  # mode 0700
+        if len(folder) > _MAX_PATH_CHARS:
+            Path(folder).rmdir()
+            folder = tempfile.mkdtemp(prefix="flatcloth-", dir="/tmp")
+        self._folder = Path(folder)
+        self.path = self._folder / "viser"
+        try:
+            self.server = self._started()
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+
+    def _started(self) -> viser.ViserServer:
+        import viser
+        import websockets.asyncio.server as sockets
+        from viser import _messages
+
+        listening: list[Any] = []
+        serve = sockets.serve
+
+        def listen(handler: Any, _host: str, _port: int, **options: Any) -> Any:
+            # The files of viser's client are served by our own server.
+            options["process_request"] = None
+            listening.append(serve(handler, unix=True, path=str(self.path), **options))
+            return listening[-1]
+
+        # viser prints an address; ours is the only one a user may open.
+        with (
+            _ONE_AT_A_TIME,
+            patch.object(sockets, "serve", listen),
+            contextlib.redirect_stdout(io.StringIO()),
+        ):
+            server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        if len(listening) != 1:
+            server.stop()
+            raise ServerError(
+                "This viser listens in another way. Install viser 1.1: pip install 'viser<1.2'."
+            )
+        # Any client could open a public tunnel to this computer with it.
+        server._websock_server.unregister_handler(_messages.ShareUrlRequest)
+        return server
+
+    def stop(self) -> None:
+        """Close the server and remove the socket file."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,0 +1,88 @@
+"""Limits on what clients may take: connections, the time for a request's headers, lines in the log."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from typing import Any
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+MAX_CONNECTIONS = 256
+"""More are closed at once; a tab takes up to eight."""
+MAX_REQUESTS = 128
+"""More connections than this are answered 503."""
+REQUEST_TIMEOUT_S = 10.0
+"""Within this a request's headers must have come."""
+MAX_MESSAGE_BYTES = 2**20
+"""Of a message that a browser sends, to the page or to viser."""
+
+
+class LimitedProtocol(H11Protocol):
+    """uvicorn's HTTP, closing connections beyond a number and those that never finish a request."""
+
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Take a connection, or close it."""
+        super().connection_made(transport)
+        if len(self.connections) > MAX_CONNECTIONS:
+            transport.abort()
+        else:
+            self._await_request()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what has come; the clock runs until a request's headers are complete."""
+        super().data_received(data)
+        if self.transport.get_protocol() is not self or self.transport.is_closing() or self._is_answering():
+            self._stop_clock()
+        elif self._late is None:
+            self._await_request()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self._stop_clock()
+        super().connection_lost(exc)
+
+    def _is_answering(self) -> bool:
+        cycle: Any = self.cycle  # None before the first request
+        return cycle is not None and not cycle.response_complete
+
+    def _await_request(self) -> None:
+        self._late = self.loop.call_later(REQUEST_TIMEOUT_S, self._give_up)
+
+    def _give_up(self) -> None:
+        self._late = None
+        if self.transport.get_protocol() is self and not self._is_answering():
+            self.transport.abort()
+
+    def _stop_clock(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
+
+class RateLimit(logging.Filter):
+    """Passes a few lines of a kind a minute; the next that passes says how many were left out.
+
+    A kind is a logger and its text before values are filled in.
+    """
+
+    def __init__(self, most: int = 20, seconds: float = 60.0) -> None:
+        super().__init__()
+        self._most, self._seconds = most, seconds
+        self._seen: dict[tuple[str, str], tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Say whether a line is written."""
+        kind, now = (record.name, str(record.msg)[:200]), time.monotonic()
+        began, count = self._seen.get(kind, (now, 0))
+        if now - began > self._seconds:
+            if count > self._most:
+                record.msg = f"{record.msg} (and {count - self._most} more such lines before)"
+            began, count = now, 0
+        if len(self._seen) > 1000:
+            self._seen.clear()
+        self._seen[kind] = (began, count + 1)
+        return count < self._most

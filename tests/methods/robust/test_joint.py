@@ -1,0 +1,125 @@
+"""The joint flattening of made-up sheets, whose flat places are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
+
+from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
+from flatcloth.core.types import Float64
+from flatcloth.methods.robust.joint import _robust_weight, _solved, floating_pieces, with_poses
+from flatcloth.methods.robust.observations import averaged
+
+UV = grid(10, 24)
+COLUMN = np.rint(UV[:, 0] / STEP_M).astype(int)
+
+
+def off_m(found: Float64, true: Float64) -> float:
+    """Largest distance from the true places, after the best rigid motion."""
+    return float(np.linalg.norm(fit_rigid2(found, true).apply(found) - true, axis=1).max())
+
+
+def test_a_new_view_is_laid_out_from_what_it_shares_and_the_plane_stays() -> None:
+    first, second = COLUMN < 14, COLUMN >= 8
+    shape = _solved(shape_of(UV, [observed(UV, first, 0), observed(UV, second, 1)], first))
+    assert shape.placed.all()
+    assert np.abs(shape.uv_m - UV).max() < 1e-4  # not only up to a motion: the anchor holds the plane
+    assert shape.weight.min() > 0.9
+
+
+def test_lengths_with_noise_average_out() -> None:
+    random = np.random.default_rng(0)
+    everything = np.ones(len(UV), dtype=bool)
+    noisy = []
+    for view in range(3):
+        seen = observed(UV, everything, view)
+        noise = 0.0003 * random.standard_normal(len(seen.edges))
+        noisy.append(replace(seen, edge_length_m=seen.edge_length_m + noise))
+    shape = _solved(shape_of(UV, noisy, everything))
+    assert off_m(shape.uv_m, UV) < 0.0012
+
+
+def test_pairs_that_contradict_the_others_lose_their_weight() -> None:
+    everything = np.ones(len(UV), dtype=bool)
+    good, bad = observed(UV, everything, 0), observed(UV, everything, 1)
+    wrong = np.arange(len(bad.edges)) % 25 == 0
+    bad = replace(bad, edge_length_m=np.where(wrong, bad.edge_length_m + 0.012, bad.edge_length_m))
+    shape = _solved(shape_of(UV, [good, bad], everything))
+    own = shape.weight[len(good.edges) :]
+    assert own[wrong].max() < 0.05
+    assert np.median(own[~wrong]) > 0.9
+    assert off_m(shape.uv_m, UV) < 0.001
+
+
+def test_the_robust_weight_is_a_quarter_at_its_scale() -> None:
+    """Geman-McClure: w(x) = 1 / (1 + (x / c)^2)^2, with c = 3 where most residuals are small."""
+    weight = _robust_weight(np.array([0.0, 0.0, 0.0, 3.0, 30.0]))
+    np.testing.assert_allclose(weight, [1.0, 1.0, 1.0, 0.25, 1.0 / 101.0**2])
+    # Where all residuals are large, the scale grows with them: 1.48 times their median.
+    assert _robust_weight(np.full(9, 10.0))[0] == pytest.approx(1.0 / (1.0 + (1.0 / 4.44) ** 2) ** 2)
+
+
+def test_a_piece_that_nothing_joins_floats_and_a_bridge_brings_it_down() -> None:
+    left, right = COLUMN < 9, COLUMN >= 13
+    views = [observed(UV, left, 0), observed(UV, right, 1)]
+    apart = _solved(shape_of(UV, views, left))
+    assert set(apart.piece[left]) == {0}
+    assert set(apart.piece[right]) == {1}
+    assert np.isnan(apart.uv_m[right]).all()
+    (floating,) = floating_pieces(apart)
+    assert off_m(floating[right], UV[right]) < 1e-4
+    bridge = observed(UV, (COLUMN >= 5) & (COLUMN < 17), 2)
+    more = replace(
+        apart,
+        observations=(*apart.observations, bridge),
+        held_from_camera=(STILL,) * 3,
+        weight=np.concatenate([apart.weight, np.ones(len(bridge.edges))]),
+    )
+    joined = _solved(more)
+    assert set(joined.piece) == {0}
+    assert np.abs(joined.uv_m - UV).max() < 2e-4
+
+
+def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
+    small, large = COLUMN < 6, COLUMN >= 9
+    views = [observed(UV, small, 0), observed(UV, large, 1)]
+    shape = _solved(shape_of(UV, views, small))
+    assert set(shape.piece[large]) == {0}
+    assert set(shape.piece[small]) == {1}
+    similar = (COLUMN >= 9) & (COLUMN < 16)  # 70 nodes beside 60
+    shape = _solved(shape_of(UV, [views[0], observed(UV, similar, 1)], small))
+    assert set(shape.piece[small]) == {0}
+
+
+def test_unreliable_parts_of_the_main_piece_float_as_connected_pieces() -> None:
+    everything = np.ones(len(UV), dtype=bool)
+    shape = _solved(shape_of(UV, [observed(UV, everything, 0)], everything))
+    pieces = floating_pieces(shape, (COLUMN < 4) | (COLUMN > 16))
+    assert [int(np.isfinite(p[:, 0]).sum()) for p in pieces] == [70, 40]
+
+
+def test_nodes_follow_their_views_in_space_but_not_on_the_plane() -> None:
+    everything = np.ones(len(UV), dtype=bool)
+    seen = replace(observed(UV, everything, 0), is_new=everything)
+    shape = replace(shape_of(UV, [seen], everything), nodes=nodes_at(UV))
+    turned = Rigid3(rotation_about(np.array([0.0, 1.0, 0.0]), 0.2), np.array([0.0, 0.0, 0.01]))
+    moved = with_poses(shape, (turned,))
+    np.testing.assert_allclose(moved.nodes.xyz_m, turned.apply(seen.points_m), atol=1e-12)
+    np.testing.assert_array_equal(moved.all_uv_m, shape.all_uv_m)
+    assert with_poses(shape, shape.held_from_camera) is shape
+
+
+def test_frontal_views_count_most_in_the_mean_of_a_node() -> None:
+    """Weights are the squared cosine of the incidence: at 60 degrees a quarter of a frontal view's."""
+    everything = np.ones(len(UV), dtype=bool)
+    nodes = averaged(nodes_at(UV), observed(UV, ~everything, 0), STILL)
+    shifted = Rigid3(np.eye(3), np.array([0.0, 0.0, 0.005]))
+    steep = observed(UV, everything, 1, incidence_deg=60.0)
+    after = averaged(nodes, steep, shifted)
+    np.testing.assert_allclose(
+        after.xyz_m - nodes.xyz_m, np.tile([0.0, 0.0, 0.001], (len(UV), 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(after.weight, 1.25)

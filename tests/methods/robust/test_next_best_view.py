@@ -1,0 +1,84 @@
+"""The next best view of a cylinder, of which one view is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import AXIS, Cylinder
+
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.flattening.surface import observe_surface
+from flatcloth.methods.base import Candidate
+from flatcloth.methods.robust.joint import JointShape, begin_joint
+from flatcloth.methods.robust.next_best_view import _uncovered, rate_candidates
+
+ANGLES = tuple(float(a) for a in range(0, 360, 10))
+RADIUS_M, HEIGHT_M = 0.12, 0.20
+
+
+def shape_of(span_deg: tuple[float, float] = (-180.0, 180.0)) -> JointShape:
+    cylinder = Cylinder(angles_deg=(0.0,), span_deg=span_deg)
+    held = held_from_camera(AXIS, 0.0)
+    surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
+    return begin_joint(surface, held, cylinder.flat_uv_m(surface.xyz_m.astype(float)), FlatteningConfig())
+
+
+@pytest.fixture(scope="module")
+def shape() -> JointShape:
+    return shape_of()
+
+
+def rated(shape: JointShape, views: range = range(1, 36)) -> dict[int, Candidate]:
+    return {c.view_index: c for c in rate_candidates(shape, AXIS, ANGLES, views, {0})}
+
+
+def test_the_overlap_is_the_cloth_that_both_views_see_well(shape: JointShape) -> None:
+    """Both see within 50 degrees of incidence; seen from 0.73 m that is about 44 degrees around the axis."""
+    found = rated(shape)
+    for view, turn_deg in ((2, 20.0), (5, 50.0)):
+        common = np.radians(2 * 44.0 + 2 * 8.0 - turn_deg) * RADIUS_M * HEIGHT_M
+        assert found[view].overlap_m2 == pytest.approx(common, rel=0.2)
+    assert found[18].overlap_m2 == 0.0
+
+
+def test_left_and_right_are_alike_for_a_round_item(shape: JointShape) -> None:
+    found = rated(shape)
+    for view in (1, 3, 6):
+        assert found[view].overlap_m2 == pytest.approx(found[36 - view].overlap_m2, rel=0.05)
+        assert found[view].new_m2 == pytest.approx(found[36 - view].new_m2, rel=0.1)
+
+
+def test_the_best_view_turns_the_rim_to_the_camera_and_keeps_an_overlap(shape: JointShape) -> None:
+    best, *_ = rate_candidates(shape, AXIS, ANGLES, range(1, 36), {0})
+    turn = abs((ANGLES[best.view_index] + 180.0) % 360.0 - 180.0)
+    assert 30.0 <= turn <= 90.0
+    assert best.beyond_m2 > rated(shape)[1].beyond_m2
+    assert best.overlap_m2 > 0.003
+
+
+def test_beyond_a_rim_that_two_views_saw_end_less_is_expected(shape: JointShape) -> None:
+    """A rim that stays where it is in several frontal views is the end of the cloth, not an occlusion."""
+    narrow = shape_of(span_deg=(-30.0, 30.0))
+    again = replace(
+        narrow, observations=narrow.observations * 2, held_from_camera=narrow.held_from_camera * 2
+    )
+    before, after = rated(narrow, range(4, 5))[4], rated(again, range(4, 5))[4]
+    assert after.beyond_m2 == pytest.approx(0.4 * before.beyond_m2, rel=0.05)
+
+
+def test_unseen_cloth_is_allowed_for_with_the_gap_to_the_nearest_view(shape: JointShape) -> None:
+    found = rated(shape)
+    assert found[1].unseen_m2 == 0.0
+    assert found[9].unseen_m2 == pytest.approx(0.001 * (90.0 - 12.0))
+    assert found[9].gap_deg == 90.0
+
+
+def test_nodes_behind_a_nearer_layer_are_covered() -> None:
+    behind = np.array([[0.0, 0.0, 0.9], [0.05, 0.0, 0.9]])
+    before = np.array([[0.0, 0.0, 0.8]])
+    assert _uncovered(np.concatenate([behind, before])).tolist() == [False, True, True]
+    close = np.array([[0.0, 0.0, 0.89]])
+    assert _uncovered(np.concatenate([behind, close])).all()

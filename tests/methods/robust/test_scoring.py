@@ -1,0 +1,238 @@
+"""Scores, refinement and hypotheses on a flat sheet that faces the camera: closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import AXIS, box, frame, plane
+
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.flattening.surface import Surface, observe_surface
+from flatcloth.methods.base import Hypothesis
+from flatcloth.methods.robust.hypotheses import (
+    coarse_view,
+    distinct,
+    evaluate,
+    from_association,
+    from_correlation,
+)
+from flatcloth.methods.robust.joint import begin_joint
+from flatcloth.methods.robust.scoring import (
+    CONFIDENCE_WEIGHTS,
+    FEATURES,
+    ReferenceShape,
+    SampledComponent,
+    confidence_of,
+    features_of,
+    refine,
+    sample_component,
+    score_placement,
+    texture_features,
+)
+
+DEPTH_M = 0.85
+HALF_M = 0.09
+STILL = Rigid3(np.eye(3), np.zeros(3))
+PLACE_STD_M = 0.003
+
+
+def surface_of() -> Surface:
+    """A sheet with a random texture of 12 mm, in a plane across the line of sight."""
+    depth = plane()
+    random = np.random.default_rng(3).uniform(40, 210, (20, 20))
+    color = np.kron(random, np.ones((12, 12)))[:240, :240]
+    shown = frame(depth, box(HALF_M, depth), color[..., None] * np.ones(3))
+    return observe_surface(shown, AXIS, SurfaceConfig())
+
+
+@pytest.fixture(scope="module")
+def reference() -> ReferenceShape:
+    surface = surface_of()
+    textures = {0: texture_features(surface)}
+    shape = begin_joint(surface, STILL, surface.xyz_m[..., :2].astype(float), FlatteningConfig())
+    return ReferenceShape(shape, {0: surface}, textures, AXIS)
+
+
+@pytest.fixture(scope="module")
+def component() -> SampledComponent:
+    """The same sheet as another view shows it: its plane is x, y in space, so the identity is right."""
+    surface = surface_of()
+    rc = np.argwhere(surface.usable)[::37].astype(np.int32)
+    uv = surface.xyz_m[rc[:, 0], rc[:, 1]][:, :2].astype(float)
+    none = np.zeros(0, dtype=np.int32)
+    return sample_component(
+        uv, rc, surface, texture_features(surface), STILL, np.zeros((0, 2)), none, (2 * HALF_M) ** 2
+    )
+
+
+def test_the_right_placement_agrees_in_everything(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    score = score_placement(reference, component, Rigid2())
+    assert score.parts["place_agreement"] > 0.99
+    assert score.parts["color_agreement"] > 0.95
+    assert score.parts["place_median_mm"] < 0.1
+    assert score.parts["overlap_share"] > 0.98
+    assert score.parts["overlap_cm2"] == pytest.approx(1e4 * (2 * HALF_M) ** 2, rel=0.02)
+    assert score.parts["other_cloth_share"] == 0.0
+    assert score.total > 0.9
+    assert score.apart_mm == score.parts["place_median_mm"]
+
+
+@pytest.mark.parametrize("shift_m", [0.003, 0.010, 0.030])
+def test_a_flat_sheet_that_is_shifted_lies_that_far_apart_in_space(
+    reference: ReferenceShape, component: SampledComponent, shift_m: float
+) -> None:
+    score = score_placement(reference, component, Rigid2(0.0, shift_m, 0.0))
+    scale = PLACE_STD_M + 2.0 * reference.noise_m
+    assert score.parts["place_median_mm"] == pytest.approx(1e3 * shift_m, abs=0.05)
+    assert score.parts["place_agreement"] == pytest.approx(1.0 / (1.0 + (shift_m / scale) ** 2), abs=0.01)
+    assert score.parts["height_agreement"] > 0.99  # it was moved along the horizontal
+    # Nodes lie up to 12 mm inside the outline and cover 10 mm around them.
+    covered = 1.0 - np.clip(shift_m + np.array([0.002, -0.010]), 0.0, None) / (2 * HALF_M)
+    assert covered[0] - 0.01 < score.parts["overlap_share"] <= covered[1] + 0.01
+
+
+def test_a_placement_off_the_shape_has_no_overlap_and_no_measure_of_distance(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    score = score_placement(reference, component, Rigid2(0.0, 1.0, 0.0))
+    assert score.parts["overlap_cm2"] == 0.0
+    assert score.apart_mm is None
+    assert score.total < 0.05
+
+
+def test_cloth_that_the_shape_has_elsewhere_is_there_twice(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    node = np.full(len(component.uv_m), -1, dtype=np.int32)
+    placed = reference.number
+    apart = np.linalg.norm(reference.uv_m[:, None] - component.uv_m[None, ::7], axis=2)
+    node[::7] = placed[apart.argmin(axis=0)]
+    known = replace(component, node=node)
+    assert score_placement(reference, known, Rigid2()).parts["twice_share"] == 0.0
+    assert score_placement(reference, known, Rigid2(0.0, 0.03, 0.0)).parts["twice_share"] == 1.0
+
+
+def test_texture_tells_a_sheet_from_the_same_sheet_upside_down(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    other = replace(component, texture=component.texture[::-1])
+    right = score_placement(reference, component, Rigid2()).parts["color_agreement"]
+    assert score_placement(reference, other, Rigid2()).parts["color_agreement"] < 0.7 < right
+
+
+def test_plain_cloth_says_nothing_about_color(reference: ReferenceShape, component: SampledComponent) -> None:
+    unknown = replace(component, texture=np.full_like(component.texture, np.nan))
+    assert score_placement(reference, unknown, Rigid2()).parts["color_agreement"] == 0.5
+
+
+def test_the_confidence_is_the_logistic_function_of_its_features() -> None:
+    parts = {
+        "place_agreement": 0.8, "color_agreement": 0.6, "outline_agreement": 0.9, "other_cloth_share": 0.1,
+        "twice_share": 0.2, "overlap_cm2": 100.0, "place_median_mm": 5.0,
+    }  # fmt: skip
+    values = features_of(parts)
+    assert values == pytest.approx((1.0, 0.8, 0.6, 0.9, 0.1, 0.2, 2.0, 0.5))
+    assert len(values) == len(FEATURES) == len(CONFIDENCE_WEIGHTS)
+    logit = float(np.dot(CONFIDENCE_WEIGHTS, values))
+    assert confidence_of(parts) == pytest.approx(1.0 / (1.0 + math.exp(-logit)))
+    far = {**parts, "place_median_mm": math.nan}
+    assert confidence_of(far) < confidence_of(parts)
+
+
+@pytest.mark.parametrize(
+    "start", [Rigid2(0.0, 0.010, -0.006), Rigid2(0.05, 0.0, 0.0), Rigid2(-0.04, 0.008, 0.008)]
+)
+def test_refinement_comes_back_to_the_right_place(
+    reference: ReferenceShape, component: SampledComponent, start: Rigid2
+) -> None:
+    found = refine(reference, component, start).shape_from_component
+    moved = found.apply(component.uv_m) - component.uv_m
+    assert np.linalg.norm(moved, axis=1).max() < 2e-4
+
+
+def test_refinement_without_any_overlap_knows_nothing(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    far = Rigid2(0.0, 1.0, 0.0)
+    found = refine(reference, component, far)
+    assert found.shape_from_component == far
+    assert np.isinf(found.std).all()
+
+
+def associated(
+    reference: ReferenceShape, component: SampledComponent, motion: Rigid2, wrong_share: float
+) -> SampledComponent:
+    """Nodes on the component's plane, which ``motion`` takes to where they lie; some are wrong ones."""
+    random = np.random.default_rng(5)
+    chosen = random.permutation(reference.number.size)[:60]
+    uv: Float64 = motion.inverse().apply(reference.uv_m[chosen])
+    node = reference.number[chosen].copy()
+    wrong = random.permutation(60)[: round(60 * wrong_share)]
+    node[wrong] = random.permutation(reference.number)[: wrong.size]
+    return replace(component, uv_m=uv, node=node)
+
+
+@pytest.mark.parametrize("wrong_share", [0.0, 0.4])
+def test_association_finds_the_motion_though_some_are_wrong(
+    reference: ReferenceShape, component: SampledComponent, wrong_share: float
+) -> None:
+    motion = Rigid2(0.4, 0.05, -0.02)
+    (found,) = from_association(reference, associated(reference, component, motion, wrong_share))
+    assert found.theta_rad == pytest.approx(0.4, abs=0.01)
+    np.testing.assert_allclose((found.u_m, found.v_m), (0.05, -0.02), atol=1e-3)
+
+
+def test_two_associated_nodes_are_no_estimate(reference: ReferenceShape, component: SampledComponent) -> None:
+    few = replace(component, node=np.where(np.arange(len(component.node)) < 2, reference.number[0], -1))
+    assert from_association(reference, few) == []
+
+
+def test_hypotheses_that_come_to_lie_together_are_one_and_the_best_is_first(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    estimates = [
+        ("lines", Rigid2(0.0, 0.008, 0.0)),
+        ("place", Rigid2(0.02, 0.0, 0.004)),
+        ("correlation", Rigid2(0.0, 0.0, 0.17)),
+    ]
+    found = evaluate(reference, component, 3, estimates)
+    assert found[0].score.total > 0.9
+    assert [h.component for h in found] == [3] * len(found)
+    scores = [h.score.total for h in found]
+    assert scores == sorted(scores, reverse=True)
+    near = [h for h in found if np.hypot(h.current_from_new.u_m, h.current_from_new.v_m) < 0.004]
+    assert len(near) == 1
+
+
+def test_distinct_hypotheses_are_kept_apart(component: SampledComponent, reference: ReferenceShape) -> None:
+    def at(u_m: float, total: float) -> Hypothesis:
+        motion = Rigid2(0.0, u_m, 0.0)
+        score = replace(score_placement(reference, component, motion), total=total)
+        return Hypothesis(
+            source="x", component=0, initial=motion, current_from_new=motion, score=score, std=np.zeros(3)
+        )
+
+    kept = distinct([at(0.0, 0.4), at(0.006, 0.7), at(0.03, 0.5)], component)
+    assert [h.current_from_new.u_m for h in kept] == [0.006, 0.03]
+
+
+def test_correlation_finds_a_relief_wherever_it_lies(reference: ReferenceShape) -> None:
+    coarse = coarse_view(reference, AXIS, 0.0)
+    cells = coarse.valid
+    assert cells.sum() * coarse.pixel_size_m**2 == pytest.approx((2 * HALF_M) ** 2, rel=0.25)
+    rows, cols = np.indices(cells.shape)
+    relief = np.stack([0.3 * np.sin(0.9 * rows), 0.3 * np.cos(1.1 * cols), -np.ones(cells.shape)], axis=-1)
+    relief = np.where(cells[..., None], relief, np.nan).astype(np.float32)
+    fixed = replace(coarse, normal=relief)
+    moved = replace(fixed, origin_uv_m=(0.3, -0.204))
+    best, *_ = from_correlation(fixed, moved, AXIS, 0.0)
+    expected = np.array(fixed.origin_uv_m) - np.array(moved.origin_uv_m)
+    assert best.theta_rad == pytest.approx(0.0)
+    np.testing.assert_allclose((best.u_m, best.v_m), expected, atol=1e-9)
