@@ -20,6 +20,7 @@ ON_ONE_CORE = (
         "fused",
         "growth",
         "reach",
+        "garments",
         "speed",
     ),
 )

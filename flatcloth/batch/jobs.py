@@ -32,6 +32,7 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
 
 ERROR_FILE = "error.txt"
@@ -102,7 +103,9 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
 
 def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) -> dict[str, Any]:
     with stages.stage("opening"):
-        integration = Integration(open_recording(task.source, task.options), method=task.method)
+        integration = Integration(
+            open_recording(task.source, task.options), method=task.method, segmenter=prepare
+        )
     done = _patiently(integration, folder, stages, progress)
     progress(1.0, "measuring")
     with stages.stage("measuring"):

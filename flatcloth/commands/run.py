@@ -31,15 +31,18 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
-    from flatcloth.engine.segmenting import check_against_masks
+    from flatcloth.export.garment import told as garment_told
 
-    base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
+    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
-    check_against_masks(integration.recording, strokes, str(options.strokes))
     with ProgressBar(integration.recording.name) as bar:
         done = integrate(
-            integration, options.out, base_from_camera=base_from_camera, strokes=strokes, progress=bar.show
+            integration,
+            options.out,
+            base_from_camera=base_from_camera,
+            strokes=decisions,
+            progress=bar.show,
         )
-    for line in told(done.outcome):
+    for line in (*told(done.outcome), *garment_told(done.garment)):
         print(line)
     print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")

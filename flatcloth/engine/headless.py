@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from flatcloth.core.strokes import Decision as Stroke
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -100,13 +98,6 @@ class Run:
     def state(self) -> SessionState:
         """The present state of the session."""
         return self.session.state
-
-    def paint(self, strokes: Sequence[Stroke]) -> None:
-        """Make these decisions about sides first, but for those the session begins with already."""
-        for n, stroke in enumerate(strokes):
-            made = self.state.document.strokes
-            if n >= len(made) or made[n] != stroke:
-                self._do(paint(stroke))
 
     def finish(self, progress: Progress = no_progress) -> SessionState:
         """Integrate until no view can add anything, and return the final state.

@@ -18,7 +18,6 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
 from flatcloth.registration.cameras import describe
-from flatcloth.segmentation.result import Segmentation
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
@@ -77,8 +76,8 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
 
 def _segmentation(integration: Integration) -> dict[str, Any]:
     """Return what the segmentation of a recording without masks found."""
-    found = None if integration.masks is None else integration.masks.segmentation
-    return {"segmentation": summary(found)} if isinstance(found, Segmentation) else {}
+    masks = integration.masks
+    return {} if masks is None else {"segmentation": summary(masks.segmentation)}
 
 
 def _cameras(integration: Integration, run: Run) -> dict[str, Any]:

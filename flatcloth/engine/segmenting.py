@@ -1,6 +1,7 @@
-"""Recordings without masks: what finds their sides, and the same recordings with the masks it found.
+"""Recordings without masks, in a session: the side of interest is found, and the recording has masks then.
 
-``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke).
+``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke);
+``MaskedRecording`` is what the rest of the program integrates.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from flatcloth.recordings.base import Recording, check_index
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
+from flatcloth.session.commands import paint
+from flatcloth.session.machine import Keeper
 
 
 class MaskedRecording:
@@ -112,7 +115,24 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
         If a view cannot be read.
     """
     frames = [views.recorded(n) for n in range(len(views.recording))]
-    return SideSolver(observe(frames, views.axis, views.held_point_m, views.config, progress=progress))
+    observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
+    return SideSolver(observed)
+
+
+def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:
+    """Record strokes that a session does not have yet, before it goes on.
+
+    Raises
+    ------
+    SegmentationError
+        If the recording has masks that contradict them; masks that agree make strokes needless.
+    """
+    if views.recording.has_masks:
+        check_against_masks(views.recording, strokes, views.recording.location)
+        return
+    for stroke in strokes:
+        if stroke not in session.state.document.strokes:
+            session.record(paint(stroke))
 
 
 def check_against_masks(recording: Recording, decisions: Sequence[Decision], where: str) -> None:

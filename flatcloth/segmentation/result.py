@@ -109,10 +109,11 @@ class Segmentation:
         """What is to be told, in a sentence."""
         undecided = 1e4 * self.area_undecided_m2
         rest = f"; {undecided:.0f} cm2 are undecided and stay out" if undecided >= 1 else ""
-        how = f"{len(self.decisions)} strokes" if self.decisions else "no strokes"
+        n = len(self.decisions)
+        how = "without strokes" if not n else f"by {n} stroke{'s' if n > 1 else ''}"
         return (
             f"Side of interest: {1e4 * self.area_of_interest_m2:.0f} cm2 seen, "
-            f"{self.mean_certainty:.0%} sure, by {how}{rest}."
+            f"{self.mean_certainty:.0%} certain, {how}{rest}."
         )
 
     def view(self, view_index: int) -> ViewSegmentation | None:

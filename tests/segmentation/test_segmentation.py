@@ -54,7 +54,7 @@ def test_unaided_the_side_that_the_start_view_shows_is_of_interest_in_all_views(
     assert found.area_of_interest_m2 == pytest.approx(0.14 * 0.20, rel=0.05)
     assert found.area_undecided_m2 < 1e-4
     assert found.mean_certainty > 0.8
-    assert "no strokes" in found.text
+    assert "without strokes" in found.text
 
 
 def test_front_and_back_lie_a_thickness_apart_and_on_opposite_sides(solver):

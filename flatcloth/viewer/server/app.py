@@ -48,11 +48,11 @@ _log = logging.getLogger(__name__)
 
 STATIC = static_folder()
 _ALL_HEADERS = {
-    # Pages of other addresses cannot embed what is served here.
+    # Pages of other origins cannot embed these files.
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 _PAGE_HEADERS = {
-    # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
+    # Scripts only from our own files. 'unsafe-eval' is for browser drivers, which evaluate expressions;
     # the page itself never evaluates text.
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-eval'; img-src 'self' data:;"
     " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
@@ -68,20 +68,20 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        What to show, see :class:`flatcloth.viewer.modes.controller.PageController`.
+        The session; see :class:`flatcloth.viewer.modes.controller.PageController`.
     host : str
         Address to bind.
     port : int
-        0 chooses a free one.
+        0 chooses a free port.
     token : bool
-        Ask for the token that is part of :attr:`url`. False lets every user and program of this
-        computer in; beyond loopback that is refused.
+        Require the token that is part of :attr:`url`. False admits every user and program of this
+        computer; beyond loopback it is refused.
     player : Player, optional
-        Given for live mode: flattens the frames that are played.
+        For live mode: flattens the played frames.
     fps : float
-        In live mode, frames a second to begin with.
+        Initial frames per second in live mode.
     controller : callable, optional
-        Makes the application of another mode, such as that of a camera.
+        Makes the application of another mode, such as a camera's.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class PageServer:
     ) -> None:
         if not token and not is_loopback(host):
             raise ServerError(
-                f"Without a token {host} would let everybody in; use --host 127.0.0.1, or a token."
+                f"Without a token, {host} would admit everybody; use --host 127.0.0.1, or a token."
             )
         self._integration = integration
         self._socket = bind(host, port)
@@ -144,13 +144,13 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address to open, with the token if one is needed."""
+        """The address to open, with the token if one is required."""
         host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def start(self) -> PageServer:
-        """Start serving; returns when the page answers."""
+        """Start serving; returns when the page can be opened."""
         self._thread.start()
         self._ready.wait()
         self.application.start()
@@ -169,7 +169,7 @@ class PageServer:
     def join(self) -> None:
         """Wait until the server ends."""
         while self._thread.is_alive():
-            # A bare join() would not let Ctrl-C through on every system.
+            # On some systems join() without timeout blocks Ctrl-C.
             self._thread.join(timeout=1.0)
 
     def __enter__(self) -> PageServer:
@@ -187,7 +187,7 @@ class PageServer:
         @contextlib.asynccontextmanager
         async def lifespan(_app: Starlette) -> AsyncIterator[None]:
             self._hub.open(asyncio.get_running_loop())
-            # The socket listens already: whoever connects from now on is answered.
+            # The socket is already listening: connections are answered from now on.
             self._ready.set()
             yield
 
@@ -242,7 +242,7 @@ def _token(host: str) -> str:
 
 
 class _Headers:
-    """ASGI middleware that adds protective headers; viser's page gets fewer."""
+    """ASGI middleware that adds protective headers; viser's page gets fewer of them."""
 
     def __init__(self, app: Any) -> None:
         self._app = app
@@ -263,7 +263,7 @@ class _Headers:
 
 
 async def _page(_request: Request) -> Response:
-    # The page's own files carry no version in their names, so they are asked for anew each time.
+    # The page's files have no version in their names, so browsers must check them each time.
     return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
 
 
@@ -275,7 +275,7 @@ async def _viser_page(_request: Request) -> Response:
 
 
 def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
-    # Hover read-outs need no turn in the queue: they only read the present picture.
+    # Hover read-outs bypass the queue: they only read the present picture.
     if '"hover' not in text[:200]:
         return None
     try:
@@ -291,7 +291,7 @@ def bind(host: str, port: int) -> socket.socket:
     Raises
     ------
     ServerError
-        If the port is busy or the host is not one of this computer; the message tells the remedy.
+        If the port is busy or the host does not belong to this computer; the message gives the remedy.
     """
     if not 0 <= port <= 65535:
         raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
@@ -332,12 +332,12 @@ def serve(
     integration, folder, host, port, token, player, fps, controller
         See :class:`PageServer`.
     open_url
-        Called with the page's address once it answers; the default prints it.
+        Called with the page's address when it can be opened; by default prints it.
 
     Raises
     ------
     ServerError
-        If the address cannot be bound, or would let everybody in.
+        If the address cannot be bound, or would admit everybody.
     """
     with PageServer(
         integration,
