@@ -52,15 +52,11 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
             question["source"], question["method"], None if pictures is None else Path(pictures), progress
         )
     task, out = Task.from_dict(question["task"]), Path(question["out"])
-    try:
-        return _to_row(task, out / task.name, question, progress)
-    finally:
-        gc.collect()
-        _give_back_memory()
+    return _to_row(task, out / task.name, question, progress)
 
 
 def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    started = time.perf_counter()
+    started, cpu_started = time.perf_counter(), time.process_time()
     _reset_peak_memory()
     stages = Stages()
     row: dict[str, Any] = {
@@ -91,6 +87,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     row |= {f"seconds_{name}": round(seconds, 3) for name, seconds in stages.seconds.items()}
     row |= {
         "seconds": round(time.perf_counter() - started, 3),
+        "cpu_seconds": round(time.process_time() - cpu_started, 3),
         "peak_memory_mb": _status_mb("VmHWM"),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
