@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,6 +19,7 @@ from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
@@ -178,6 +179,16 @@ class PageController(ABC):
         """Answer what a ray of the 3D scene hits, and where that lies on the plane; reads only."""
         place = hit_by(self._picture, self._scene_view.visible_points(), hover.origin_m, hover.direction)
         return {"type": "hover_ray", "id": hover.id, **place}
+
+    @property
+    def kept_picks(self) -> tuple[Pick, ...]:
+        """The picks that the operator keeps."""
+        return self._picks.picks
+
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """How the picks are to be gripped, where the operator chose."""
+        return self._picks.grips
 
     def grasps(self) -> dict[str, Any]:
         """Return the list of picks as it is exported.

@@ -205,7 +205,7 @@ class SetAuto(_Said, tag="auto", frozen=True, kw_only=True):
 
 
 class Set(_Said, tag="set", frozen=True, kw_only=True):
-    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before."""
+    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults."""
 
     reset: bool = False
     auto_threshold: Finite | None = None

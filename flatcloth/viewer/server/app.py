@@ -23,6 +23,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -32,6 +33,7 @@ from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.robot import RobotRoutes
 from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
@@ -82,6 +84,8 @@ class PageServer:
         Initial frames per second in live mode.
     controller : callable, optional
         Makes the application of another mode, such as a camera's.
+    base_from_camera : Rigid3, optional
+        Hand-eye transform, for what robots are told (docs/robots.md).
     """
 
     def __init__(
@@ -95,6 +99,7 @@ class PageServer:
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
         controller: Callable[[SceneView, ClientSink], PageController] | None = None,
+        base_from_camera: Rigid3 | None = None,
     ) -> None:
         if not token and not is_loopback(host):
             raise ServerError(
@@ -125,6 +130,7 @@ class PageServer:
         self._sources = SourceRoutes(self.application, integration)
         self._teaching = TeachingRoutes(integration)
         self._exports = ExportRoutes(integration, folder)
+        self._robot = RobotRoutes(self.application, integration, base_from_camera)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
@@ -199,6 +205,7 @@ class PageServer:
             Route("/export/{name}", self._exports.serve),
             Route("/teaching/{part}", self._teaching.serve),
             *self.application.routes(),
+            *self._robot.routes(),
             WebSocketRoute("/ws", self._messages),
             Route("/viser/", _viser_page),
             WebSocketRoute("/viser", self._viser_socket),
@@ -323,13 +330,14 @@ def serve(
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
     controller: Callable[[SceneView, ClientSink], PageController] | None = None,
+    base_from_camera: Rigid3 | None = None,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, token, player, fps, controller
+    integration, folder, host, port, token, player, fps, controller, base_from_camera
         See :class:`PageServer`.
     open_url
         Called with the page's address when it can be opened; by default prints it.
@@ -348,6 +356,7 @@ def serve(
         player=player,
         fps=fps,
         controller=controller,
+        base_from_camera=base_from_camera,
     ) as server:
         (open_url or _print_url)(server.url)
         try:
