@@ -9,7 +9,7 @@ import numpy as np
 from flatcloth.core.types import Float32, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
-CALIBRATION = (0.55, 0.55, 0.35, 1.6)
+CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
 """Logistic regression of a right side: constant, log odds of the agreement of the samples, logarithm of the
 pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation --learn``."""
 
