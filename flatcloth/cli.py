@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from flatcloth import __version__
-from flatcloth.commands import batch, evaluate, export, import_, record, run, synthesize, view
+from flatcloth.commands import batch, evaluate, export, import_, record, run, segment, synthesize, view
 from flatcloth.core.errors import FlatclothError
 
 COMMANDS: dict[str, ModuleType] = {
-    command.NAME: command for command in (view, run, batch, export, evaluate, import_, record, synthesize)
+    command.NAME: command
+    for command in (view, run, segment, batch, export, evaluate, import_, record, synthesize)
 }
 
 

@@ -24,12 +24,13 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.engine.sides import Masks, Sides, Solver
+from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.registration.axis import axis_agreement, resolve_axis
+from flatcloth.segmentation.solver import SideSolver
 
 _MIB = 1 << 20
 
@@ -47,7 +48,7 @@ class ViewCloud:
 class Segmenter(Protocol):
     """Looks at all views once (seconds) and returns what solves for their labels."""
 
-    def __call__(self, views: RecordedViews, progress: Progress) -> Solver:
+    def __call__(self, views: RecordedViews, progress: Progress) -> SideSolver:
         """Look at the views."""
         ...
 

@@ -85,6 +85,7 @@ def export_shape(
     folder: Path,
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
+    named: Sequence[NamedPoint] = (),
 ) -> list[Path]:
     """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
@@ -100,7 +101,7 @@ def export_shape(
         "flattened.npz": lambda path: _write_npz(view, path),
         "flattened.png": lambda path: path.write_bytes(png_bytes(view)),
         "cloud.ply": lambda path: path.write_bytes(ply_bytes(view)),
-        "grasps.json": lambda path: path.write_text(grasps_text(view, picks, frames)),
+        "grasps.json": lambda path: path.write_text(grasps_text(view, picks, frames, named)),
     }
     for n, piece in enumerate(floating, start=1):
         files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
@@ -225,12 +226,16 @@ def ply_bytes(view: FlattenedView) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
-def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
+def grasps_text(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> str:
     """Return the content of ``grasps.json``."""
-    return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
+    return json.dumps(grasps_document(view, picks, frames, named), indent=1, allow_nan=False) + "\n"
 
 
-def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> dict[str, Any]:
+def grasps_document(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
     axis, base = frames.axis, frames.base_from_camera
     return {
@@ -241,6 +246,7 @@ def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: Gr
         "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(view, pick, frames) for pick in picks],
+        "garment_points": [_grasp(view, point, frames) for point in named],
     }
 
 

@@ -1,4 +1,4 @@
-"""One thread for the heavy work; what comes out goes back to the application thread."""
+"""A thread for heavy work; its results go back to the application thread."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Worker:
         self._thread.start()
 
     def put(self, job: Job) -> None:
-        """Add a job; returns at once."""
+        """Add a job; returns immediately."""
         self._jobs.put(job)
 
     def stop(self, timeout_s: float) -> None:
-        """Let the thread end after the job it is at; a job that does not end is left to the daemon."""
+        """Stop the thread after the current job; a job that does not end is abandoned with the daemon."""
         self._jobs.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout_s)

@@ -138,7 +138,7 @@ export interface SetAuto {
   running: boolean;
 }
 
-/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before. */
+/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults. */
 export interface Set {
   type: "set";
   reset?: boolean;

@@ -1,4 +1,4 @@
-// Marks over the 3D scene: all picks with their numbers, seen through the cloth, and what the pointer is at.
+// Marks over the 3D scene: all picks with their numbers, visible through the cloth, and the point under the pointer.
 //
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.

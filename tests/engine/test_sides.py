@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.sides import Segmentation
+from flatcloth.segmentation.result import Segmentation
+from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.machine import Document
 
 ANGLES = (0.0, 20.0)
@@ -40,14 +42,14 @@ class HalfSolver:
         masks = [item.copy() for item in self.item]
         if decisions:
             masks[0][:, : masks[0].shape[1] // 2] = False
-        return Labels(masks)
+        return cast("Segmentation", Labels(masks))
 
 
 def made() -> tuple[Integration, HalfSolver]:
     masked, bare = Cylinder(angles_deg=ANGLES), Cylinder(angles_deg=ANGLES, masks=False)
     items = [masked[n].mask for n in range(len(ANGLES))]
     solver = HalfSolver([item for item in items if item is not None])
-    return Integration(bare, segmenter=lambda _views, _progress: solver), solver
+    return Integration(bare, segmenter=lambda _views, _progress: cast("SideSolver", solver)), solver
 
 
 def test_masks_that_are_found_count_as_recorded_ones() -> None:

@@ -1,4 +1,4 @@
-"""The page of a session: decisions, the work behind them, and Auto."""
+"""The page of a session: decisions, their computations, and Auto."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Application(PageController):
     integration : Integration
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
-        Holds the state to start from, and keeps every decision and pick.
+        Contains the initial state, and stores every decision and pick.
     scene_view, sink
         Where things are shown.
     """
@@ -97,7 +97,7 @@ class Application(PageController):
     # --- from any thread ---------------------------------------------------------------------
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of a session."""
+        """Return the routes of a session."""
         return [
             *super().routes(),
             *self._diagnostics.routes(),
@@ -105,11 +105,11 @@ class Application(PageController):
         ]
 
     def start(self) -> None:
-        """Show the session as it was left, and ask for the start view if there is none."""
+        """Show the session in its last state, and request the start view if there is none."""
         self._put(None, self._begin)
 
     def stop(self) -> None:
-        """Stop the running work and both threads; the session stays as the journal has it."""
+        """Stop the running work and both threads; the journal keeps the session."""
         self._put(None, self._stop_work)
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
@@ -124,7 +124,7 @@ class Application(PageController):
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:
-            self._do(Propose())  # the program was ended while later decisions followed
+            self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
 
@@ -278,12 +278,12 @@ class Application(PageController):
         return finite(picture.overlay.score.total)
 
     def adjust_axis(self, axis: RotationAxis) -> None:
-        """Take a turning axis that was set by hand; may be called from any thread."""
+        """Set the turning axis by hand; may be called from any thread."""
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
         if self._state.request is not None:
-            raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
+            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
         self._folder.keep_axis(axis)
         self._page_status = replace(self._page_status, auto=False)
         self._back.put(lambda: self._work_on_axis(axis))
@@ -308,19 +308,19 @@ class Application(PageController):
         self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
 
     def _by_hand(self, command: Command) -> None:
-        # Whoever decides by hand takes over from Auto.
+        # A decision by hand stops Auto.
         self._page_status = replace(self._page_status, auto=False)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
         before = self._state
-        # What is not on disk has not been decided.
+        # A decision takes effect only after it is on disk.
         self._folder.record(command)
-        if self._state is not before:  # else it answers a question that nobody asks any more
+        if self._state is not before:  # otherwise it is the answer to an outdated request
             self._settle()
 
     def _settle(self) -> None:
-        """Bring the work, the picture, Auto and the tabs in line with the state."""
+        """Update the work, the picture, Auto and the tabs to the state."""
         document = self._state.document
         self._sides.follow(document)
         self._settle_work()
@@ -409,7 +409,7 @@ class Application(PageController):
         except FlatclothError as error:
             text = str(error)
             _log.warning("%s", error)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("the work on %s failed", request)
             text = f"Unexpected error while computing: {error!r}. See the terminal."
         else:
@@ -440,7 +440,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # After this, what is in the queue is computed with the new axis.
+        # Later jobs of the queue use the new axis.
         self._integration.turn_about(axis)
         try:
             text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
@@ -450,13 +450,13 @@ class Application(PageController):
 
     def _work_on_picture(self, document: Document) -> None:
         if self._asked is not document:
-            return  # decided otherwise in the meantime
+            return  # outdated by a decision
         try:
-            # Revisions go on from the last picture made, even if it was never shown.
+            # Revisions continue from the last picture, even if it was never shown.
             picture = self._made = make_picture(self._integration, document, self._made)
         except FlatclothError as error:
             text = str(error)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a picture could not be computed")
             text = f"Unexpected error while drawing: {error!r}. See the terminal."
         else:

@@ -25,7 +25,7 @@ from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.sides import Segmentation
+    from flatcloth.segmentation.result import Segmentation
 
 _log = logging.getLogger(__name__)
 

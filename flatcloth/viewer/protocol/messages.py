@@ -1,4 +1,4 @@
-"""What the page may say to the server: parsed strictly, so that a bad message is only a notification.
+"""The messages of the page to the server, parsed strictly; a bad message becomes a notification.
 
 Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
 which the page's own types can be generated. Bounds stand in the types: whatever number comes in, a
@@ -53,11 +53,11 @@ CaptureAction = Literal["begin", "keep", "repeat", "turned", "aim", "finish"]
 
 
 class MessageError(FlatclothError):
-    """A message that the page's server does not understand; names the field and what was expected."""
+    """A message of the page is not valid; the text names the field and what was expected."""
 
 
 class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
-    """What all messages of the page have in common: their ``type``."""
+    """The common part of all messages: their ``type``."""
 
 
 class Do(_Said, tag="do", frozen=True, kw_only=True):
@@ -205,7 +205,7 @@ class SetAuto(_Said, tag="auto", frozen=True, kw_only=True):
 
 
 class Set(_Said, tag="set", frozen=True, kw_only=True):
-    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before."""
+    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults."""
 
     reset: bool = False
     auto_threshold: Finite | None = None
@@ -381,6 +381,6 @@ def _check(message: Message) -> None:
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
             raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
         case Ready(layer=layer) if layer not in LAYERS:
-            raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
+            raise MessageError(f"Unknown layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")
