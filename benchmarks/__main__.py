@@ -10,6 +10,8 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
+ASKED_FOR = ("soak",)
+"""Take an hour, so they run by name only."""
 ON_ONE_CORE = (
     *("flattening", "page", "confidence", "registration", "segmentation"),
     *("fused", "growth", "reach", "garments", "speed"),
@@ -27,7 +29,7 @@ def pin_to_one_core() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
-        "name", nargs="*", choices=[*ON_ALL_CORES, *ON_ONE_CORE, []], help="which; all by default"
+        "name", nargs="*", choices=[*ON_ALL_CORES, *ON_ONE_CORE, *ASKED_FOR, []], help="which; all by default"
     )
     parser.add_argument(
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
@@ -49,6 +51,8 @@ def main() -> None:
         views=arguments.views,
     )
     # Imported late: the libraries read their number of threads when they are loaded.
+    for name in (name for name in ASKED_FOR if name in arguments.name):
+        importlib.import_module(f"benchmarks.{name}").run(options)
     for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
         chosen = [name for name in names if name in (arguments.name or names)]
         if chosen and prepare is not None:

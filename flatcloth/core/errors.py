@@ -38,6 +38,10 @@ class IllegalDecisionError(FlatclothError):
     """A decision that the session does not allow in its present state; the message gives the reason."""
 
 
+class OutOfBoundsError(IllegalDecisionError):
+    """A decision with a number that no garment has."""
+
+
 class JournalError(FlatclothError):
     """A session folder cannot be written or read, or belongs to another recording."""
 

@@ -97,7 +97,7 @@ class RecordedViews:
         """
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
-        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 192 * _MIB)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = (
@@ -199,7 +199,7 @@ class RecordedViews:
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )
         except (SurfaceError, FlatteningError) as error:
-            return error
+            return type(error)(f"{self.recording.location}: {error}")
 
     def _unusable(self) -> set[int]:
         failed = (

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Callable
+
+_log = logging.getLogger(__name__)
 
 Job = Callable[[], None]
 
 
 class Worker:
-    """Runs jobs one after the other on a daemon thread; jobs report their own errors."""
+    """Runs jobs one after the other on a daemon thread.
 
-    def __init__(self, name: str) -> None:
+    Jobs report their own errors; for one that fails nevertheless, ``on_fault`` is called on the thread,
+    which goes on with the next job.
+    """
+
+    def __init__(self, name: str, on_fault: Callable[[BaseException], None] = lambda _: None) -> None:
+        self._on_fault = on_fault
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -29,4 +37,11 @@ class Worker:
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
-            job()
+            try:
+                job()
+            except BaseException as error:  # noqa: BLE001 - the thread must not die of a job
+                _log.exception("a job of the thread %s failed", self._thread.name)
+                try:
+                    self._on_fault(error)
+                except Exception:  # noqa: BLE001 - nobody else would hear of it
+                    _log.exception("the thread %s could not recover", self._thread.name)

@@ -40,7 +40,7 @@ class PaperMethod(Method):
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
         self._views, self._config = views, views.config
-        self._canonicals: Cache[Canonical] = Cache(64)
+        self._canonicals: Cache[Canonical] = Cache(64, 96 * 2**20)
         self._matchers: Cache[Matcher] = Cache(4)
 
     @classmethod

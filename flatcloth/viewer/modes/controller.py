@@ -118,7 +118,7 @@ class PageController(ABC):
         self._note_ids = itertools.count(1)
         self._revision = 0
         self._snapshot: dict[str, Any] = {}
-        self._front = Worker("flatcloth-session")
+        self._front = Worker("flatcloth-session", self._recover)
 
     # --- from any thread ---------------------------------------------------------------------
 
@@ -223,7 +223,19 @@ class PageController(ABC):
             self._tell(client, "error", str(error))
         except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r}. See the terminal.")
+            self._tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
+        take_notices = getattr(self._folder, "take_notices", tuple)
+        for text in take_notices():
+            self._tell(None, "warning", text)
+
+    def _recover(self, error: BaseException) -> None:
+        """Say that the session's thread failed, and begin again with the session as the journal has it."""
+        note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
+        self._sink.tell(None, {"type": "note", **note.plain()})
+        self._restart()
+
+    def _restart(self) -> None:  # noqa: B027 - what is shown without decisions is shown again by itself
+        """Show the session anew."""
 
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)
@@ -294,16 +306,24 @@ class PageController(ABC):
         self._sink.show(self._snapshot)
 
     def _tell(self, client: int | None, level: str, text: str) -> None:
-        note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
+        note = self._note(level, text)
         if client is None:
             self._page_status = replace(
                 self._page_status, log=(*self._page_status.log, note)[-MESSAGES_KEPT:]
             )
-            self._publish()
-        else:
-            self._sink.tell(client, {"type": "note", **note.plain()})
+            try:
+                self._publish()
+                return
+            except Exception:  # noqa: BLE001 - a state that cannot be published must not be published to say so
+                _log.exception("the state of the page cannot be published")
+        self._sink.tell(client, {"type": "note", **note.plain()})
+
+    def _note(self, level: str, text: str) -> Note:
+        return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        if not (np.isfinite(origin_m).all() and np.isfinite(direction).all()):
+            raise FlatclothError("That click has no place in the scene; click again.")
         # A click on the background changes nothing.
         # Nor does the camera turn: who clicks in the scene sees what is clicked.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):

@@ -15,6 +15,7 @@ from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import place_of_piece
 from flatcloth.grasping.grasps import point_on_ray
+from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     Accept,
@@ -127,6 +128,14 @@ class Application(PageController):
             self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
+
+    def _restart(self) -> None:
+        if self._cancel is not None:
+            self._cancel[1].set()
+        self._cancel = self._asked = None
+        self._page_status = replace(self._page_status, auto=False, progress=None)
+        self._folder.reload()
+        self._settle()
 
     def _stop_work(self) -> None:
         if self._cancel is not None:
@@ -282,6 +291,7 @@ class Application(PageController):
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
+        check_axis(axis)
         if self._state.request is not None:
             raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
         self._folder.keep_axis(axis)

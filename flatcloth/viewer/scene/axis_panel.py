@@ -74,7 +74,7 @@ class AxisPanel:
     @property
     def chosen(self) -> RotationAxis:
         """The axis of the sliders."""
-        right_mm, away_mm, lean_right_deg, lean_away_deg = (float(s.value) for s in self._sliders)
+        right_mm, away_mm, lean_right_deg, lean_away_deg = (_within(s) for s in self._sliders)
         return moved_axis(
             self._axis,
             right_m=right_mm / 1000.0,
@@ -90,6 +90,12 @@ class AxisPanel:
         for slider in self._sliders:
             slider.value = 0.0  # type: ignore[misc]  # viser declares it read-only, but means it
         self._on_preview(axis)
+
+
+def _within(slider: Any) -> float:
+    """Return a slider's value; viser passes on whatever a browser says."""
+    value = float(slider.value)
+    return min(max(value, float(slider.min)), float(slider.max)) if math.isfinite(value) else 0.0
 
 
 def moved_axis(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -291,6 +292,7 @@ class Scene:
         assert self._view_from is not None
         center, camera, half_width, half_height = self._view_from
         distance = max(float(np.linalg.norm(camera - center)) - half_width, 0.05)
+        aspect = aspect if math.isfinite(aspect) else 1.0  # viser passes on what a browser says
         tangent = FRAME_MARGIN * max(half_height, half_width / max(aspect, 0.2)) / distance
         return float(np.clip(2 * np.arctan(tangent), 0.2, 2.2))
 

@@ -24,6 +24,7 @@ from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -38,7 +39,7 @@ from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.hub import Hub, Tab
-from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol
+from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limit_logs
 from flatcloth.viewer.server.relay import relay
 from flatcloth.viewer.server.token import kept_token, new_token
 
@@ -105,6 +106,7 @@ class PageServer:
             raise ServerError(
                 f"Without a token, {host} would admit everybody; use --host 127.0.0.1, or a token."
             )
+        return_freed_memory()
         self._integration = integration
         self._socket = bind(host, port)
         self.token = _token(host) if token else None
@@ -347,6 +349,7 @@ def serve(
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
+    limit_logs()
     with PageServer(
         integration,
         folder,

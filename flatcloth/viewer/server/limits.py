@@ -63,6 +63,13 @@ class LimitedProtocol(H11Protocol):
             self._late = None
 
 
+def limit_logs() -> None:
+    """Limit what this process writes to its log."""
+    for handler in (logging.lastResort, *logging.getLogger().handlers):
+        if handler is not None and not any(isinstance(f, RateLimit) for f in handler.filters):
+            handler.addFilter(RateLimit())
+
+
 class RateLimit(logging.Filter):
     """Passes a limited number of similar lines per minute; the next line tells how many were left out.
 
