@@ -250,7 +250,9 @@ export class SourcePanel {
         "aria-pressed": String(one.view_index === this.view),
         data: {
           id: `thumb-${one.view_index}`,
-          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image, and turn the item to it`,
+          tip:
+            `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\n` +
+            "Click: show its image, and turn the item to it",
         },
         on: { click: () => this.pin(one.view_index) },
       },
