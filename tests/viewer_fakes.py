@@ -110,6 +110,7 @@ class CylinderIntegration:
         self.accept_score = self.config.alignment.accept_score
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
+        self.sides = None
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
@@ -294,6 +295,9 @@ class MemoryFolder:
 
     def delete_pick(self, pick_id: int) -> None:
         self.picks = tuple(p for p in self.picks if p.id != pick_id)
+
+    def reload(self) -> None:
+        """Nothing else keeps the session."""
 
     def close(self) -> None:
         pass

@@ -29,7 +29,13 @@ def _end_with(parent: int) -> None:
 
 
 def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
-    return Message(jobs.answer(question, progress))
+    def told(share: float, text: str) -> None:
+        try:
+            progress(share, text)
+        except OSError:  # nobody listens: the worker was killed, and that is no failure of the task
+            os._exit(1)
+
+    return Message(jobs.answer(question, told))
 
 
 if __name__ == "__main__":

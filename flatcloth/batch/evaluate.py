@@ -10,11 +10,14 @@ from typing import Any
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
+from flatcloth.engine.garment_truth import compare_garment, read_true_points
+from flatcloth.engine.garments import garment_of
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
-from flatcloth.session.machine import MemorySession, SessionState
+from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.session.machine import Document, MemorySession, SessionState
 
 
 def evaluate_one(
@@ -38,7 +41,7 @@ def evaluate_one(
     FlatclothError
         If it cannot be read or integrated, has no truth, or the picture cannot be written.
     """
-    integration = Integration(open_recording(source), method=method)
+    integration = Integration(open_recording(source), method=method, segmenter=prepare)
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()
@@ -54,7 +57,21 @@ def evaluate_one(
         **dataclasses.asdict(comparison.evaluation),
         "views": sorted(state.document.used_views),
         "seconds": round(seconds, 2),
+        **_garment(integration, state.document, truth),
     }
+
+
+def _garment(integration: Integration, document: Document, truth: Truth) -> dict[str, Any]:
+    """Return the garment compared with ``truth/points.json``; nothing where there is none."""
+    points = read_true_points(Path(integration.recording.location))
+    if points is None:
+        return {}
+    found = garment_of(integration, document)
+    if isinstance(found, str):
+        return {"garment": {"kind": None, "true_kind": points.kind, "reason": found}}
+    canonical = integration.canonical(document)
+    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    return {"garment": dataclasses.asdict(compared)}
 
 
 def _write_picture(folder: Path, name: str, comparison: Comparison) -> None:

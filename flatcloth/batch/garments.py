@@ -18,10 +18,10 @@ def garment_columns(folder: Path) -> dict[str, Any]:
         found = json.loads(read_plain(folder / FILE))
         if found["format"] != FORMAT:
             return {}
-        kind = found["kind"]
-        probability = found["probabilities"].get(kind)
+        kind, chances = found["kind"], found["probabilities"]
+        probability = max(chances.values()) if kind is None else chances.get(kind)
         return {
-            "garment": str(kind),
+            "garment": "none of these" if kind is None else str(kind),
             "garment_probability": None if probability is None else float(probability),
             "dimensions_mm": json.dumps(found["dimensions_mm"]),
         }

@@ -32,6 +32,7 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
 
 ERROR_FILE = "error.txt"
@@ -51,15 +52,11 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
             question["source"], question["method"], None if pictures is None else Path(pictures), progress
         )
     task, out = Task.from_dict(question["task"]), Path(question["out"])
-    try:
-        return _to_row(task, out / task.name, question, progress)
-    finally:
-        gc.collect()
-        _give_back_memory()
+    return _to_row(task, out / task.name, question, progress)
 
 
 def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    started = time.perf_counter()
+    started, cpu_started = time.perf_counter(), time.process_time()
     _reset_peak_memory()
     stages = Stages()
     row: dict[str, Any] = {
@@ -90,6 +87,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     row |= {f"seconds_{name}": round(seconds, 3) for name, seconds in stages.seconds.items()}
     row |= {
         "seconds": round(time.perf_counter() - started, 3),
+        "cpu_seconds": round(time.process_time() - cpu_started, 3),
         "peak_memory_mb": _status_mb("VmHWM"),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
@@ -102,7 +100,9 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
 
 def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) -> dict[str, Any]:
     with stages.stage("opening"):
-        integration = Integration(open_recording(task.source, task.options), method=task.method)
+        integration = Integration(
+            open_recording(task.source, task.options), method=task.method, segmenter=prepare
+        )
     done = _patiently(integration, folder, stages, progress)
     progress(1.0, "measuring")
     with stages.stage("measuring"):

@@ -26,7 +26,7 @@ _EVERY_PX = 4
 def coverage_estimate(integration: Integration, canonical: Canonical) -> float:
     """Estimate which share of the cloth that any view measured is in the shape or a floating piece.
 
-    The surface of the side of interest is gathered from all views, held frame, in cells of 5 mm;
+    The surface of the side of interest is collected from all views, object frame, in cells of 5 mm;
     a cell counts as covered if a point of the result lies within 12 mm. Cloth that no view saw is not
     counted, so this is an upper bound of the share of the whole side.
     """

@@ -110,9 +110,10 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
 def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
     """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
+    from flatcloth.engine.segmenting import prepare
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, options), method=method)
+    return Integration(open_recording(source, options), method=method, segmenter=prepare)
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:

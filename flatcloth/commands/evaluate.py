@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import statistics
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,8 @@ def run(options: argparse.Namespace) -> None:
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
         print(_table_row(row), flush=True)
+        if "garment" in row:
+            print(_garment_line(row["garment"]), flush=True)
     if options.json is not None:
         try:
             options.json.parent.mkdir(parents=True, exist_ok=True)
@@ -46,6 +49,21 @@ def run(options: argparse.Namespace) -> None:
             raise FlatclothError(
                 f"{options.json}: cannot be written ({error}); choose another file."
             ) from error
+
+
+def _garment_line(garment: dict[str, Any]) -> str:
+    """Return what was recognised in a line."""
+    if "reason" in garment:
+        return f"  garment: none told, truly {garment['true_kind']}: {garment['reason']}"
+    text = f"  garment: {garment['kind']}, truly {garment['true_kind']} ({garment['probability']:.0%})"
+    for name in ("seen", "unseen"):
+        if errors := garment[f"{name}_mm"].values():
+            text += f"; {len(errors)} points {name}: median {statistics.median(errors):.0f} mm"
+    if sizes := [abs(e) for e in garment["dimension_errors"].values()]:
+        text += f"; dimensions: median {statistics.median(sizes):.1%}"
+    if garment["pieces_mm"]:
+        text += f"; pieces placed: {', '.join(f'{e:.0f}' for e in garment['pieces_mm'])} mm off"
+    return text
 
 
 def _one_by_one(options: argparse.Namespace) -> Iterator[dict[str, Any]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.segment import add_strokes, strokes_of
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
@@ -23,17 +24,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_method(parser)
     add_hand_eye(parser)
+    add_strokes(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
+    from flatcloth.export.garment import told as garment_told
 
-    base_from_camera = hand_eye_of(options)
+    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
     with ProgressBar(integration.recording.name) as bar:
-        done = integrate(integration, options.out, base_from_camera=base_from_camera, progress=bar.show)
-    for line in told(done.outcome):
+        done = integrate(
+            integration,
+            options.out,
+            base_from_camera=base_from_camera,
+            strokes=decisions,
+            progress=bar.show,
+        )
+    for line in (*told(done.outcome), *garment_told(done.garment)):
         print(line)
     print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")

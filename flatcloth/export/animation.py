@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replacing
 from flatcloth.core.types import Bool, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
@@ -57,9 +59,14 @@ def write_animation(session: OpenedSession, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
-            _write_gif(shown, path)
+            with replacing(path) as file:
+                _write_gif(shown, file)
         else:
-            _write_mp4(shown, path)
+            # OpenCV writes to a name only, and would follow a link.
+            with replacing(path) as file, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
+                made = Path(folder) / "growth.mp4"
+                _write_mp4(shown, made)
+                file.write(made.read_bytes())
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
 
@@ -153,7 +160,7 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
     drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
 
 
-def _write_gif(shown: list[Frame], path: Path) -> None:
+def _write_gif(shown: list[Frame], file: BinaryIO) -> None:
     """Write a GIF with one palette for all frames, so that only changes are stored."""
     from PIL import Image
 
@@ -164,7 +171,7 @@ def _write_gif(shown: list[Frame], path: Path) -> None:
     palette = both.quantize(colors=192, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     images = [frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown]
     images[0].save(
-        path,
+        file,
         "GIF",
         save_all=True,
         append_images=images[1:],
@@ -178,7 +185,6 @@ def _write_mp4(shown: list[Frame], path: Path) -> None:
     """Write an MP4: VP9 if OpenCV supports it, because browsers play it, otherwise MPEG-4."""
     import cv2
 
-    path.write_bytes(b"")  # raises OSError with a clear text if the path cannot be written
     size = shown[0].image.size
     for code in ("vp09", "mp4v"):
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), size)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replace_file
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
@@ -73,7 +74,7 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
         for figure in all_figures(session):
             for suffix, data in (("png", figure.drawing.png()), ("svg", figure.drawing.svg().encode())):
                 path = folder / f"{figure.name}.{suffix}"
-                path.write_bytes(data)
+                replace_file(path, data)
                 made.append(path)
     except OSError as error:
         raise FlatclothError(

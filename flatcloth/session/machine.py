@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol
 
-from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
 from flatcloth.session import document as edits
 from flatcloth.session.commands import (
@@ -43,7 +43,17 @@ from flatcloth.session.commands import (
     TakePart,
     Undo,
 )
-from flatcloth.session.document import UNSURE, Accepted, Document, Later, Pending, Rejected, Side, Skipped
+from flatcloth.session.document import (
+    MAX_EXTENT_M,
+    UNSURE,
+    Accepted,
+    Document,
+    Later,
+    Pending,
+    Rejected,
+    Side,
+    Skipped,
+)
 
 __all__ = [
     "UNSURE",
@@ -247,7 +257,26 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
     reason = why_illegal(state, command)
     if reason is not None:
         raise IllegalDecisionError(reason)
+    _check_bounds(state.document, command)
     return _decide(state, command)
+
+
+def _check_bounds(document: Document, command: Command) -> None:
+    """Refuse to move a view to where no garment reaches; many steps lead there as well as one."""
+    pending = document.pending
+    match command:
+        case Nudge(by=by) if pending is not None:
+            placed = by @ pending.current_from_new
+        case TakePart(current_from_new=placed):
+            pass
+        case _:
+            return
+    apart_m = math.hypot(placed.u_m, placed.v_m)
+    if not apart_m <= MAX_EXTENT_M:
+        raise OutOfBoundsError(
+            f"View {command.view_index} would lie {apart_m:.3g} m away; a garment's plane reaches"
+            f" {MAX_EXTENT_M:g} m. Move it by less."
+        )
 
 
 def _decide(state: SessionState, command: Command) -> SessionState:

@@ -3,6 +3,7 @@
 const STAGES = [
   ["opening", "#5b8def"],
   ["integrating", "#d98a29"],
+  ["garment", "#3fa7a0"],
   ["writing", "#6fae5a"],
   ["measuring", "#a874c9"],
 ];

@@ -44,6 +44,6 @@ export function hint(state) {
         : state.n_later
           ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow.` +
             ` Press Step (S) to go on.${area}`
-          : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
+          : `Press Step (S): the next view is chosen, flattened and placed on the shape.${area}`;
   }
 }

@@ -6,6 +6,7 @@ import { PicksPanel } from "/static/panels/picks.js";
 import { PiecesPanel } from "/static/panels/pieces.js";
 import { ProposalPanel } from "/static/panels/proposal.js";
 import { Readout } from "/static/panels/readout.js";
+import { SidesPanel } from "/static/panels/sides.js";
 import { SettingsSheet } from "/static/panels/settings.js";
 import { SourcePanel } from "/static/panels/sources.js";
 
@@ -15,6 +16,7 @@ export const PANELS = [
   ProposalPanel,
   PiecesPanel,
   PicksPanel,
+  SidesPanel,
   SettingsSheet,
   SourcePanel,
   Diagnostics,

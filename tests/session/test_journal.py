@@ -58,8 +58,11 @@ def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
     assert folder.picks == ()
 
 
-def unsealed(lines: list[bytes]) -> list[bytes]:
-    """The lines as earlier versions wrote them."""
+def unsealed(place: Path, lines: list[bytes]) -> list[bytes]:
+    """The lines as earlier versions wrote them, which also gave sessions no id."""
+    header = json.loads((place / "session.json").read_text())
+    header.pop("id", None)
+    (place / "session.json").write_text(json.dumps(header))
     return [re.sub(rb',"crc":"[0-9a-f]{8}"', b"", line) for line in lines]
 
 
@@ -68,7 +71,7 @@ def test_a_journal_of_an_earlier_version_opens_and_is_sealed_from_there_on(
 ) -> None:
     played.close()
     journal = place / "journal.jsonl"
-    old = b"".join(line + b"\n" for line in unsealed(journal.read_bytes().splitlines()))
+    old = b"".join(line + b"\n" for line in unsealed(place, journal.read_bytes().splitlines()))
     assert b"crc" not in old
     journal.write_bytes(old)
     folder = opened(place)
@@ -119,7 +122,7 @@ def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_m
     assert folder.picks == ()
     folder.add_pick("hem \U0001f455", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
     folder.close()
-    (line,) = unsealed((place / "journal.jsonl").read_bytes().splitlines())
+    (line,) = unsealed(place, (place / "journal.jsonl").read_bytes().splitlines())
     old = json.dumps(json.loads(line) | {"name": "hem \ud800 \U0001f455"}).encode() + b"\n"
     (place / "journal.jsonl").write_bytes(old)
     folder = opened(place)
@@ -191,7 +194,7 @@ def test_a_journal_cut_at_any_byte_resumes_to_what_was_whole(
     for end in range(len(data) + 1):
         (place / "journal.jsonl").write_bytes(data[:end])
         whole = data[:end].count(b"\n")
-        with caplog.at_level(logging.WARNING, "flatcloth.session.journal"):
+        with caplog.at_level(logging.WARNING, "flatcloth.session.store"):
             caplog.clear()
             folder = opened(place)
         assert folder.state == idle(known[whole])
@@ -239,7 +242,7 @@ def test_damage_before_the_end_is_named_by_its_line(
     if sealed:
         cause = cause.replace("nothing to undo", "checksum")
     else:
-        lines = unsealed(lines)
+        lines = unsealed(place, lines)
     damaged = b"".join(line + b"\n" for line in change(lines))  # type: ignore[operator]
     (place / "journal.jsonl").write_bytes(damaged)
     with pytest.raises(JournalError, match=cause):

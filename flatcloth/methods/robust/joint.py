@@ -1,10 +1,10 @@
-"""One joint flattening of all accepted views (a departure from the paper, which lays views rigidly).
+"""The joint flattening of all accepted views (a departure from the paper, which places views rigidly).
 
 Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs.
-Eq. (2) is minimised over all pairs at once, each with the weight that its accuracy deserves; pairs
-that contradict the others lose their weight. Minimising from a poor start folds the sheet, so each
-new node is first laid out from its placed neighbours, and the whole is relaxed as rigidly as
-possible: every view says how its neighbours lie around a node, mirror images excluded.
+Eq. (2) is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the
+others lose their weight. Minimisation from a poor start would fold the sheet. Therefore each new node is
+first initialised from its placed neighbours, and the whole is relaxed as rigidly as possible: every view
+determines the arrangement of the neighbours around a node, with mirror images excluded.
 """
 
 from __future__ import annotations
@@ -44,30 +44,30 @@ from flatcloth.methods.robust.observations import (
 )
 
 _LEAST_EVIDENCE = 2.0
-"""... so many smooth pairs without noise, or more with."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
 _MOST_CUT_EVIDENCE = 20.0
 """... and are cut apart again where cloth lies on other cloth and at most this much joins them."""
 _OUTGROWN = 1.3
-"""Another piece that has so many times the nodes of the main one becomes the main one."""
+"""A floating piece with this many times the nodes of the main piece becomes the main piece."""
 
 Int64 = NDArray[np.int64]
 
 _LEAST_PIECE = 12
-"""Nodes of a floating piece that is worth keeping."""
+"""Fewest nodes of a floating piece that is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointShape:
     """All accepted views, flattened together.
 
-    ``observations`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
-    piece of cloth that each node belongs to: 0 the main piece, others float (nothing seen connects
-    them to it), -1 too small to matter. ``all_uv_m`` (N, 2) is where each node lies; floating pieces
-    lie beside the main one, far off. ``anchor`` (A,) int32 are nodes of the main piece that one of
-    the first views saw and ``anchor_uv_m`` (A, 2) where they lay then: the plane stays theirs.
-    ``weight`` (M,) of the pairs of ``links``, 0 to 1 relative to what their accuracy deserves: small
-    where a pair contradicts the others. ``is_cut`` (M,) are the pairs that joined what cannot be joined,
-    since cloth would lie on other cloth: they count no longer.
+    ``observations`` and ``held_from_camera`` are in the order of acceptance. ``piece`` (N,) int32 is
+    the piece of cloth of each node: 0 for the main piece, positive for floating pieces (which no view
+    connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the positions of the nodes; floating
+    pieces lie far beside the main one. ``anchor`` (A,) int32 are nodes of the main piece seen by one
+    of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
+    ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
+    pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
+    of the cloth that would overlap.
     """
 
     nodes: Nodes
@@ -82,12 +82,12 @@ class JointShape:
 
     @cached_property
     def uv_m(self) -> Float64:
-        """(N, 2) where the nodes of the main piece lie; NaN for all others."""
+        """(N, 2) positions of the nodes of the main piece; NaN for all others."""
         return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
 
     @property
     def has_place(self) -> Bool:
-        """(N,) whether a node lies anywhere, be it on a floating piece."""
+        """(N,) whether a node has a position, on the main piece or a floating one."""
         found: Bool = np.isfinite(self.all_uv_m[:, 0])
         return found
 
@@ -98,7 +98,7 @@ class JointShape:
 
     @property
     def placed(self) -> Bool:
-        """(N,) whether a node lies on the main piece."""
+        """(N,) whether a node is on the main piece."""
         found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
         return found
 
@@ -121,9 +121,9 @@ def begin_joint(
     surface : Surface
         The start view's surface.
     held_from_camera : Rigid3
-        Where its camera stands.
+        Pose of its camera.
     start_uv_m : (H, W, 2) float64
-        Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
+        Position of each pixel of its main component on the plane; NaN elsewhere.
     flattening : FlatteningConfig
         Sampling interval.
     """
@@ -154,18 +154,18 @@ def extend_joint(
     flattening: FlatteningConfig,
     associated: Association | None = None,
 ) -> JointShape:
-    """Return the shape with one view more, all flattened anew.
+    """Return the shape with one more view, with all views flattened again.
 
     Parameters
     ----------
     shape : JointShape
         The shape so far.
     surface, held_from_camera
-        The view to add, and where its camera stands.
+        The view to add, and the pose of its camera.
     flattening : FlatteningConfig
         Sampling interval.
     associated : Association, optional
-        The nodes that the view shows, if they are not to be found by place and normal.
+        The nodes that the view shows; by default they are found by place and normal.
     """
     if associated is None:
         associated = associate(shape.nodes, surface, held_from_camera)
@@ -190,7 +190,7 @@ def extend_joint(
 
 
 def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
-    """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
+    """Return the shape with other camera poses: its nodes move in space, not on the plane."""
     if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
         return shape
     nodes = no_nodes()
@@ -200,9 +200,9 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
 
 
 def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
-    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
+    """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
 
-    Nodes of the main piece that are ``unreliable`` (N,) float too, each connected part of it as a piece.
+    Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
     """
     pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
     if unreliable is not None and unreliable.any():
@@ -220,8 +220,8 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
-    The main piece stays the main one unless another outgrows it clearly. Where cloth comes to lie on
-    other cloth, the piece is laid out anew; if it still does, it is cut where it is joined most weakly.
+    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is
+    initialised again; if it still does, it is cut where the least evidence joins it.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)
@@ -295,11 +295,11 @@ def _grown_anew(
 
 
 _APART_M = 10.0
-"""Floating pieces lie this far apart on the plane."""
+"""Distance of floating pieces on the plane."""
 
 
 def _known(members: Bool, before: Int32) -> Bool:
-    """Of a piece's members that lie somewhere, those that were one piece before: the most."""
+    """Of a piece's members that have positions, return the largest set that was one piece before."""
     if not members.any():
         return members
     was = before[members]
@@ -309,7 +309,7 @@ def _known(members: Bool, before: Int32) -> Bool:
 
 
 def _anchored(shape: JointShape) -> JointShape:
-    """Move the main piece to where its anchor lay; a main piece without one gets one."""
+    """Move the main piece onto its anchor; a main piece without an anchor gets one."""
     kept = shape.placed[shape.anchor]
     if kept.sum() >= 3:
         motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
@@ -317,7 +317,7 @@ def _anchored(shape: JointShape) -> JointShape:
         uv[shape.placed] = motion.apply(uv[shape.placed])
         return replace(shape, all_uv_m=uv)
     if shape.anchor.size and shape.placed.any():
-        # A piece that floated has outgrown the main one: it comes from where it lay to the plane's middle.
+        # A floating piece has become the main one: move it to the middle of the plane.
         uv = shape.all_uv_m.copy()
         uv[shape.placed] -= uv[shape.placed].mean(axis=0)
         shape = replace(shape, all_uv_m=uv)
@@ -329,7 +329,7 @@ def _anchored(shape: JointShape) -> JointShape:
 
 
 def _pieces(shape: JointShape) -> Int32:
-    """Return which piece of cloth each node (N,) belongs to."""
+    """Return the piece of cloth of each node (N,)."""
     kept = ~shape.is_cut
     evidence = (shape.weight * _evidence(shape))[kept]
     return connected_pieces(

@@ -22,11 +22,11 @@ from flatcloth.methods.robust.observations import Complex128, Observation
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 _ROBUST_STD = 3.0
-"""A pair that is off by this many standard deviations counts a quarter."""
+"""A pair with a residual of this many standard deviations has a quarter of its weight."""
 _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation."""
 _ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
+"""Minimisations after each acceptance; the weights of the pairs are updated between them."""
 _LEAST_WEIGHT = 1e-4
 _MAJORISATIONS = 6
 _TOLERANCE = 2e-3
@@ -75,17 +75,17 @@ def links_of(observations: Sequence[Observation]) -> Links:
 
 
 def seed_pair(z: Complex128, links: Links, within: Int64) -> None:
-    """Lay down one pair, from which the rest of a piece can be laid out."""
+    """Place one pair, from which the rest of a piece is initialised."""
     seed = within[np.argmin(links.std_m[within])]
     z[links.edges[seed, 0]] = 0.0
     z[links.edges[seed, 1]] = links.offset[seed, 0]
 
 
 def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
-    """Place (as u + iv) what pairs ``inside`` connect to placed nodes, layer by layer.
+    """Place nodes (as u + iv) that pairs ``inside`` connect to placed nodes, layer by layer.
 
-    A placed node whose turn is known, from its placed neighbours in the same view, says where its
-    other neighbours in that view lie; several such opinions are averaged.
+    A placed node has a known rotation if placed neighbours of the same view determine it. It then
+    predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
     z = z.copy()
     open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]

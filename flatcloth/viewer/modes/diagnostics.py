@@ -1,4 +1,4 @@
-"""Tells the page what placed a proposal; computed beside the session, when it is asked for."""
+"""Sends the diagnostics of a proposal to the page; they are computed on request, beside the session."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
-"""Colours of edges that the plane has longer, or shorter, than the cloth; apart also to colour-blind eyes."""
+"""Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
-_GONE = "This proposal is no longer shown; a newer state is on its way."
+_GONE = "This proposal is no longer shown; a newer state follows."
 
 
 class DiagnosticsService:
-    """Answers with curves, lines and strained edges; the last answer is kept.
+    """Answers with curves, lines and strained edges; the last answer is cached.
 
     Parameters
     ----------
     integration : Integration
-        The session's; only asked.
+        The session's; only read.
     picture : callable
         Returns the present picture; called from any thread.
     scene_view : SceneView
-        Draws strained edges in 3D, where they are wished.
+        Draws strained edges in 3D if they are switched on.
     later : callable
-        Takes a job for the worker.
+        Adds a job to the worker's queue.
     """
 
     def __init__(
@@ -63,14 +63,14 @@ class DiagnosticsService:
         self._drawing = False
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of this."""
+        """Return the routes of this service."""
         return [
             Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
             Route("/hypothesis/{revision:int}-{view:int}/{index:int}.png", self._thumbnail),
         ]
 
     def show_edges(self, on: bool) -> None:
-        """Draw the strained edges in 3D from now on, or no longer; to be told also of each new picture."""
+        """Switch the strained edges in 3D on or off; call it also after each new picture."""
         self._drawing = on
         picture = self._picture()
         if on and picture is not None and picture.overlay is not None:
@@ -79,7 +79,7 @@ class DiagnosticsService:
             self._scene_view.show_edges(None, None)
 
     def picture_changed(self) -> None:
-        """Draw the edges of the new picture, if they are wished."""
+        """Draw the edges of the new picture if they are switched on."""
         if self._drawing:
             self.show_edges(True)
 
@@ -147,7 +147,7 @@ def edge_colors(edges: StrainedEdges) -> Uint8:
 
 
 def plain(found: Reasons) -> dict[str, Any]:
-    """Return reasons as the page takes them: mm and degrees for reading, metres for places."""
+    """Return the diagnostics for the page: mm and degrees for reading, metres for positions."""
     return {
         "view_index": found.view_index,
         "side": found.side.value,

@@ -1,4 +1,4 @@
-"""The page of a session: decisions, the work behind them, and Auto."""
+"""The page of a session: decisions, their computations, and Auto."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Rigid2, RotationAxis, finite
+from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import place_of_piece
+from flatcloth.grasping.grasps import point_on_ray
+from flatcloth.session.axis_file import check_axis
+from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -36,10 +39,12 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -62,7 +67,7 @@ class Application(PageController):
     integration : Integration
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
-        Holds the state to start from, and keeps every decision and pick.
+        Contains the initial state, and stores every decision and pick.
     scene_view, sink
         Where things are shown.
     """
@@ -84,6 +89,8 @@ class Application(PageController):
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
+        self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
+
     @property
     def _state(self) -> SessionState:
         return self._folder.state
@@ -91,19 +98,24 @@ class Application(PageController):
     # --- from any thread ---------------------------------------------------------------------
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of a session."""
-        return [*super().routes(), *self._diagnostics.routes()]
+        """Return the routes of a session."""
+        return [
+            *super().routes(),
+            *self._diagnostics.routes(),
+            *self._sides.routes(lambda: self._picture),
+        ]
 
     def start(self) -> None:
-        """Show the session as it was left, and ask for the start view if there is none."""
+        """Show the session in its last state, and request the start view if there is none."""
         self._put(None, self._begin)
 
     def stop(self) -> None:
-        """Stop the running work and both threads; the session stays as the journal has it."""
+        """Stop the running work and both threads; the journal keeps the session."""
         self._put(None, self._stop_work)
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
         self._repair.stop(timeout_s=2.0)
+        self._sides.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -113,9 +125,17 @@ class Application(PageController):
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:
-            self._do(Propose())  # the program was ended while later decisions followed
+            self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
+
+    def _restart(self) -> None:
+        if self._cancel is not None:
+            self._cancel[1].set()
+        self._cancel = self._asked = None
+        self._page_status = replace(self._page_status, auto=False, progress=None)
+        self._folder.reload()
+        self._settle()
 
     def _stop_work(self) -> None:
         if self._cancel is not None:
@@ -144,11 +164,20 @@ class Application(PageController):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._turn_to_pick()
                 self._publish()
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
                 self._publish()
+            case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
+                self._by_hand(paint(self._sides.decision(message, self._picture)))
+            case messages.Brush():
+                self._sides.brush = message if message.side is not None else None
+            case messages.WhereToStroke():
+                self._sides.where_next(
+                    self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
+                )
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -227,6 +256,29 @@ class Application(PageController):
             fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
 
+    def _pixels_per_m(self) -> float:
+        """Return how many pixels of the image a metre of the item covers, at the distance of the axis."""
+        return self._integration.recording.intrinsics.fx / float(self._integration.axis.point_m[2])
+
+    def _sides_told(self, changed: str) -> None:
+        """Say what a stroke changed; the labels of the cloth are others."""
+        if changed:
+            self._tell(None, "info", changed)
+        else:
+            self._publish()
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        if self._sides.brush is None:
+            super()._pick_on_ray(origin_m, direction)
+            return
+        picture, points = self._picture, self._scene_view.visible_points()
+        hit = point_on_ray(points, origin_m, direction) if len(points) else None
+        if picture is None or hit is None:
+            return
+        nowhere = np.full(3, np.nan)
+        place = place_in_view(self._integration, picture.present_view, points[hit], nowhere)
+        self._by_hand(paint(self._sides.dab(picture.present_view, place.row, place.col)))
+
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
         picture = self._picture
@@ -235,12 +287,13 @@ class Application(PageController):
         return finite(picture.overlay.score.total)
 
     def adjust_axis(self, axis: RotationAxis) -> None:
-        """Take a turning axis that was set by hand; may be called from any thread."""
+        """Set the turning axis by hand; may be called from any thread."""
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
+        check_axis(axis)
         if self._state.request is not None:
-            raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
+            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
         self._folder.keep_axis(axis)
         self._page_status = replace(self._page_status, auto=False)
         self._back.put(lambda: self._work_on_axis(axis))
@@ -265,21 +318,22 @@ class Application(PageController):
         self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
 
     def _by_hand(self, command: Command) -> None:
-        # Whoever decides by hand takes over from Auto.
+        # A decision by hand stops Auto.
         self._page_status = replace(self._page_status, auto=False)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
         before = self._state
-        # What is not on disk has not been decided.
+        # A decision takes effect only after it is on disk.
         self._folder.record(command)
-        if self._state is not before:  # else it answers a question that nobody asks any more
+        if self._state is not before:  # otherwise it is the answer to an outdated request
             self._settle()
 
     def _settle(self) -> None:
-        """Bring the work, the picture, Auto and the tabs in line with the state."""
-        self._settle_work()
+        """Update the work, the picture, Auto and the tabs to the state."""
         document = self._state.document
+        self._sides.follow(document)
+        self._settle_work()
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
@@ -338,7 +392,7 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        return snapshot(
+        told = snapshot(
             revision,
             self._state,
             self._page_status,
@@ -347,6 +401,7 @@ class Application(PageController):
             self._integration,
             self._places,
         )
+        return {**told, "sides": self._sides.plain(), "pixels_per_m": self._pixels_per_m()}
 
     # --- the worker --------------------------------------------------------------------------
 
@@ -364,7 +419,7 @@ class Application(PageController):
         except FlatclothError as error:
             text = str(error)
             _log.warning("%s", error)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("the work on %s failed", request)
             text = f"Unexpected error while computing: {error!r}. See the terminal."
         else:
@@ -395,7 +450,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # After this, what is in the queue is computed with the new axis.
+        # Later jobs of the queue use the new axis.
         self._integration.turn_about(axis)
         try:
             text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
@@ -405,13 +460,13 @@ class Application(PageController):
 
     def _work_on_picture(self, document: Document) -> None:
         if self._asked is not document:
-            return  # decided otherwise in the meantime
+            return  # outdated by a decision
         try:
-            # Revisions go on from the last picture made, even if it was never shown.
+            # Revisions continue from the last picture, even if it was never shown.
             picture = self._made = make_picture(self._integration, document, self._made)
         except FlatclothError as error:
             text = str(error)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a picture could not be computed")
             text = f"Unexpected error while drawing: {error!r}. See the terminal."
         else:

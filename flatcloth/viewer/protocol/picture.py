@@ -1,4 +1,4 @@
-"""Everything the page shows of one document, computed by the worker and never changed afterwards."""
+"""The picture of a document for the page, computed by the worker; immutable."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Overlay:
-    """The pending view on the plane of the shape, at the placement in force.
+    """The pending view on the plane of the shape, at its effective placement.
 
     ``own_center_uv_m`` is the centre of its part on its own plane: what nudges turn it about. ``view``
     lies on the sheet, where placements are shown; ``new_points`` are those beyond all cloth of the sheet.
@@ -57,7 +57,7 @@ class Overlay:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """What a document looks like; ``revision`` changes whenever the flattened ``view`` does.
+    """The picture of a document; ``revision`` changes whenever the flattened ``view`` does.
 
     ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of live
     mode has no sheet.
@@ -78,7 +78,7 @@ class Picture:
 
 
 def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
-    """Compute what a document with a start view looks like; revisions go on from ``previous``."""
+    """Compute the picture of a document with a start view; revisions continue from ``previous``."""
     canonical = integration.canonical(document)
     present = document.present_view
     assert present is not None
@@ -155,7 +155,7 @@ def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
 def attributes_at(
     view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
 ) -> dict[str, Any] | None:
-    """Return all attributes of the pixel at a place of the plane, None off the cloth.
+    """Return all attributes of the pixel at a position of the plane, None off the cloth.
 
     ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the rotation
     ``angle_deg``, which can be compared between views.

@@ -1,4 +1,4 @@
-"""The small state that every tab gets in full, as plain JSON values."""
+"""The state that every tab receives in full, as plain JSON values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """Something the operator is told; ``level`` is ``info``, ``warning`` or ``error``."""
+    """A notification for the operator; ``level`` is ``info``, ``warning`` or ``error``."""
 
     id: int
     level: str
@@ -40,7 +40,7 @@ class Note:
 
 @dataclass(frozen=True, kw_only=True)
 class PageStatus:
-    """What belongs to the page and not to the session: Auto, progress, messages."""
+    """The state of the page outside the session: Auto, progress, messages."""
 
     auto: bool = False
     edges: bool = False
@@ -95,7 +95,7 @@ def live_snapshot(
     integration: Integration,
     places: PlaceStore,
 ) -> dict[str, Any]:
-    """Return the whole state of the page in live mode; what changes with each frame comes with it."""
+    """Return the whole state of the page in live mode, without the data sent with each frame."""
     angles_deg = integration.recording.angles_deg
     present = None if shown is None else shown.frame
     return {
@@ -186,7 +186,7 @@ def _verdict(document: Document, index: int) -> tuple[str, str, float | None]:
 
 
 def _follows(document: Document, index: int) -> int:
-    """Return how many later views follow an accepted one if it is decided again."""
+    """Return the number of later views that follow an accepted one if it is decided again."""
     order = [*document.accepted, *(later.decision for later in document.later)]
     at = next((n for n, a in enumerate(order) if a.view_index == index), None)
     return 0 if at is None else len(order) - 1 - at
@@ -240,7 +240,7 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
-    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
+    """Return additional results of the method ``robust``: margin, undetermined directions, hypotheses."""
     placement = None if overlay is None else overlay.proposal.placement
     if overlay is None or placement is None or not placement.hypotheses:
         return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
@@ -264,7 +264,7 @@ def _motion(motion: Rigid2) -> dict[str, float]:
 
 
 def grid(view: FlattenedView) -> dict[str, Any]:
-    """Return the size of a view's grid and its place on the plane."""
+    """Return the size of a view's grid and its position on the plane."""
     return {
         "rows": view.shape[0],
         "cols": view.shape[1],
@@ -305,7 +305,7 @@ def _shown(overlay: Overlay, motion: Rigid2) -> Rigid2:
 
 
 def _overlay(picture: Picture) -> dict[str, Any] | None:
-    """Return where the proposal is drawn; ``placement`` leads there from its own plane."""
+    """Return the position of the proposal; ``placement`` maps its own plane to it."""
     overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
     if overlay is None or pending is None:
         return None
@@ -321,7 +321,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
 
 
 def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
-    """Return where the centre of the proposal lies on the plane: what a nudge turns about."""
+    """Return the centre of the proposal on the plane, about which nudges rotate."""
     u_m, v_m = overlay.shown(pending).apply(np.array(overlay.own_center_uv_m)).tolist()
     return float(u_m), float(v_m)
 
@@ -336,7 +336,13 @@ def _pick(
 
 
 def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
-    listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
+    listed: dict[str, Any] = {
+        "id": pick.id,
+        "name": pick.name,
+        "view_index": pick.view_index,
+        "position_held_m": [float(x) for x in pick.position_held_m],
+        "uv_m": None,
+    }
     if picture is not None:
         place = places.place(picture, pick.position_held_m)
         if place.in_shape:
