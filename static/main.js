@@ -183,6 +183,7 @@ function run(name, large = false) {
     if (name !== "cancel") notify("warning", action.why_not);
     return;
   }
+  if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];

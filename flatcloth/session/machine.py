@@ -18,6 +18,7 @@ from typing import Protocol
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
+from flatcloth.core.types import Rigid2
 from flatcloth.session import document as edits
 from flatcloth.session.commands import (
     Accept,
@@ -301,7 +302,9 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             return _edit(state, f"{how} view {view}", replace(document, pending=moved))
         case TakePart(view_index=view, component=component, current_from_new=motion):
             assert document.pending is not None
-            nudge = motion @ document.pending.proposed.inverse()
+            proposed = document.pending.proposed
+            # Chosen back, it lies where it was proposed, exactly: not moved by hand.
+            nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge)
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
         case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):

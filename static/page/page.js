@@ -19,6 +19,7 @@
  * @property {() => void} [reconnected] another server process may answer from now on
  * @property {(view: number, rc: [number, number]) => void} [lookAt] show a pixel of a view
  * @property {Record<string, boolean>} [pressed] which of its actions are on, for their buttons
+ * @property {(state: any) => boolean} [mayAccept] false: Accept waits, as its button now says
  * @property {any} [status] for tests
  */
 

@@ -44,8 +44,8 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        self._shapes: Cache[JointShape] = Cache(64, 96 * _MIB)
-        self._drawn: Cache[Canonical] = Cache(16, 64 * _MIB)
+        self._shapes: Cache[JointShape] = Cache(64, 64 * _MIB)
+        self._drawn: Cache[Canonical] = Cache(16, 32 * _MIB)
         self._features: Cache[ViewFeatures] = Cache(48, 48 * _MIB)
         self._registrations: Cache[Registered] = Cache(64, 16 * _MIB)
         self._component_maps: Cache[Int32] = Cache(48, 48 * _MIB)

@@ -114,7 +114,11 @@ ACTIONS: tuple[Action, ...] = (
         "timeline",
     ),
     Action(
-        "lowest_score", "Lowest score", ("q",), "Go to the accepted view with the lowest score.", "timeline"
+        "lowest_score",
+        "Lowest score",
+        ("q",),
+        "Go to a flagged view first, else to the accepted one with the lowest score.",
+        "timeline",
     ),
     Action(
         "left",
@@ -183,6 +187,13 @@ ACTIONS: tuple[Action, ...] = (
         "Difference",
         ("d",),
         "Map the difference in color; again: in height, in 3D position.",
+        "proposal",
+    ),
+    Action(
+        "back_to_best",
+        "Best place",
+        ("Backspace",),
+        "Lay the proposal back at the best place that was found.",
         "proposal",
     ),
     Action(

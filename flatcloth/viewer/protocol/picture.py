@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, fini
 from flatcloth.engine.sheet import Sheet, lay_out
 from flatcloth.rendering.layers import legends
 from flatcloth.session.machine import Document, Pending
+from flatcloth.viewer.protocol.verdict import checks, foreseen
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration, Proposal
@@ -35,6 +36,8 @@ class Overlay:
     score: AlignmentScore
     proposal: Proposal
     sheet: Sheet
+    foreseen: dict[str, Any] = field(default_factory=dict)
+    checks: tuple[dict[str, Any], ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -123,7 +126,7 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         )
     if before is not None and before.view is view and before.sheet is sheet:
         return before
-    return Overlay(
+    made = Overlay(
         revision=next(_overlay_revisions),
         view=view,
         own_center_uv_m=center,
@@ -132,6 +135,35 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         score=integration.score(document),
         proposal=integration.proposal(document),
     )
+    others = _other_components(integration, document, sheet, made.proposal)
+    return replace(
+        made,
+        foreseen=foreseen(made, made.piece(pending), others),
+        checks=tuple(checks(made, integration.axis)),
+    )
+
+
+def _other_components(
+    integration: Integration, document: Document, sheet: Sheet, proposal: Proposal
+) -> list[tuple[FlattenedView, Bool]]:
+    """Return the other components of the proposed view, and where each has cloth that the sheet has not.
+
+    They join the shape together with the chosen one; one without a place floats, and is new altogether.
+    """
+    pending, found = document.pending, []
+    assert pending is not None
+    for other in proposal.placement.parts:
+        if other.component == pending.component:
+            continue
+        part = integration.part(pending.view_index, other.component)
+        if other.hypothesis is None:
+            found.append((part, part.valid))
+            continue
+        shown = sheet.shown(other.hypothesis.current_from_new, np.array(_center_uv_m(part)))
+        placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
+        view = integration.overlay(replace(document, pending=placed))
+        found.append((view, _beyond(view, sheet.view)))
+    return found
 
 
 def _beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:

@@ -76,13 +76,15 @@ def snapshot(
         else {"kind": state.request.kind, "view_index": state.request.view_index},
         "present_view": present,
         "angle_deg": None if present is None else recording.angles_deg[present],
-        "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
+        "views": [
+            _view(state, i, recording.angles_deg[i], integration.accept_score) for i in range(len(recording))
+        ],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
         "progress": None
         if status.progress is None
         else {"share": status.progress[0], "text": status.progress[1]},
-        "pending": _pending(document, None if picture is None else picture.overlay),
+        "pending": _pending(document, picture),
     }
 
 
@@ -151,7 +153,7 @@ def _common(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
+def _view(state: SessionState, index: int, angle_deg: float, accept_score: float) -> dict[str, Any]:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -161,6 +163,7 @@ def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
         "state": word,
         "detail": detail,
         "score": score,
+        "flagged": word in {"accepted", "fixed", "later"} and score is not None and score < accept_score,
         "follows": _follows(document, index),
         "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         "why_not_reopen": why_illegal(state, Reopen(index)),
@@ -192,8 +195,8 @@ def _follows(document: Document, index: int) -> int:
     return 0 if at is None else len(order) - 1 - at
 
 
-def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | None:
-    pending = document.pending
+def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | None:
+    pending, overlay = document.pending, None if picture is None else picture.overlay
     if pending is None:
         return None
     if overlay is not None and overlay.proposal.view_index != pending.view_index:
@@ -212,6 +215,8 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
         "extends": None if overlay is None else label_of(overlay.piece(pending)),
+        "foreseen": None if overlay is None else overlay.foreseen,
+        "checks": [] if overlay is None else list(overlay.checks),
         **_placing(overlay),
     }
 
