@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import sources, unattended
-from flatcloth.engine.garment_truth import GarmentEvaluation, compare_garment, read_true_points, summary
-from flatcloth.engine.garments import seen_from
+from flatcloth.engine.garment.recognition import seen_from
+from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
 from flatcloth.garments import recognition
 from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import PieceEvidence, evidence_of

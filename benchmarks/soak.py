@@ -19,6 +19,7 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +74,8 @@ def told(found: dict[str, Any]) -> str:
     return (
         f"{found['minutes']:.0f} minutes, {found['acts']} acts, {found['messages']} messages:"
         f" {found['first_mb']:.0f} MB when the page was shown, {found['settled_mb']:.0f} MB after"
-        f" {SETTLED_MIN:g} minutes, {found['last_mb']:.0f} MB at the end, {found['peak_mb']:.0f} MB at most;"
-        f" {found['growth_mb_per_hour']:+.0f} MB an hour after the first {SETTLED_MIN:g} minutes"
+        f" {found['settled_min']:g} minutes, {found['last_mb']:.0f} MB at the end, {found['peak_mb']:.0f} MB"
+        f" at most; {found['growth_mb_per_hour']:+.0f} MB an hour from then on"
     )
 
 
@@ -117,22 +118,30 @@ def _watch(operator: Operator, process: subprocess.Popen[str], seconds: float, t
                 process.stdin.write("\n")
                 process.stdin.flush()
         time.sleep(PAUSE_S)
-    after = [(t, mb) for t, mb in curve if t >= 60.0 * min(SETTLED_MIN, seconds / 120.0)]
+    done = {"acts": operator.acts, "messages": operator.messages, "kinds": operator.kinds}
+    return {**done, **summary(curve), "curve_s_mb": curve}
+
+
+def summary(curve: Sequence[tuple[float, float]]) -> dict[str, float]:
+    """Return the figures of a curve of (seconds, MB).
+
+    The growth is that after the first ten minutes, or after the first half of a shorter run.
+    """
+    seconds = curve[-1][0]
+    settled_s = min(60.0 * SETTLED_MIN, seconds / 2)
+    after = [(t, mb) for t, mb in curve if t >= settled_s]
     return {
         "minutes": round(seconds / 60.0, 1),
-        "acts": operator.acts,
-        "messages": operator.messages,
-        "kinds": operator.kinds,
+        "settled_min": round(settled_s / 60.0, 1),
         "first_mb": curve[0][1],
         "settled_mb": after[0][1],
         "last_mb": curve[-1][1],
         "peak_mb": max(mb for _, mb in curve),
         "growth_mb_per_hour": round(_slope(after), 1),
-        "curve_s_mb": curve,
     }
 
 
-def _slope(points: list[tuple[float, float]]) -> float:
+def _slope(points: Sequence[tuple[float, float]]) -> float:
     """Return the growth of a straight line through the points, MB an hour."""
     n = len(points)
     mean_t, mean_mb = sum(t for t, _ in points) / n, sum(mb for _, mb in points) / n
@@ -340,7 +349,12 @@ def _draw(found: dict[str, Any]) -> None:
     figure, axes = pyplot.subplots(figsize=(8, 3.2), layout="constrained")
     axes.plot(minutes, [mb for _, mb in found["curve_s_mb"]], linewidth=1)
     axes.axhline(MOST_MB, color="0.6", linestyle="--", linewidth=1)
-    axes.set(xlabel="minutes", ylabel="resident memory, MB", ylim=(0, None), title=told(found)[:60])
+    axes.set(
+        xlabel="minutes",
+        ylabel="resident memory, MB",
+        ylim=(0, None),
+        title="Scripted operation, resident memory",
+    )
     figure.savefig(RESULTS / "soak.png", dpi=120)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.live import LiveFrame
+from flatcloth.engine.playing.recording import LiveFrame
 from flatcloth.engine.repair import Reach
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.base import AlignmentScore, Canonical

@@ -10,8 +10,8 @@ from typing import Any
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
-from flatcloth.engine.garment_truth import compare_garment, read_true_points
-from flatcloth.engine.garments import garment_of
+from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.garment.truth import compare_garment, read_true_points
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare

@@ -12,7 +12,7 @@ from typing import Any
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.engine.garments import garment_of
+from flatcloth.engine.garment.recognition import garment_of
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores, outcome_of, write_outcome

@@ -118,7 +118,7 @@ def _write(
 
             write_animation(session, path)
         case "grasps":
-            from flatcloth.engine.garments import garment_of
+            from flatcloth.engine.garment.recognition import garment_of
             from flatcloth.export.data import grasps_text
             from flatcloth.export.garment import garment_points
 
@@ -137,7 +137,7 @@ def _write(
 def _garment_text(session: OpenedSession) -> str:
     import json
 
-    from flatcloth.engine.garments import recognised
+    from flatcloth.engine.garment.recognition import recognised
     from flatcloth.export.garment import garment_document
 
     document = session.history.document

@@ -66,7 +66,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.engine.live import LivePlayer
+    from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,25 @@ class Frame:
     duration_ms: int
 
 
+@dataclass(frozen=True)
+class _Packed:
+    """A frame, compressed without loss: a page of flat colors takes a tenth of its pixels."""
+
+    data: bytes
+    size: tuple[int, int]
+    duration_ms: int
+
+    @classmethod
+    def of(cls, frame: Frame) -> _Packed:
+        return cls(zlib.compress(frame.image.tobytes(), 1), frame.image.size, frame.duration_ms)
+
+    @property
+    def image(self) -> PillowImage.Image:
+        from PIL import Image
+
+        return Image.frombytes("RGB", self.size, zlib.decompress(self.data))
+
+
 def write_animation(session: OpenedSession, path: Path) -> None:
     """Write the growth as an animation; the suffix of the name selects GIF or MP4.
 
@@ -55,7 +75,7 @@ def write_animation(session: OpenedSession, path: Path) -> None:
         raise FlatclothError(
             f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
         )
-    shown = list(frames(session))
+    shown = [_Packed.of(frame) for frame in frames(session)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
@@ -162,7 +182,7 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
     drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
 
 
-def _write_gif(shown: list[Frame], file: BinaryIO) -> None:
+def _write_gif(shown: list[_Packed], file: BinaryIO) -> None:
     """Write a GIF with one palette for all frames, so that only changes are stored."""
     from PIL import Image
 
@@ -171,23 +191,23 @@ def _write_gif(shown: list[Frame], file: BinaryIO) -> None:
     both.paste(tinted, (0, 0))
     both.paste(last, (0, tinted.height))
     palette = both.quantize(colors=192, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    images = [frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown]
-    images[0].save(
+    images = (frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown)
+    next(images).save(
         file,
         "GIF",
         save_all=True,
-        append_images=images[1:],
+        append_images=images,
         duration=[frame.duration_ms for frame in shown],
         loop=0,
         optimize=False,
     )
 
 
-def _write_mp4(shown: list[Frame], path: Path) -> None:
+def _write_mp4(shown: list[_Packed], path: Path) -> None:
     """Write an MP4: VP9 if OpenCV supports it, because browsers play it, otherwise MPEG-4."""
     import cv2
 
-    size = shown[0].image.size
+    size = shown[0].size
     for code in ("vp09", "mp4v"):
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), size)
         if writer.isOpened():

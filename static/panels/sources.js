@@ -136,7 +136,7 @@ export class SourcePanel {
     context.globalAlpha = 0.6;
     context.lineCap = context.lineJoin = "round";
     // How wide the brush is on the cloth depends on its distance; here it is drawn as at the middle of the item.
-    const width = Math.max(3, 2 * brush.radius_m * (this.page.state.pixels_per_m ?? 500) * scale);
+    const width = Math.max(3, 2 * brush.radius_m * (this.page.state.sides?.pixels_per_m ?? 500) * scale);
     strokeLine(context, [this.stroke[0], ...this.stroke].map(at), brush.color(this.canvas), width);
     context.restore();
   }

@@ -45,7 +45,7 @@ class FlexibleSheet:
     """The pairs of a sheet: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
 
     ``length_m`` (M,), ``weight`` (M,) and ``offset`` (M, 2) complex as in
-    :class:`flatcloth.methods.robust.joint.Links`.
+    :class:`flatcloth.methods.robust.layout.Links`.
     """
 
     edges: Int32

@@ -20,13 +20,21 @@ from scipy.sparse.csgraph import connected_components
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES, FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import connected_pieces
+from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
+from flatcloth.methods.robust.layout import (
+    MOST_OFF_M,
+    Links,
+    grown_layout,
+    lay_out,
+    links_of,
+    minimise_piece,
+    seed_pair,
+)
 from flatcloth.methods.robust.observations import (
     Association,
-    Complex128,
     Nodes,
     Observation,
     associate,
@@ -34,44 +42,18 @@ from flatcloth.methods.robust.observations import (
     no_nodes,
     observe,
 )
-from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
-_ROBUST_STD = 3.0
-"""A pair with a residual of this many standard deviations has a quarter of its weight."""
 _LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
+_MOST_CUT_EVIDENCE = 20.0
+"""... and are cut apart again where cloth lies on other cloth and at most this much joins them."""
 _OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece."""
-_ARAP_STEPS = 8
-"""Steps of as-rigid-as-possible relaxation before the minimisation."""
-_ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; the weights of the pairs are updated between them."""
 
 Int64 = NDArray[np.int64]
 
-_LEAST_WEIGHT = 1e-4
-_MAJORISATIONS = 6
-_TOLERANCE = 2e-3
 _LEAST_PIECE = 12
 """Fewest nodes of a floating piece that is kept."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Links:
-    """The pairs of all observations in one list.
-
-    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
-    memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
-    in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
-    """
-
-    edges: Int32
-    member: Int32
-    n_members: int
-    length_m: Float64
-    std_m: Float64
-    offset: Complex128
-    observation: Int32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +66,8 @@ class JointShape:
     pieces lie far beside the main one. ``anchor`` (A,) int32 are nodes of the main piece seen by one
     of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
     ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
-    pair contradicts the others.
+    pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
+    of the cloth that would overlap.
     """
 
     nodes: Nodes
@@ -95,6 +78,7 @@ class JointShape:
     anchor: Int32
     anchor_uv_m: Float64
     weight: Float64
+    is_cut: Bool
 
     @cached_property
     def uv_m(self) -> Float64:
@@ -110,7 +94,7 @@ class JointShape:
     @cached_property
     def links(self) -> Links:
         """The pairs of all views."""
-        return _links(self.observations)
+        return links_of(self.observations)
 
     @property
     def placed(self) -> Bool:
@@ -155,6 +139,7 @@ def begin_joint(
         anchor=np.zeros(0, dtype=np.int32),
         anchor_uv_m=np.zeros((0, 2)),
         weight=np.ones(len(first.edges)),
+        is_cut=np.zeros(len(first.edges), dtype=np.bool_),
     )
     return _solved(shape)
 
@@ -186,15 +171,20 @@ def extend_joint(
         associated = associate(shape.nodes, surface, held_from_camera)
     nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
     more = len(nodes) - len(shape.nodes)
+    before_uv = np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)])
+    contradicted = contradicted_pairs(
+        before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
+    )
     grown = JointShape(
         nodes=nodes,
         observations=(*shape.observations, added),
         held_from_camera=(*shape.held_from_camera, held_from_camera),
         piece=np.concatenate([shape.piece, np.full(more, -1, dtype=np.int32)]),
-        all_uv_m=np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)]),
+        all_uv_m=before_uv,
         anchor=shape.anchor,
         anchor_uv_m=shape.anchor_uv_m,
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
+        is_cut=np.concatenate([shape.is_cut, contradicted]),
     )
     return _solved(grown)
 
@@ -227,10 +217,11 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
-def _solved(shape: JointShape) -> JointShape:
+def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
-    The main piece stays the main one unless another is clearly larger.
+    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is
+    initialised again; if it still does, it is cut where the least evidence joins it.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)
@@ -252,18 +243,55 @@ def _solved(shape: JointShape) -> JointShape:
         if not touched[own] and n and known.any() and (known == members).all():
             uv[members] = shape.all_uv_m[members]
         else:
-            within = np.flatnonzero(members[links.edges].all(axis=1))
+            within = np.flatnonzero(members[links.edges].all(axis=1) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
-                _seed(z, links, within)
-            z = _initialise(z, links, within)
+                seed_pair(z, links, within)
+            z = lay_out(z, links, within)
             inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
-            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside])
+            own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
+            overlapping = overlapping_pairs(own_uv, shape.nodes.xyz_m)
+            if overlapping.size:
+                own_uv, weight[within], overlapping = _grown_anew(
+                    shape, within, own_uv, weight[within], overlapping
+                )
+            if np.unique(overlapping).size >= _LEAST_PIECE and may_cut:
+                cut, strength, smaller = weakest_cut(
+                    overlapping, shape.nodes.xyz_m, links.edges[within], (weight * _evidence(shape))[within]
+                )
+                if strength <= _MOST_CUT_EVIDENCE and smaller >= _LEAST_PIECE:
+                    is_cut = shape.is_cut.copy()
+                    is_cut[within[cut]] = True
+                    kept = np.where(is_cut, 0.0, shape.weight)
+                    return _solved(replace(shape, is_cut=is_cut, weight=kept), may_cut=False)
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
             uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
     return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight))
+
+
+def _grown_anew(
+    shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
+) -> tuple[Float64, Float64, Int64]:
+    """Lay a piece out anew; return places (N, 2), weights of ``within`` and overlaps of the better layout."""
+    links = shape.links
+    z = grown_layout(
+        len(uv_m),
+        links.edges[within],
+        links.member[within],
+        links.offset[within],
+        _evidence(shape)[within],
+        links.n_members,
+    )
+    reached = np.isfinite(z.real[links.edges[within]]).all(axis=1)
+    inside, anew = within[reached], weight.copy()
+    off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
+    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
+    left = overlapping_pairs(grown, shape.nodes.xyz_m)
+    if np.unique(left).size >= np.unique(overlapping).size:
+        return uv_m, weight, overlapping
+    return grown, anew, left
 
 
 _APART_M = 10.0
@@ -278,13 +306,6 @@ def _known(members: Bool, before: Int32) -> Bool:
     most = int(np.bincount(was + 1).argmax()) - 1
     largest: Bool = members & (before == most)
     return largest
-
-
-def _seed(z: Complex128, links: Links, within: Int64) -> None:
-    """Place one pair, from which the rest of a piece is initialised."""
-    seed = within[np.argmin(links.std_m[within])]
-    z[links.edges[seed, 0]] = 0.0
-    z[links.edges[seed, 1]] = links.offset[seed, 0]
 
 
 def _anchored(shape: JointShape) -> JointShape:
@@ -309,115 +330,12 @@ def _anchored(shape: JointShape) -> JointShape:
 
 def _pieces(shape: JointShape) -> Int32:
     """Return the piece of cloth of each node (N,)."""
-    evidence = np.concatenate([s.edge_evidence for s in shape.observations])
+    kept = ~shape.is_cut
+    evidence = (shape.weight * _evidence(shape))[kept]
     return connected_pieces(
-        len(shape.nodes), shape.links.edges, shape.weight * evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
+        len(shape.nodes), shape.links.edges[kept], evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
     )
 
 
-def _links(observations: tuple[Observation, ...]) -> Links:
-    first = np.cumsum([0] + [len(s.node) for s in observations])
-    return Links(
-        edges=np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32),
-        member=np.concatenate([s.edges + f for s, f in zip(observations, first, strict=False)]).astype(
-            np.int32
-        ),
-        n_members=int(first[-1]),
-        length_m=np.concatenate([s.edge_length_m for s in observations]),
-        std_m=np.concatenate([s.edge_std_m for s in observations]),
-        offset=np.concatenate([s.offset for s in observations]),
-        observation=np.repeat(
-            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
-        ),
-    )
-
-
-# ------------------------------------------------------------------ initialisation
-
-
-def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
-    """Place nodes (as u + iv) that pairs ``inside`` connect to placed nodes, layer by layer.
-
-    A placed node has a known rotation if placed neighbours of the same view determine it. It then
-    predicts the positions of its other neighbours in that view; several predictions are averaged.
-    """
-    z = z.copy()
-    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
-    if not open_.size:
-        return z
-    touched = np.zeros(links.n_members, dtype=bool)
-    touched[links.member[open_]] = True
-    near = inside[touched[links.member[inside]].any(axis=1)]
-    edges, member, offset = links.edges[near], links.member[near], links.offset[near]
-    while True:
-        known = np.isfinite(z.real[edges])
-        both: Bool = np.asarray(known.all(axis=1))
-        turn = local_rotations(z, edges, member, offset, both.astype(np.float64), links.n_members)
-        sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
-            e = np.flatnonzero(says)
-            place = z[edges[e, end]] + sign * turn[member[e, end]] * offset[e, end]
-            np.add.at(sums, edges[e, 1 - end], place)
-            np.add.at(counts, edges[e, 1 - end], 1.0)
-        found = counts > 0
-        if not found.any():
-            return z
-        z[found] = sums[found] / counts[found]
-
-
-# ------------------------------------------------------------------ minimisation
-
-
-def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
-    """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
-    own = np.flatnonzero(np.isfinite(z.real))
-    place = np.full(len(z), -1, dtype=np.int32)
-    place[own] = np.arange(own.size)
-    edges = place[links.edges[inside]]
-    if not edges.size:
-        return np.stack([z.real, z.imag], axis=1), weight
-    std = links.std_m[inside]
-    accuracy = np.square(np.median(std) / std)
-    narrow = banding(own.size, edges)
-    x = relax_rigidly(
-        z[own],
-        edges,
-        links.member[inside],
-        links.offset[inside],
-        accuracy * weight,
-        links.n_members,
-        _ARAP_STEPS,
-        narrow,
-    )
-    length = links.length_m[inside]
-    for _ in range(_ROBUST_ROUNDS):
-        x = minimise(
-            x,
-            edges,
-            length,
-            weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-            majorisations=_MAJORISATIONS,
-            energy_tolerance=_TOLERANCE,
-            narrow=narrow,
-        ).uv_m
-        residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std)
-    sheet = FlexibleSheet(
-        edges=edges,
-        member=links.member[inside],
-        n_members=links.n_members,
-        length_m=length,
-        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-        offset=links.offset[inside],
-    )
-    uv = np.full((len(z), 2), np.nan)
-    uv[own] = settle_flexible(x, sheet)
-    return uv, weight
-
-
-def _robust_weight(normed: Float64) -> Float64:
-    """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
-    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
-    weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
-    return weight
+def _evidence(shape: JointShape) -> Float64:
+    return np.concatenate([s.edge_evidence for s in shape.observations])

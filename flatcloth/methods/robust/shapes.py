@@ -27,6 +27,11 @@ _MIB = 2**20
 _GATE_M = 0.025
 """Nodes farther than this from their position by the placement do not count as the same cloth."""
 
+_LEAST_FITTED = 4
+"""So many nodes of a component fit one motion, or it is not joined yet: a motion takes two, ..."""
+_LEAST_FURTHER = 12
+"""... a further motion of the same component as many as make a floating piece."""
+
 
 class JointShapes:
     """The joint shape of each document, and the canonical view composited from it.
@@ -39,8 +44,8 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        self._shapes: Cache[JointShape] = Cache(64, 96 * _MIB)
-        self._drawn: Cache[Canonical] = Cache(16, 64 * _MIB)
+        self._shapes: Cache[JointShape] = Cache(64, 64 * _MIB)
+        self._drawn: Cache[Canonical] = Cache(16, 32 * _MIB)
         self._features: Cache[ViewFeatures] = Cache(48, 48 * _MIB)
         self._registrations: Cache[Registered] = Cache(64, 16 * _MIB)
         self._component_maps: Cache[Int32] = Cache(48, 48 * _MIB)
@@ -120,9 +125,10 @@ class JointShapes:
     def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
         """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
-        Overlapping layers are at one place in space. A component whose nodes do not fit a rigid motion
-        on the plane is not joined yet. If the operator placed a component where few associated nodes
-        lie, the nodes under it on the plane are used instead.
+        Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
+        shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
+        remaining nodes may fit another motion. If the operator placed a component where few associated
+        nodes lie, the nodes under it on the plane are used instead.
         """
         component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -135,11 +141,15 @@ class JointShapes:
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
         kept[at] = off <= _GATE_M
         by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
-        for number in np.setdiff1d(component, [added.component]):
+        for number in np.unique(component):
             at = np.flatnonzero(known & (component == number))
+            if number == added.component:
+                at = at[~kept[at]]
             for piece in np.unique(shape.piece[associated.node[at]]):
                 there = at[shape.piece[associated.node[at]] == piece]
-                kept[there] = _consistent(own[there], target[there], _GATE_M)
+                for least in (_LEAST_FURTHER if number == added.component else _LEAST_FITTED, _LEAST_FURTHER):
+                    kept[there] = _consistent(own[there], target[there], _GATE_M, least)
+                    there = there[~kept[there]]
         if not by_hand:
             return _chosen(associated, kept)
         under = self._nodes_under(shape, added)
@@ -225,10 +235,10 @@ def _chosen(associated: Association, at: Bool) -> Association:
     )
 
 
-def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
-    """Return which points fit a common motion to their targets; none if fewer than half do."""
+def _consistent(points: Float64, target: Float64, gate_m: float, least: int) -> Bool:
+    """Return which points fit a common motion to their targets; none if fewer than half or ``least`` do."""
     none = np.zeros(len(points), dtype=np.bool_)
-    if len(points) < 4:
+    if len(points) < least:
         return none
     kept = np.ones(len(points), dtype=np.bool_)
     for _ in range(6):
@@ -239,4 +249,4 @@ def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
         kept = closest
     off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
     fits: Bool = off <= gate_m
-    return fits if fits.mean() >= 0.5 and fits.sum() >= 4 else none
+    return fits if fits.mean() >= 0.5 and fits.sum() >= least else none

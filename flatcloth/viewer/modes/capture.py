@@ -26,7 +26,7 @@ from flatcloth.cameras.checks import look_at
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.engine.live_camera import CameraPlayer, cloud_of
+from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import apply_table, height_table
 from flatcloth.viewer.modes.controller import ClientSink, SceneView
@@ -82,7 +82,7 @@ class CaptureApplication(LiveApplication):
     Parameters
     ----------
     integration, folder, scene_view, sink
-        The integration is that of a :class:`flatcloth.engine.live_camera.CameraRecording`.
+        The integration is that of a :class:`flatcloth.engine.playing.camera.CameraRecording`.
     feed : CameraFeed
         The camera; it is started and stopped with the page.
     settings : CaptureSettings

@@ -108,7 +108,7 @@ class DiagnosticsService:
         picture = self._picture()
         key = request.path_params["revision"], request.path_params["overlay"]
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
         try:
             found = await run_in_threadpool(self._of, picture)
         except FlatclothError as error:
@@ -125,10 +125,10 @@ class DiagnosticsService:
         picture, asked = self._picture(), request.path_params
         overlay = None if picture is None else picture.overlay
         if picture is None or overlay is None or picture.revision != asked["revision"]:
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
         hypotheses = overlay.proposal.placement.hypotheses
         if overlay.proposal.view_index != asked["view"] or not 0 <= asked["index"] < len(hypotheses):
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
 
         def make() -> bytes:
             new = self._integration.part(asked["view"], overlay.proposal.component)

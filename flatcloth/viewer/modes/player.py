@@ -21,7 +21,7 @@ from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
-    from flatcloth.engine.live import LiveFrame
+    from flatcloth.engine.playing.recording import LiveFrame
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ FRAMES_KEPT = 8
 
 
 class Player(Protocol):
-    """Flattens the frames; see :class:`flatcloth.engine.live.LivePlayer`. Used by the loop's thread only."""
+    """Flattens the frames; see :class:`~flatcloth.engine.playing.recording.LivePlayer`. Loop thread only."""
 
     def show(self, view_index: int) -> LiveFrame:
         """Flatten a view, starting from the last one."""

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import place_of_piece
-from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
@@ -39,12 +38,12 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.session_work import answered, drawn, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
+from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
-from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -256,28 +255,17 @@ class Application(PageController):
             fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
 
-    def _pixels_per_m(self) -> float:
-        """Return how many pixels of the image a metre of the item covers, at the distance of the axis."""
-        return self._integration.recording.intrinsics.fx / float(self._integration.axis.point_m[2])
-
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
-        if changed:
-            self._tell(None, "info", changed)
-        else:
-            self._publish()
+        self._tell(None, "info", changed) if changed else self._publish()
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
             super()._pick_on_ray(origin_m, direction)
             return
-        picture, points = self._picture, self._scene_view.visible_points()
-        hit = point_on_ray(points, origin_m, direction) if len(points) else None
-        if picture is None or hit is None:
-            return
-        nowhere = np.full(3, np.nan)
-        place = place_in_view(self._integration, picture.present_view, points[hit], nowhere)
-        self._by_hand(paint(self._sides.dab(picture.present_view, place.row, place.col)))
+        dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
+        if dab is not None:
+            self._by_hand(paint(dab))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
@@ -392,40 +380,24 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        told = snapshot(
-            revision,
-            self._state,
-            self._page_status,
-            self._picks,
-            self._picture,
-            self._integration,
-            self._places,
-        )
-        return {**told, "sides": self._sides.plain(), "pixels_per_m": self._pixels_per_m()}
+        page = self._page_status, self._picks, self._picture, self._integration, self._places
+        told = snapshot(revision, self._state, *page)
+        return {**told, "sides": self._sides.plain()}
 
     # --- the worker --------------------------------------------------------------------------
 
     def _work_on_request(self, document: Document, request: Request, cancelled: threading.Event) -> None:
-        def progress(share: float, text: str) -> None:
-            if cancelled.is_set():
-                raise CancelledError
-            self._put(None, lambda: self._note_progress(request, share, text))
-
-        try:
-            progress(0.0, "Starting")
-            event = self._integration.answer(document, request, progress)
-        except CancelledError:
-            return
-        except FlatclothError as error:
-            text = str(error)
-            _log.warning("%s", error)
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("the work on %s failed", request)
-            text = f"Unexpected error while computing: {error!r}. See the terminal."
-        else:
-            self._put(None, lambda: self._answered(event))
-            return
-        self._put(None, lambda: self._failed(request, text))
+        answer = answered(
+            self._integration,
+            document,
+            request,
+            cancelled,
+            lambda share, text: self._put(None, lambda: self._note_progress(request, share, text)),
+        )
+        if isinstance(answer, str):
+            self._put(None, lambda: self._failed(request, answer))
+        elif answer is not None:
+            self._put(None, lambda: self._answered(answer))
 
     def _answered(self, event: Event) -> None:
         current = self._state.request is not None and self._state.request.token == event.token
@@ -451,28 +423,19 @@ class Application(PageController):
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
         # Later jobs of the queue use the new axis.
-        self._integration.turn_about(axis)
-        try:
-            text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
-        except FlatclothError as error:
-            text = f"The turning axis was set by hand. {error}"
+        text = turned_about(self._integration, axis)
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
         if self._asked is not document:
             return  # outdated by a decision
-        try:
-            # Revisions continue from the last picture, even if it was never shown.
-            picture = self._made = make_picture(self._integration, document, self._made)
-        except FlatclothError as error:
-            text = str(error)
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("a picture could not be computed")
-            text = f"Unexpected error while drawing: {error!r}. See the terminal."
+        # Revisions continue from the last picture, even if it was never shown.
+        picture = drawn(self._integration, document, self._made)
+        if isinstance(picture, str):
+            self._put(None, lambda: self._end_auto("error", picture))
         else:
+            self._made = picture
             self._put(None, lambda: self._show_picture(picture))
-            return
-        self._put(None, lambda: self._end_auto("error", text))
 
     def _show_picture(self, picture: Picture) -> None:
         if self._asked is not picture.document:

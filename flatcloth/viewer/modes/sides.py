@@ -16,11 +16,13 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Floats
+from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -83,7 +85,7 @@ class SideController:
         """Return the status for the page, None if the recording has masks of its own."""
         if not self.available:
             return None
-        status = self.status
+        status, recording = self.status, self._integration.recording
         return {
             "revision": status.revision,
             "n_strokes": status.n_strokes,
@@ -91,6 +93,8 @@ class SideController:
             "certainty": status.certainty,
             "undecided_cm2": status.undecided_cm2,
             "conflicts": list(status.conflicts),
+            # Pixels of an image that a metre of the item covers, at the distance of the axis.
+            "pixels_per_m": recording.intrinsics.fx / float(self._integration.axis.point_m[2]),
         }
 
     # --- decisions -----------------------------------------------------------------------------
@@ -117,14 +121,23 @@ class SideController:
                 return Cut(points_m=places, normals=normals, beyond_m=there[0], beyond_normal=normal[0])
         raise FlatclothError("This is no stroke.")
 
-    def dab(self, view_index: int, row: float, col: float) -> ImageStroke:
-        """Return the stroke of a click in the scene, at a pixel of the view that is shown there."""
+    def dab(
+        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+    ) -> ImageStroke | None:
+        """Return the stroke of a click in the scene: a ray of the eye; None if it hits no cloth.
+
+        The stroke lies at the pixel of the view that the scene shows.
+        """
         assert self.brush is not None
         assert self.brush.side is not None
+        hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
+        if picture is None or hit is None:
+            return None
+        place = place_in_view(self._integration, picture.present_view, points_m[hit], np.full(3, np.nan))
         return ImageStroke(
             side=self.brush.side,
-            view_index=view_index,
-            points_rc=((row, col),),
+            view_index=picture.present_view,
+            points_rc=((place.row, place.col),),
             radius_m=self.brush.radius_m,
         )
 

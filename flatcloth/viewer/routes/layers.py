@@ -142,7 +142,7 @@ async def _answer(request: Request, make: Callable[[Appearance], bytes | None]) 
     data = await run_in_threadpool(make, look)
     if data is None:
         text = "This picture is no longer shown; a newer state follows."
-        return PlainTextResponse(text, status_code=404)
+        return PlainTextResponse(text, status_code=410)
     return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
 
 

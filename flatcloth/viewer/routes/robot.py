@@ -15,7 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.engine.garments import garment_of
+from flatcloth.engine.garment.recognition import garment_of
 from flatcloth.engine.integration import Integration
 from flatcloth.export.data import GraspFrames, grasps_document
 from flatcloth.export.garment import garment_document, garment_points
