@@ -44,11 +44,12 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        self._shapes: Cache[JointShape] = Cache(64, 64 * _MIB)
+        # Each step reads all views of the shape: 36 views of 480x848 px must fit, or all is computed again.
+        self._shapes: Cache[JointShape] = Cache(64, 192 * _MIB)
         self._drawn: Cache[Canonical] = Cache(16, 32 * _MIB)
-        self._features: Cache[ViewFeatures] = Cache(48, 48 * _MIB)
+        self._features: Cache[ViewFeatures] = Cache(48, 384 * _MIB)
         self._registrations: Cache[Registered] = Cache(64, 16 * _MIB)
-        self._component_maps: Cache[Int32] = Cache(48, 48 * _MIB)
+        self._component_maps: Cache[Int32] = Cache(48, 96 * _MIB)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
 
     def shape(self, document: Document) -> JointShape:
