@@ -75,7 +75,7 @@ $(VENV)/.python:
 # The stamps make the second run instant; a change of the dependencies installs again.
 $(VENV)/.demo: pyproject.toml | $(VENV)/.python
 	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
-	@$(PIP_INSTALL) .
+	@$(PIP_INSTALL) '.[export]'
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(VENV)/.python

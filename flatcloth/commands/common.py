@@ -107,7 +107,7 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
     )
 
 
-def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
+def integration_of(source: str, method: str | None, options: SourceOptions | None = None) -> Integration:
     """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.segmenting import prepare

@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.recordings.mask_files import write_masks
 
     decisions = strokes_of(options)
-    integration = integration_of(options.source, "robust", source_options_of(options))
+    integration = integration_of(options.source, None, source_options_of(options))
     recording = integration.recording
     with ProgressBar(recording.name) as bar:
         found = prepare(integration, bar.show).solve(decisions)

@@ -82,7 +82,7 @@ class RecordedViews:
     def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 48 * _MIB)
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
         self._ahead = ReadAhead(self.recorded)
         self._segmenting = threading.RLock()
         hanging = resolve_axis(recording, self.recorded, config.surface)
@@ -96,8 +96,9 @@ class RecordedViews:
         No other thread may compute meanwhile.
         """
         self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 48 * _MIB)
-        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 192 * _MIB)
+        # Unattended, a shape uses up to 36 views: all must fit, or each step flattens them again.
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = (

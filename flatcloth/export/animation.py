@@ -140,6 +140,8 @@ def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
 
 def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) -> PillowImage.Image:
     """Place the two panes side by side, with the step as text and on a timeline."""
+    from PIL import Image
+
     drawing = Drawing(_WIDTH, _HEIGHT)
     pane = _HEIGHT - _FOOT
     alpha = np.full((*scene.shape[:2], 1), 255, dtype=np.uint8)
@@ -157,7 +159,7 @@ def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) ->
     drawing.picture(picture.rgba, left, top, width, height)
     draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
     _draw_foot(drawing, growth, step, order)
-    return drawing.paint(1.0)
+    return Image.fromarray(drawing.paint(1.0))
 
 
 def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None:

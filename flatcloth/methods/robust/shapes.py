@@ -23,7 +23,6 @@ from flatcloth.registration.cameras import Registered, begin_registration, exten
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
-_MIB = 2**20
 _GATE_M = 0.025
 """Nodes farther than this from their position by the placement do not count as the same cloth."""
 
@@ -44,11 +43,12 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        self._shapes: Cache[JointShape] = Cache(64, 64 * _MIB)
-        self._drawn: Cache[Canonical] = Cache(16, 32 * _MIB)
-        self._features: Cache[ViewFeatures] = Cache(48, 48 * _MIB)
-        self._registrations: Cache[Registered] = Cache(64, 16 * _MIB)
-        self._component_maps: Cache[Int32] = Cache(48, 48 * _MIB)
+        # A shape is grown through all its prefixes, so all must be kept: no limit in bytes.
+        self._shapes: Cache[JointShape] = Cache(64)
+        self._drawn: Cache[Canonical] = Cache(16)
+        self._features: Cache[ViewFeatures] = Cache(48)
+        self._registrations: Cache[Registered] = Cache(64)
+        self._component_maps: Cache[Int32] = Cache(48)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
 
     def shape(self, document: Document) -> JointShape:
