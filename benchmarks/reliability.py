@@ -82,7 +82,7 @@ def rows_of(found: Sequence[Sureness]) -> list[dict[str, Any]]:
     rows = []
     for own in found:
         others = [s for s in found if s.garment != own.garment]
-        factor = least_factor(others) if others else float("nan")
+        factor = least_factor(others) if others else None
         good = own.error_mm < 2.0
         rows.append(
             {
@@ -90,8 +90,8 @@ def rows_of(found: Sequence[Sureness]) -> list[dict[str, Any]]:
                 "within_3_std_share": round(own.within(), 4),
                 "std_where_right_mm": round(float(np.median(own.std_mm[good])), 2) if good.any() else None,
                 "error_p95_mm": round(float(np.percentile(own.error_mm, 95)), 2),
-                "factor_of_other_garments": round(factor, 2),
-                "within_with_that_share": round(own.within(factor), 4),
+                "factor_of_other_garments": None if factor is None else round(factor, 2),
+                "within_with_that_share": None if factor is None else round(own.within(factor), 4),
             }
         )
     return sorted(rows, key=lambda row: float(row["within_3_std_share"]))
