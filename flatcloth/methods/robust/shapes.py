@@ -150,16 +150,19 @@ class JointShapes:
     def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
         shape, held, associated = self._associated(key, shape, added.view_index)
-        associated = self._trusted(shape, associated, added)
-        return extend_joint(shape, surface, held, self._config.flattening, associated)
+        associated, by_hand = self._trusted(shape, associated, added)
+        placed = self.component_of_pixel(added.view_index) == added.component if by_hand else None
+        return extend_joint(shape, surface, held, self._config.flattening, associated, placed)
 
-    def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
+    def _trusted(
+        self, shape: JointShape, associated: Association, added: Accepted
+    ) -> tuple[Association, bool]:
         """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
         Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
         shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
         remaining nodes may fit another motion. If the operator placed a component where few associated
-        nodes lie, the nodes under it on the plane are used instead.
+        nodes lie, the nodes under it on the plane are used instead; returns whether that is so, too.
         """
         component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -182,15 +185,16 @@ class JointShapes:
                     kept[there] = _consistent(own[there], target[there], _GATE_M, least)
                     there = there[~kept[there]]
         if not by_hand:
-            return _chosen(associated, kept)
+            return _chosen(associated, kept), False
         under = self._nodes_under(shape, added)
         kept &= (component != added.component) & ~np.isin(associated.node, under.node)
         others = _chosen(associated, kept)
-        return Association(
+        together = Association(
             node=np.concatenate([others.node, under.node]),
             rc=np.concatenate([others.rc, under.rc]),
             incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
         )
+        return together, True
 
     def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
         """Return the nodes on the plane under the component that the operator placed."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import Cylinder
 
-from flatcloth.core.cache import Cache
+from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.engine import views
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust import shapes
@@ -74,4 +74,4 @@ def test_prefixes_are_counted_without_what_they_share() -> None:
     kept = [value for _, value in own._prefixes.items()]
     assert all("links" not in vars(value) for value in kept)
     assert kept[-1].observations[0] is kept[0].observations[0]
-    assert shapes._own_bytes(kept[-1]) < 0.6 * shapes.size_in_bytes(kept[-1])
+    assert shapes._own_bytes(kept[-1]) < 0.6 * size_in_bytes(kept[-1])
