@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import shutil
 import signal
@@ -14,7 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Frame, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
@@ -149,8 +148,23 @@ class Tab:
             page.route(VISER, lambda route: route.fulfill(body="<!doctype html><title>no scene</title>"))
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._hear)
+        page.on("response", self._see)
         page.set_default_timeout(WAIT_MS)
         page.goto(url)
+
+    def _hear(self, said: ConsoleMessage) -> None:
+        # What the browser says of a refused request or a lost connection is no error of the page.
+        if (
+            said.type == "error"
+            and "Failed to load resource" not in said.text
+            and "WebSocket" not in said.text
+        ):
+            self.errors.append(f"console: {said.text}")
+
+    def _see(self, response: Response) -> None:
+        if response.status == 404:
+            self.errors.append(f"404: {response.url}")
 
     @property
     def scene(self) -> Frame:
@@ -208,13 +222,6 @@ class Tab:
             arg=near,
         )
         return self.scene.evaluate("window.__viserMutable.nodePoseData['/pick/ball'].position")
-
-    def close_viser_notice(self) -> None:
-        """Dismiss viser's remark about software rendering, which is none of ours."""
-        if not self.has_scene:
-            return
-        with contextlib.suppress(Exception):
-            self.scene.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
 
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""

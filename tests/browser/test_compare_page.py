@@ -66,7 +66,6 @@ class Cloth:
 @pytest.fixture
 def cloth(open_tab, program):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.step()
     return tab, Cloth(tab, program.url)
 

@@ -301,6 +301,14 @@ ACTIONS: tuple[Action, ...] = (
         "view",
     ),
     Action(
+        "pane",
+        "Next pane",
+        ("Shift+v",),
+        "In a narrow window: show the next pane (flattened view, 3D, details).",
+        "view",
+    ),
+    Action("readout", "Values", ("Shift+b",), "Fold or unfold the values under the pointer.", "view"),
+    Action(
         "follow",
         "Follow",
         ("v",),
