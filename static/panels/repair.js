@@ -85,7 +85,8 @@ export class Repair {
             type: "button",
             class: "button",
             "aria-pressed": String(piece.chosen),
-            "aria-label": `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`,
+            "aria-label":
+              `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²` + (piece.waits ? ", waits" : ""),
             data: {
               id: `piece-${piece.component}`,
               tip: piece.waits

@@ -229,6 +229,20 @@ class Tab:
             "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
         )
 
+    def findings(self) -> list[str]:
+        """Return what axe-core finds serious or critical: rule, why it matters, and the elements."""
+        axe = pytest.importorskip(
+            "axe_playwright_python.sync_playwright",
+            reason="axe-core is not installed: pip install '.[test]'",
+        )
+        viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
+        found = axe.Axe().run(self.page, context=viser).response["violations"]
+        return [
+            f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
+            for f in found
+            if f["impact"] in ("serious", "critical")
+        ]
+
     def shoot(self, name: str) -> None:
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         self.page.screenshot(path=SCREENSHOTS / f"{name}.png")

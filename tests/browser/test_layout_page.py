@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from test_accessibility_page import findings
 
 pytestmark = pytest.mark.browser
 
@@ -59,7 +58,7 @@ def test_each_window_has_all_controls_uncovered_and_a_canvas_to_work_on(open_tab
                 )
             else:
                 assert canvas is None
-        found[width, height] = findings(tab)
+        found[width, height] = tab.findings()
         tab.shoot(f"layout-{width}x{height}")
     assert {size: what for size, what in found.items() if what} == {}
     panes_are_chosen_by_key_and_an_action_brings_the_one_it_needs(tab)

@@ -85,6 +85,8 @@ def snapshot(
         if status.progress is None
         else {"share": status.progress[0], "text": status.progress[1]},
         "pending": _pending(document, picture),
+        # The session is ahead of what is shown until the shape is drawn anew.
+        "drawing": document.start_view is not None and (picture is None or picture.document is not document),
     }
 
 
