@@ -24,8 +24,8 @@ import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
 import { Repair } from "/static/panels/repair.js";
-import { markPresent, showTimeline } from "/static/panels/timeline.js";
-import { Verdicts } from "/static/panels/verdicts.js";
+import { markPresent, showTimeline } from "/static/review/timeline.js";
+import { Verdicts } from "/static/review/verdicts.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
 let askedLayer = null; // in live mode: what the next frame was asked for with
