@@ -159,7 +159,9 @@ export class GarmentPanel {
           "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
           data: {
             id: `point-${point.name}`,
-            tip: `${state}, known to ${number(point.std_mm, 0)} mm (one standard deviation).\n${what}\nDrag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.`,
+            tip:
+              `${state}, known to ${number(point.std_mm, 0)} mm (one standard deviation).\n${what}\n` +
+              "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
           },
           on: {
             click: () => this.page.send({ type: "pick_point", name: point.name }),

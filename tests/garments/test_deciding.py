@@ -6,27 +6,29 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_garments import at_mean, blank_view, evidence_from
+from garment_evidence import at_mean, blank_view, evidence_from
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import decided, decided_pieces, held_point, placed_piece, pulls_of
+from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import recognise
+from flatcloth.garments.recognition import Recognition, recognise
 from flatcloth.session.garment import GarmentDecisions
 
+Skirt = tuple[PieceEvidence, FlattenedView, Recognition]
 MOVED = Rigid2(0.6, 0.25, -0.4)
 
 
 @pytest.fixture(scope="module")
-def skirt():
+def skirt() -> Skirt:
     """The evidence of a skirt's cloth, its view, and what the evidence says."""
     evidence = evidence_from(at_mean("skirt"))
     view = dataclasses.replace(blank_view(np.ones((40, 40), dtype=bool)), origin_uv_m=(-0.04, -0.04))
     return evidence, view, recognise(view, [evidence])
 
 
-def test_a_held_point_is_where_it_was_put_and_the_rest_follows_the_edges(skirt) -> None:
+def test_a_held_point_is_where_it_was_put_and_the_rest_follows_the_edges(skirt: Skirt) -> None:
     evidence, view, found = skirt
     corner = found.points["hem_left"].uv_m
     there = corner + np.array([0.03, 0.0])
@@ -40,7 +42,7 @@ def test_a_held_point_is_where_it_was_put_and_the_rest_follows_the_edges(skirt) 
     assert np.linalg.norm(changed.points["waist_left"].uv_m - found.points["waist_left"].uv_m) < 0.012
 
 
-def test_a_kind_set_by_hand_is_the_answer_and_brings_its_own_points(skirt) -> None:
+def test_a_kind_set_by_hand_is_the_answer_and_brings_its_own_points(skirt: Skirt) -> None:
     evidence, view, found = skirt
     changed = decided(found, [evidence], view, "towel", [Pull(name="hem_left", uv_m=np.zeros(2))])
     assert changed.kind == "towel"
@@ -50,13 +52,14 @@ def test_a_kind_set_by_hand_is_the_answer_and_brings_its_own_points(skirt) -> No
     assert changed.probabilities == found.probabilities
 
 
-def test_without_decisions_nothing_changes(skirt) -> None:
+def test_without_decisions_nothing_changes(skirt: Skirt) -> None:
     evidence, view, found = skirt
     assert decided(found, [evidence], view, None) == found
 
 
 def sheet_view(valid: np.ndarray) -> FlattenedView:
-    return blank_view(valid, 0.004)
+    sheet: FlattenedView = blank_view(valid, 0.004)
+    return sheet
 
 
 def test_a_held_point_moves_with_the_cloth_when_the_plane_turns() -> None:
