@@ -138,8 +138,7 @@ export class FlatCanvas {
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
       this.transform.fit(box, this.width, this.height, MARGIN_PX);
       const right = Math.max(...cornersOf(box).map(([u, v]) => this.transform.toPane(u, v).x));
-      if (right > free && free > LEAST_FREE_SHARE * this.width)
-        this.transform.fit(box, free, this.height, MARGIN_PX);
+      if (right > free && free > LEAST_FREE_SHARE * this.width) this.transform.fit(box, free, this.height, MARGIN_PX);
     }
     this.redraw();
   }

@@ -15,7 +15,11 @@ export class Hover {
 
   /** What lies under a pointer that rests may be something else now. */
   update(state) {
-    const about = JSON.stringify([state.layers?.revision, state.layers?.overlay?.revision, state.pending?.view_index]);
+    const about = JSON.stringify([
+      state.layers?.revision,
+      state.layers?.overlay?.revision,
+      state.pending?.view_index,
+    ]);
     if (about === this.about) return;
     this.about = about;
     if (state.live || !this.last) return;

@@ -11,10 +11,10 @@ from scenes import AXIS, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.methods.base import Hypothesis
-from flatcloth.core.resources import static_folder
 from flatcloth.methods.robust.hypotheses import (
     coarse_view,
     distinct,
