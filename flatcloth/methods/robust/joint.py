@@ -321,7 +321,7 @@ def _grown_anew(
 
 
 def _overlapping(shape: JointShape, uv_m: Float64) -> Int64:
-    """Return the pairs (K, 2) of nodes of a piece that lie on one another, unless the operator put them so."""
+    """Return the pairs (K, 2) of nodes of a piece that lie on one another, but not by the operator's hand."""
     pairs = overlapping_pairs(uv_m, shape.nodes.xyz_m)
     return pairs[~shape.by_hand[pairs].any(axis=1)]
 
