@@ -11,7 +11,7 @@ from benchmarks.output import Options
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy")
-"""Run by name only: an hour of work, weights that ``reliability`` measures, a table of all recordings given."""
+"""Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
 ON_ONE_CORE = (
     *("flattening", "page", "reliability", "registration", "segmentation"),
     *("fused", "growth", "reach", "garments", "speed"),

@@ -1,4 +1,4 @@
-"""How accurate, how complete and how sure unattended results are, against the truth: all recordings in a table.
+"""How accurate, complete and sure unattended results are, against the truth: a table of all recordings.
 
 The figures are those of ``flatcloth evaluate``; the recordings with the largest errors come first.
 """
