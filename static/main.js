@@ -6,6 +6,7 @@ import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
 import { isMove, KeyNudges } from "/static/canvas/nudges.js";
 import { Ruler } from "/static/canvas/ruler.js";
+import { Layout } from "/static/layout/layout.js";
 import { Connection } from "/static/page/connection.js";
 import { byId, setText } from "/static/page/dom.js";
 import { showExports } from "/static/page/exports.js";
@@ -24,8 +25,8 @@ import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
 import { Repair } from "/static/panels/repair.js";
-import { markPresent, showTimeline } from "/static/panels/timeline.js";
-import { Verdicts } from "/static/panels/verdicts.js";
+import { markPresent, showTimeline } from "/static/review/timeline.js";
+import { Verdicts } from "/static/review/verdicts.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
 let askedLayer = null; // in live mode: what the next frame was asked for with
@@ -49,7 +50,8 @@ const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
-page.add(new SceneMarks(page));
+const layout = page.add(new Layout(page));
+page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines());
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
@@ -184,6 +186,7 @@ function run(name, large = false) {
     return;
   }
   if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
+  layout.reveal(name);
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress, RotationAxis
-from flatcloth.session.machine import Document, Event, Request
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.session.machine import Document, Event, Nudge, Pending, Request
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -62,3 +62,20 @@ def drawn(integration: Integration, document: Document, previous: Picture | None
     except Exception as error:  # noqa: BLE001 - reported and logged
         _log.exception("a picture could not be computed")
         return f"Unexpected error while drawing: {error!r}. See the terminal."
+
+
+def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: int) -> Nudge:
+    """Return the decision that moves a proposal to one of its hypotheses.
+
+    Raises
+    ------
+    FlatclothError
+        If the proposal is another by now, or has no such hypothesis.
+    """
+    if pending is None or overlay is None or overlay.proposal.view_index != view:
+        raise FlatclothError("The proposal has changed; look again.")
+    hypotheses = overlay.proposal.placement.hypotheses
+    if not 0 <= index < len(hypotheses):
+        raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
+    target = hypotheses[index].current_from_new
+    return Nudge(view, target @ pending.current_from_new.inverse())
