@@ -212,7 +212,7 @@ const PAGE_ACTIONS = {
     if (!send({ type: "set", follow: !on })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
-  export: () => showExports(notify, page.state.recording.name),
+  export: () => showExports(notify, page.state),
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));

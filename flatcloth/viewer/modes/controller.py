@@ -206,7 +206,11 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
-        return grasps_document(picture.view, self._picks.picks, frames)
+        sheet = picture.sheet
+        if sheet is None:
+            return grasps_document(picture.view, self._picks.picks, frames)
+        shape = sheet.canonical
+        return grasps_document(shape.view, self._picks.picks, frames, floating=shape.floating)
 
     # --- the page's own thread ---------------------------------------------------------------
 
