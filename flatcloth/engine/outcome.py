@@ -62,7 +62,7 @@ def outcome_of(
         "area_cm2": round(1e4 * canonical.view.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         "floating": [_floating(piece) for piece in lay_out(canonical).pieces],
-        **_uncertainty(canonical.view),
+        **uncertainty(canonical.view),
         **_cameras(integration, document),
         **_segmentation(integration),
     }
@@ -117,7 +117,8 @@ def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
     return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
 
 
-def _uncertainty(view: FlattenedView) -> dict[str, float]:
+def uncertainty(view: FlattenedView) -> dict[str, float]:
+    """Return the median placement uncertainty and the reliable share; empty if the method computes none."""
     if view.placement_std_m is None or not view.valid.any():
         return {}
     std = view.placement_std_m[view.valid]

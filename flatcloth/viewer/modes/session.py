@@ -38,6 +38,7 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import answered, drawn, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
@@ -87,7 +88,9 @@ class Application(PageController):
         self._back = Worker("flatcloth-work")
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
-
+        self._review = ReviewService(
+            integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
+        )
         self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
 
     @property
@@ -101,6 +104,7 @@ class Application(PageController):
         return [
             *super().routes(),
             *self._diagnostics.routes(),
+            *self._review.routes(),
             *self._sides.routes(lambda: self._picture),
         ]
 
@@ -129,8 +133,7 @@ class Application(PageController):
             self._settle()
 
     def _restart(self) -> None:
-        if self._cancel is not None:
-            self._cancel[1].set()
+        self._stop_work()
         self._cancel = self._asked = None
         self._page_status = replace(self._page_status, auto=False, progress=None)
         self._folder.reload()
@@ -381,7 +384,7 @@ class Application(PageController):
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         page = self._page_status, self._picks, self._picture, self._integration, self._places
-        told = snapshot(revision, self._state, *page)
+        told = self._review.told(snapshot(revision, self._state, *page), self._state.document)
         return {**told, "sides": self._sides.plain()}
 
     # --- the worker --------------------------------------------------------------------------
@@ -422,8 +425,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # Later jobs of the queue use the new axis.
-        text = turned_about(self._integration, axis)
+        text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
@@ -443,5 +445,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
+        self._review.follow(picture.document)
         self._diagnostics.picture_changed()
         self._settle()
