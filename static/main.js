@@ -51,7 +51,7 @@ const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
-page.add(new SceneMarks(page));
+page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines());
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));

@@ -57,6 +57,7 @@ def garment_document(
     return {
         "format": FORMAT,
         "kind": found.kind if known else None,
+        "by_hand": found.by_hand is not None,
         "probabilities": {name: round(p, 4) for name, p in _sorted(found.probabilities)},
         "dimensions_mm": {
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
@@ -81,6 +82,7 @@ def _point(found: Recognition, shape: FlattenedView, name: str) -> dict[str, Any
         "uv_m": np.round(point.uv_m - shape.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": point.pixel is not None,
+        "held": name in found.held,
     }
     if point.pixel is not None:
         told |= {

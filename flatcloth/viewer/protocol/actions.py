@@ -298,6 +298,16 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
     Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
+    Action(
+        "garment", "Garment", ("Shift+g",), "Show or hide the garment's outline and its named points.", "view"
+    ),
+    Action(
+        "upright",
+        "Upright",
+        ("Shift+t",),
+        "Turn the display so that the garment is upright; again: back.",
+        "view",
+    ),
     Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
     Action("grid", "Grid", ("#",), "Show or hide a grid in centimetres.", "view"),
     Action(
