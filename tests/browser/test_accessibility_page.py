@@ -23,7 +23,7 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     keys.press("Shift+E")
     keys.press("Shift+R")
     tab.until("flatcloth.result.found && flatcloth.state.views.some((v) => v.added_cm2 > 0)")
-    found["list and result"] = findings(tab)
+    found["list and result"] = tab.findings()
     tab.shoot(f"axe-review-{scheme}")
     keys.press("Escape")
     keys.press("Shift+E")
