@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -185,3 +186,16 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "1", done.stderr
+
+
+def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
+    command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
+    running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert running.stdout is not None
+    said = next((line for line in running.stdout if "http://127.0.0.1:" in line), None)
+    running.send_signal(signal.SIGINT)
+    rest, errors = running.communicate(timeout=60)
+    assert said is not None, errors
+    assert running.returncode in (0, 130)
+    assert "Traceback" not in rest + errors
+    assert (tmp_path / "s" / "session.json").is_file()
