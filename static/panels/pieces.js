@@ -1,9 +1,8 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand.
 
+import { drawPieces } from "/static/canvas/pieces.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
-
-const FONT = "600 13px system-ui, sans-serif";
 
 export class PiecesPanel {
   name = "pieces";
@@ -15,7 +14,9 @@ export class PiecesPanel {
     this.chosen = null; // its letter
     this.section = make("section", { id: "floating", "aria-label": "Floating pieces", hidden: true });
     byId("pick").before(this.section);
-    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
+    this.canvas.drawers.push((_, context, style) =>
+      drawPieces(this.canvas, context, style, this.pieces, this.chosen),
+    );
   }
 
   update(state) {
@@ -92,44 +93,5 @@ export class PiecesPanel {
 
   get status() {
     return { pieces: this.pieces, chosen: this.chosen };
-  }
-
-  /** Each piece has a rectangle in its colour and its letter with the area. */
-  draw(context, style) {
-    for (const piece of this.pieces) {
-      const { origin_uv_m: origin, pixel_size_m: d, rows, cols } = piece.grid;
-      const [left, top] = origin;
-      const [right, bottom] = [left + d * cols, top + d * rows];
-      const corners = [
-        [left, top],
-        [right, top],
-        [right, bottom],
-        [left, bottom],
-      ].map(([u, v]) => this.canvas.transform.toPane(u, v));
-      context.beginPath();
-      corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.closePath();
-      context.strokeStyle = piece.color;
-      context.lineWidth = piece.label === this.chosen ? 3 : 1.5;
-      context.setLineDash(piece.label === this.chosen ? [] : [5, 4]);
-      context.stroke();
-      context.setLineDash([]);
-      this.drawLabel(context, style, corners, piece);
-    }
-  }
-
-  drawLabel(context, style, corners, piece) {
-    const x = Math.min(...corners.map((c) => c.x));
-    const y = Math.min(...corners.map((c) => c.y));
-    const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
-    context.font = FONT;
-    context.textBaseline = "middle";
-    const width = context.measureText(text).width + 20;
-    context.fillStyle = style.getPropertyValue("--panel");
-    context.fillRect(x, y - 21, width, 19);
-    context.fillStyle = piece.color;
-    context.fillRect(x, y - 21, 6, 19);
-    context.fillStyle = style.getPropertyValue("--text");
-    context.fillText(text, x + 12, y - 11);
   }
 }
