@@ -175,7 +175,9 @@ class Application(PageController):
                 self._sides.where_next(
                     self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
                 )
-            case messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints():
+            case (
+                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
+            ):
                 self._garment.take(client, message, self._state.document, self._do)
             case messages.PickPoint(name=name):
                 self._pick_at(*self._garment.seen_point(name), name)
