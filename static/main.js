@@ -6,6 +6,7 @@ import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
 import { isMove, KeyNudges } from "/static/canvas/nudges.js";
 import { Ruler } from "/static/canvas/ruler.js";
+import { Layout } from "/static/layout/layout.js";
 import { Connection } from "/static/page/connection.js";
 import { byId, setText } from "/static/page/dom.js";
 import { showExports } from "/static/page/exports.js";
@@ -49,6 +50,7 @@ const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
+const layout = page.add(new Layout(page));
 page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines());
 for (const Panel of PANELS) page.add(new Panel(page));
@@ -184,6 +186,7 @@ function run(name, large = false) {
     return;
   }
   if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
+  layout.reveal(name);
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];

@@ -28,8 +28,14 @@ def test_step_accept_undo_redo(server, folder):
         state = tab.proposed()
         assert state["views"][1]["state"] == "pending"
         assert state["pending"]["parts"]["overlap_cm2"] == 42.0
+        assert not state["drawing"]
         tab.say(type="do", action="accept", view_index=1)
-        state = tab.state_where(lambda s: s["step"] == 2 and s["layers"]["revision"] == 2)
+        seen = []
+        state = tab.state_where(lambda s: seen.append(s) or (s["step"] == 2 and s["layers"]["revision"] == 2))
+        # Until the shape is drawn anew, the session is ahead of it, and that is told.
+        ahead = [s for s in seen if s["step"] == 2 and s["layers"]["revision"] == 1]
+        assert [s["drawing"] for s in ahead] == [True] * len(ahead)
+        assert not state["drawing"]
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: s["step"] == 1 and s["pending"] and s["layers"]["overlay"])
         tab.say(type="do", action="redo")

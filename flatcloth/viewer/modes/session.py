@@ -42,7 +42,8 @@ from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of
 from flatcloth.viewer.modes.session_work import answered, chosen, drawn, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
+from flatcloth.viewer.protocol.actions import NOT_LIVE
+from flatcloth.viewer.protocol.allowed import command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
