@@ -14,7 +14,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.garments.recognition import NONE, Recognition
+from flatcloth.garments.recognition import NONE
 
 FORMAT = "flatcloth-garment/1"
 FILE = "garment.json"
@@ -36,9 +36,9 @@ def garment_points(known: KnownGarment | str) -> list[GarmentPoint]:
     """Return the named points that were seen, to be given as grasps; none if the kind is not known."""
     if isinstance(known, str) or known.found.kind == NONE:
         return []
-    found, shape = known.found, known.canonical.view
     points: list[GarmentPoint] = []
-    for name, point in found.points.items():
+    for name, point in known.found.points.items():
+        shape = known.cloth_of(point)
         if point.pixel is None:
             continue
         row, col = shape.source_rc[point.pixel].tolist()
@@ -68,7 +68,7 @@ def garment_document(garment: KnownGarment) -> dict[str, Any]:
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
             for name, d in (found.dimensions.items() if known else ())
         },
-        "points": {name: _point(found, shape, name) for name in (found.points if known else ())},
+        "points": {name: _point(garment, name) for name in (found.points if known else ())},
         "outline_uv_m": np.round(found.outline_uv_m - shape.origin_uv_m, 5).tolist() if known else [],
         "pieces": _pieces(garment) if known else {},
     }
@@ -78,20 +78,21 @@ def _sorted(probabilities: dict[str, float]) -> list[tuple[str, float]]:
     return sorted(probabilities.items(), key=lambda each: -each[1])
 
 
-def _point(found: Recognition, shape: FlattenedView, name: str) -> dict[str, Any]:
-    point = found.points[name]
+def _point(garment: KnownGarment, name: str) -> dict[str, Any]:
+    point = garment.found.points[name]
     told: dict[str, Any] = {
-        "uv_m": np.round(point.uv_m - shape.origin_uv_m, 5).tolist(),
+        "uv_m": np.round(point.uv_m - garment.canonical.view.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": point.pixel is not None,
-        "held": name in found.held,
+        "held": name in garment.found.held,
     }
     if point.pixel is not None:
+        cloth = garment.cloth_of(point)
         told |= {
-            "xyz_m": _finite(shape.xyz_m[point.pixel]),
-            "normal": _finite(shape.normal[point.pixel]),
-            "view_index": int(shape.view_index[point.pixel]),
-            "source_rc": _finite(shape.source_rc[point.pixel], 3),
+            "xyz_m": _finite(cloth.xyz_m[point.pixel]),
+            "normal": _finite(cloth.normal[point.pixel]),
+            "view_index": int(cloth.view_index[point.pixel]),
+            "source_rc": _finite(cloth.source_rc[point.pixel], 3),
         }
     return told
 

@@ -6,6 +6,8 @@ import { count, number } from "/static/page/format.js";
 
 const FONT = "600 13px system-ui, sans-serif";
 
+const share = (probability) => (probability > 0.995 ? "> 99 %" : `${number(100 * probability, 0)} %`);
+
 export class PiecesPanel {
   name = "pieces";
 
@@ -109,7 +111,7 @@ export class PiecesPanel {
         },
         title,
       );
-    const told = `By the garment: ${number(100 * place.probability, 0)} %, ± ${number(place.std_mm, 0)} mm`;
+    const told = `By the garment: ${share(place.probability)}, ± ${number(place.std_mm, 0)} mm`;
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
     const refuse = button("Refuse", false, "The garment has no place for it there.");
     return make(

@@ -7,11 +7,19 @@ from dataclasses import dataclass
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.deciding import DecidedPieces, decided, decided_pieces, placed_piece, pulls_of
+from flatcloth.garments.deciding import (
+    DecidedPieces,
+    decided,
+    decided_pieces,
+    placed_piece,
+    pulls_of,
+    with_placed_cloth,
+)
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, Recognition, is_sure, recognise
+from flatcloth.garments.recognition import NONE, Point, Recognition, is_sure, recognise
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
 from flatcloth.session.garment import DecidePiece, GarmentDecisions, PlacedPiece
@@ -54,6 +62,10 @@ class KnownGarment:
     by_evidence: Recognition
     found: Recognition
     pieces: DecidedPieces
+
+    def cloth_of(self, point: Point) -> FlattenedView:
+        """Return the view that a named point's pixel belongs to: the shape, or a placed piece."""
+        return self.canonical.view if point.piece is None else self.canonical.floating[point.piece]
 
 
 class GarmentService:
@@ -104,12 +116,14 @@ class GarmentService:
     ) -> KnownGarment:
         canonical, evidence, by_evidence = shape
         pulls = pulls_of(decisions, canonical.view)
+        pieces = decided_pieces(decisions, canonical.view, canonical.floating)
+        found = decided(by_evidence, evidence, canonical.view, decisions.kind, pulls)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,
             by_evidence=by_evidence,
-            found=decided(by_evidence, evidence, canonical.view, decisions.kind, pulls),
-            pieces=decided_pieces(decisions, canonical.view, canonical.floating),
+            found=with_placed_cloth(found, pieces, canonical.floating),
+            pieces=pieces,
         )
 
 

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import finite
+from flatcloth.core.types import Rigid2, finite
 from flatcloth.engine.garment.recognition import piece_decision
 from flatcloth.engine.sheet import label_of, order_of
-from flatcloth.garments.deciding import decided, held_point, pulls_of
+from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.recognition import NONE, Recognition, is_sure
 from flatcloth.garments.registry import known_kinds
@@ -172,7 +172,8 @@ class GarmentController:
             found = decided(
                 known.by_evidence, known.evidence, view, known.found.kind, (*others, pull), with_pieces=False
             )
-            told = {"type": "garment_preview", "id": message.id, **_shown(found, view)}
+            found = with_placed_cloth(found, known.pieces, known.canonical.floating)
+            told = {"type": "garment_preview", "id": message.id, **_shown(found, known)}
             self._tell(client, told)
 
         self._worker.put(work)
@@ -191,7 +192,8 @@ class GarmentController:
             raise FlatclothError(
                 f"{name} is predicted only: no view saw cloth there, so it has no pose. Add views."
             )
-        u_m, v_m = known.canonical.view.uv_from_rc(np.array(point.pixel)).tolist()
+        motion = Rigid2() if point.piece is None else known.pieces.shape_from_piece[point.piece]
+        u_m, v_m = motion.apply(known.cloth_of(point).uv_from_rc(np.array(point.pixel))).tolist()
         return u_m, v_m
 
     def _known(self) -> KnownGarment:
@@ -230,7 +232,7 @@ class GarmentController:
 
 def _told(known: KnownGarment) -> dict[str, Any]:
     """Return what is known of a garment, for the page."""
-    found, view = known.found, known.canonical.view
+    found = known.found
     return {
         "kind": None if found.kind == NONE else found.kind,
         "likeliest": found.fit.kind.name,
@@ -242,7 +244,7 @@ def _told(known: KnownGarment) -> dict[str, Any]:
         ],
         "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
         "pieces": _pieces(known) if found.kind != NONE else [],
-        **_shown(found, view),
+        **_shown(found, known),
     }
 
 
@@ -281,7 +283,7 @@ def _loops(view: FlattenedView) -> list[Float64]:
     return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
 
 
-def _shown(found: Recognition, view: FlattenedView) -> dict[str, Any]:
+def _shown(found: Recognition, known: KnownGarment) -> dict[str, Any]:
     """Return what is drawn: the outline and the named points."""
     return {
         "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
@@ -294,7 +296,7 @@ def _shown(found: Recognition, view: FlattenedView) -> dict[str, Any]:
                 "held": name in found.held,
                 "xyz_m": None
                 if point.pixel is None
-                else [finite(x) for x in view.xyz_m[point.pixel].tolist()],
+                else [finite(x) for x in known.cloth_of(point).xyz_m[point.pixel].tolist()],
             }
             for name, point in found.points.items()
         ],

@@ -266,8 +266,7 @@ class Application(PageController):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
-            super()._pick_on_ray(origin_m, direction)
-            return
+            return super()._pick_on_ray(origin_m, direction)
         dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
