@@ -25,7 +25,9 @@ import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
 import { Repair } from "/static/panels/repair.js";
-import { markPresent, showTimeline } from "/static/review/timeline.js";
+import { ReviewList } from "/static/review/list.js";
+import { ResultPanel } from "/static/review/result.js";
+import { markPresent, Timeline } from "/static/review/timeline.js";
 import { Verdicts } from "/static/review/verdicts.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
@@ -57,6 +59,9 @@ for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 const liveBar = page.add(new LiveBar(page, drawFrame));
 const verdicts = page.add(new Verdicts(page, decide));
+page.add(new Timeline(page, chooseView));
+page.add(new ReviewList(page, verdicts));
+page.add(new ResultPanel(page, verdicts));
 const keyPointer = new KeyPointer();
 const teaching = new Teaching({
   actions: () => page.state.actions,
@@ -112,7 +117,6 @@ function takeNote(message) {
 function show(state) {
   page.state = state;
   page.each("update", state);
-  showTimeline(state, chooseView);
   if (page.isLive) showLive(state);
   else showLayer(state);
   takeServerLog(state.log);
@@ -215,7 +219,7 @@ const PAGE_ACTIONS = {
     if (!send({ type: "set", follow: !on })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
-  export: () => showExports(notify, page.state.recording.name),
+  export: () => showExports(notify, page.state),
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));

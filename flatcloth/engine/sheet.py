@@ -39,12 +39,14 @@ LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is no
 class SheetPiece:
     """A floating piece on the sheet.
 
-    ``label`` B, C, ... by falling area; ``view`` is its raster on the sheet; ``shift_m`` (u, v) leads
-    there from the method's plane; ``reason`` says why it floats; ``views`` are the views that show it.
-    ``placed`` is the motion from the method's plane of a piece that lies on the shape by the garment.
+    ``label`` B, C, ... by falling area; ``number`` its place among the method's pieces, from 1; ``view`` is
+    its raster on the sheet; ``shift_m`` (u, v) leads there from the method's plane; ``reason`` says why it
+    floats; ``views`` are the views that show it. ``placed`` is the motion from the method's plane of a piece
+    that lies on the shape by the garment.
     """
 
     label: str
+    number: int
     view: FlattenedView
     shift_m: tuple[float, float]
     reason: str
@@ -55,6 +57,16 @@ class SheetPiece:
     def sheet_from_plane(self) -> Rigid2:
         """The motion from the method's plane to the sheet."""
         return self.placed or Rigid2(0.0, *self.shift_m)
+
+    @property
+    def file(self) -> str:
+        """The file of the piece in an export."""
+        return floating_file(self.number)
+
+
+def floating_file(number: int) -> str:
+    """Return the file of a floating piece, counted from 1."""
+    return f"floating-{number}.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +174,7 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
             pieces.append(
                 SheetPiece(
                     label=label_of(n + 1),
+                    number=index + 1,
                     view=_moved(view, motion, main),
                     shift_m=(0.0, 0.0),
                     reason=PLACED,
@@ -188,6 +201,7 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
         pieces.append(
             SheetPiece(
                 label=label_of(n + 1),
+                number=index + 1,
                 view=replace(view, origin_uv_m=origin),
                 shift_m=shift,
                 reason=LOOSE if near else FLOATS,

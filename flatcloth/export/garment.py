@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.recognition import NONE
 
 FORMAT = "flatcloth-garment/1"
-FILE = "garment.json"
 
 
 @dataclass(frozen=True)
@@ -125,25 +119,6 @@ def _matrix(motion: Rigid2, shape: FlattenedView, own: FlattenedView) -> list[li
     matrix = np.eye(3)
     matrix[:2, 0], matrix[:2, 1], matrix[:2, 2] = columns[1] - columns[0], columns[2] - columns[0], shift
     return [[round(float(x), 7) for x in row] for row in matrix]
-
-
-def write_garment(document: dict[str, Any], folder: Path) -> Path:
-    """Write ``garment.json`` atomically."""
-    file = folder / FILE
-    try:
-        replace_file(file, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
-    return file
-
-
-def keep_garment(known: KnownGarment | str, folder: Path) -> list[Path]:
-    """Write ``garment.json``; where nothing can be said, remove that of an earlier run."""
-    if not isinstance(known, str):
-        return [write_garment(garment_document(known), folder)]
-    with contextlib.suppress(OSError):
-        (folder / FILE).unlink()
-    return []
 
 
 def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:

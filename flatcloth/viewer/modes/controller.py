@@ -209,7 +209,11 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
-        return grasps_document(picture.view, self._picks.picks, frames, self.named_points())
+        named, sheet = self.named_points(), picture.sheet
+        if sheet is None:
+            return grasps_document(picture.view, self._picks.picks, frames, named)
+        shape = sheet.canonical
+        return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
 
     def named_points(self) -> Sequence[GarmentPoint]:
         """Return the named points of the garment that were seen, as grasps; may take a second."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
-from flatcloth.engine.sheet import place_of_piece
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
@@ -28,7 +27,6 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
-    Reopen,
     Request,
     SessionState,
     Skip,
@@ -39,7 +37,8 @@ from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneV
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
-from flatcloth.viewer.modes.session_work import answered, chosen, drawn, turned_about
+from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
@@ -85,6 +84,9 @@ class Application(PageController):
         self._back = Worker("flatcloth-work")
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
+        self._review = ReviewService(
+            integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
+        )
         self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
         self._garment = GarmentController(
             self.garments, lambda job: self._put(None, job), self._publish, sink.tell
@@ -101,6 +103,7 @@ class Application(PageController):
         return [
             *super().routes(),
             *self._diagnostics.routes(),
+            *self._review.routes(),
             *self._sides.routes(lambda: self._picture),
         ]
 
@@ -130,8 +133,7 @@ class Application(PageController):
             self._settle()
 
     def _restart(self) -> None:
-        if self._cancel is not None:
-            self._cancel[1].set()
+        self._stop_work()
         self._cancel = self._asked = None
         self._page_status = replace(self._page_status, auto=False, progress=None)
         self._folder.reload()
@@ -218,14 +220,8 @@ class Application(PageController):
     def _place_piece(self, label: str) -> None:
         """Decide again about the view that shows most of a floating piece, with that component of it."""
         sheet = None if self._picture is None else self._picture.sheet
-        pieces = () if sheet is None else sheet.pieces
-        piece = next((p for p in pieces if p.label == label), None)
-        if piece is None:
-            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
-        accepted = [a.view_index for a in self._state.document.accepted]
-        found = place_of_piece(self._integration, piece, accepted)
-        self._by_hand(Reopen(found.view_index))
-        self._do(TakePart(found.view_index, found.component, found.placement))
+        for command in placing_piece(self._integration, self._state.document, sheet, label):
+            self._by_hand(command)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -384,7 +380,7 @@ class Application(PageController):
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         page = self._page_status, self._picks, self._picture, self._integration, self._places
-        told = snapshot(revision, self._state, *page)
+        told = self._review.told(snapshot(revision, self._state, *page), self._state.document)
         return {**told, "sides": self._sides.plain(), "garment": self._garment.plain()}
 
     # --- the worker --------------------------------------------------------------------------
@@ -425,8 +421,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # Later jobs of the queue use the new axis.
-        text = turned_about(self._integration, axis)
+        text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
@@ -446,5 +441,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
+        self._review.follow(picture.document)
         self._diagnostics.picture_changed()
         self._settle()

@@ -100,6 +100,20 @@ ACTIONS: tuple[Action, ...] = (
         "timeline",
     ),
     Action(
+        "review",
+        "List",
+        ("Shift+r",),
+        "Show or hide the list of all views: sort, filter, turn the item to one, decide again.",
+        "timeline",
+    ),
+    Action(
+        "result",
+        "Result",
+        ("Shift+e",),
+        "Show or hide the result: areas, uncertainty, cloth left out, views to review, data to export.",
+        "timeline",
+    ),
+    Action(
         "left",
         "Move left",
         ("ArrowLeft",),

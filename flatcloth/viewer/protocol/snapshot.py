@@ -298,6 +298,7 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
     return [
         {
             "label": piece.label,
+            "file": piece.file,
             "area_cm2": 1e4 * piece.view.area_m2,
             "reason": piece.reason,
             "views": list(piece.views),
