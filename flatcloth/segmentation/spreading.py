@@ -10,6 +10,8 @@ spectral clustering: Andersen, Chung and Lang, FOCS 2006).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
@@ -114,7 +116,8 @@ class Spreading:
         one_side = not (weight < 0).any()
         locked = np.zeros(g.count, dtype=np.bool_)
         locked[keep] = True
-        near = self._near(weight)
+        matrix = self._near(weight)
+        near = _Neighbours(matrix.indptr, matrix.indices, matrix.data)
         best: tuple[float, Int64] = (np.inf, turn)
         resistance: Float64 | None = None
         for _ in range(c.flip_rounds + 1):
@@ -125,10 +128,8 @@ class Spreading:
                 order = order[side[order] == side[turn[0]]]
             least = max(len(turn) + 5, _LEAST_REGION)
             if len(order) > least:
-                count, cost = _sweep(
-                    order, near.indptr, near.indices, near.data, side, locked,
-                    c.flip_exponent, number * c.flip_per_cluster, least,
-                )  # fmt: skip
+                size_cost = _SizeCost(c.flip_exponent, number * c.flip_per_cluster, least)
+                count, cost = _sweep(order, near, side, locked, size_cost)
                 if count and cost < best[0]:
                     best = cost, order[:count]
             drop = np.abs(potential[g.first] - potential[g.second])
@@ -185,19 +186,29 @@ class Spreading:
         return csr_matrix((np.tile(weight, 2), both), shape=(g.count, g.count))
 
 
+class _Neighbours(NamedTuple):
+    """The evidence as compressed rows: cluster i has the entries ``begin[i]`` to ``begin[i + 1]``."""
+
+    begin: Int32
+    neighbour: Int32
+    weight: Float64
+
+
+class _SizeCost(NamedTuple):
+    """The cost of a region of size n >= ``least``: (border + ``per_cluster`` n) / n ** ``exponent``."""
+
+    exponent: float
+    per_cluster: float
+    least: int
+
+
 @njit(cache=True, nogil=True)
 def _sweep(
-    order: Int64,
-    begin: Int32,
-    neighbour: Int32,
-    weight: Float64,
-    side: Float64,
-    locked: Bool,
-    exponent: float,
-    per_cluster: float,
-    least: int,
+    order: Int64, near: _Neighbours, side: Float64, locked: Bool, size_cost: _SizeCost
 ) -> tuple[int, float]:
     """Grow a region in this order; return the size at which turning it over costs least, and that cost."""
+    begin, neighbour, weight = near
+    exponent, per_cluster, least = size_cost
     inside = np.zeros(side.size, np.bool_)
     energy, best, size = 0.0, np.inf, 0
     for t in range(order.size):

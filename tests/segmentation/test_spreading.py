@@ -1,4 +1,4 @@
-"""How strokes spread, on sheets whose sides are known: a grid, and one with a flap that shows its inner face."""
+"""How strokes spread, on sheets whose sides are known; one has a flap that shows its inner face."""
 
 from __future__ import annotations
 
