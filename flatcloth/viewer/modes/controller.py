@@ -22,6 +22,7 @@ from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, 
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
+from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
@@ -87,6 +88,9 @@ class SceneView(Protocol):
 
     def look_from(self, angle_deg: float) -> None:
         """Let all cameras look from where the real camera stood at an angle."""
+
+    def color_by(self, layer: str, look: Appearance) -> None:
+        """Colour the shape and the proposal by a layer of the flattened view."""
 
 
 class PageController(ABC):
@@ -271,6 +275,8 @@ class PageController(ABC):
                 self._set(message)
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
+            case messages.Look(layer=layer, map=name, low=low, high=high):
+                self._scene_view.color_by(layer, Appearance(name, low, high))
             case messages.Hover():
                 self._sink.tell(client, self.describe(message))
             case messages.Measure():

@@ -222,6 +222,15 @@ class ShowEdges(_Said, tag="edges", frozen=True, kw_only=True):
     show: bool
 
 
+class Look(_Said, tag="look", frozen=True, kw_only=True):
+    """Colour the 3D scene by a layer of the flattened view, with its colour map and window."""
+
+    layer: Literal["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"]
+    map: Annotated[str, Meta(max_length=40)] | None = None
+    low: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    high: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
+
+
 class Play(_Said, tag="play", frozen=True, kw_only=True):
     """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
 
@@ -344,6 +353,7 @@ Message = (
     | SetAuto
     | Set
     | ShowEdges
+    | Look
     | Play
     | Ready
     | Capture
