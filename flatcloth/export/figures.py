@@ -11,7 +11,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
-from flatcloth.engine.sheet import SheetPiece, beyond, lay_out, overlay_on
+from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on, sheet_of
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
@@ -302,7 +302,7 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
 def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
     """Return a proposal on the shape at the time of the decision."""
     integration, before = session.integration, decision.before
-    sheet = lay_out(integration.canonical(before))
+    sheet = sheet_of(integration.canonical(before), before)
     overlay = overlay_on(integration, before, sheet)
     return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
 

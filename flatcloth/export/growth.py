@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.engine.sheet import Sheet, lay_out
+from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.session.machine import Document
 
@@ -88,7 +88,7 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
             f"{history.folder}: the session has no start view, so there is nothing to export."
         )
     views = [document.start_view, *(a.view_index for a in document.accepted)]
-    sheet = lay_out(integration.canonical(document))
+    sheet = sheet_of(integration.canonical(document), document)
     source = _orders(sheet.view, views)
     first = source.copy()
     steps: list[Step] = []
@@ -108,7 +108,7 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
                 decision=_acceptance(history, view_index) if order else None,
             )
         )
-        first[_covers(lay_out(canonical), sheet, first > order)] = order
+        first[_covers(sheet_of(canonical, document), sheet, first > order)] = order
     return Growth(sheet=sheet, first_step=first, source_step=source, steps=tuple(steps))
 
 
