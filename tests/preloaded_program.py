@@ -6,8 +6,8 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before numpy is imported
 
-import flatcloth.commands.common  # noqa: E402
-import flatcloth.viewer.server.app  # noqa: E402, F401
-from flatcloth.engine.warmup import warm_up  # noqa: E402
+import flatcloth.commands.common
+import flatcloth.viewer.server.app  # noqa: F401
+from flatcloth.engine.warmup import warm_up
 
 warm_up()

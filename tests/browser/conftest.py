@@ -68,8 +68,7 @@ class Program:
     def __init__(self, arguments: str, session: Path, port: int = 0) -> None:
         self._arguments, self._session = arguments, session
         options = ["view", *arguments.split(), "--port", str(port), "--session", str(session)]
-        self._process, printed = forked(options, str(ROOT))
-        self._printed = open(printed)  # closed by stop
+        self._process, self._printed = forked(options, str(ROOT))
         self.said: list[str] = []
         self._urls: list[str] = []
         self._answered = threading.Event()
@@ -82,11 +81,12 @@ class Program:
         self.url = self._urls[0]
 
     def _read(self) -> None:
-        for line in self._printed:
-            self.said.append(line)
-            if found := re.search(r"http://\S+", line):
-                self._urls.append(found.group())
-                self._answered.set()
+        with open(self._printed) as printed:
+            for line in printed:
+                self.said.append(line)
+                if found := re.search(r"http://\S+", line):
+                    self._urls.append(found.group())
+                    self._answered.set()
         self._answered.set()
 
     def again(self) -> Program:
@@ -105,7 +105,6 @@ class Program:
         self._process.join(timeout=30)
         assert self._process.exitcode is not None, "the program did not end in 30 s"
         self._reader.join(timeout=10)
-        self._printed.close()
         return self._process.exitcode
 
 
