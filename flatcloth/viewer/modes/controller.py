@@ -224,8 +224,7 @@ class PageController(ABC):
         from flatcloth.export.garment import garment_points
 
         document = None if self._picture is None else self._picture.document
-        known = "" if document is None else self.garments.known(document)
-        return () if isinstance(known, str) else garment_points(known.found, known.canonical.view)
+        return () if document is None else garment_points(self.garments.known(document))
 
     # --- the page's own thread ---------------------------------------------------------------
 

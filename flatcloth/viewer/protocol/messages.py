@@ -319,6 +319,13 @@ class ReleasePoints(_Said, tag="release_points", frozen=True, kw_only=True):
     name: GarmentName | None = None
 
 
+class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
+    """Lay a floating piece where the garment has a place for it, or refuse that place."""
+
+    label: GarmentName
+    accepted: bool
+
+
 class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 
@@ -359,6 +366,7 @@ Message = (
     | HoldPoint
     | PreviewPoint
     | ReleasePoints
+    | DecidePiece
     | PickPoint
 )
 
