@@ -14,8 +14,11 @@ Point3 = tuple[float, float, float]
 
 FORMAT = "flatcloth-strokes/1"
 MOST_DECISIONS = 10_000
+"""Limits of what a file may contain. Chosen: far above what an operator draws."""
 _MOST_POINTS = 10_000
+"""See ``MOST_DECISIONS``."""
 _MOST_RADIUS_M = 0.5
+"""See ``MOST_DECISIONS``."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import FlattenedView
+from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
@@ -21,7 +22,6 @@ from flatcloth.registration.cameras import describe
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
-_FIRM_M = 0.010
 
 
 def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | None = None) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def _sureness(view: FlattenedView) -> dict[str, float]:
     std = view.placement_std_m[view.valid]
     return {
         "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
-        "firm_share": round(float((std <= _FIRM_M).mean()), 4),
+        "firm_share": round(float((std <= FIRM_M).mean()), 4),
     }
 
 

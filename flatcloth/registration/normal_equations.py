@@ -72,7 +72,8 @@ class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
     ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the
-    points (x, 1).
+    points (x, 1). ``tally`` (3,) is the number of points that fall on the other image, the sum of their
+    robust weights by distance, and of the squared distances with these weights.
     """
 
     matrix: Float64
@@ -81,6 +82,7 @@ class Sums(NamedTuple):
     products: Float64
     parts: Float64
     moments: Float64
+    tally: Float64
 
 
 class _MovedPoint(NamedTuple):
@@ -158,6 +160,7 @@ def accumulate(
         r_at = p[1] / p[2] * camera[1] + camera[3]
         if not (1.0 < r_at < target.usable.shape[0] - 2 and 1.0 < col < target.usable.shape[1] - 2):
             continue
+        sums.tally[0] += 1.0
         r, c = int(r_at + 0.5), int(col + 0.5)
         if not target.usable[r, c]:
             continue
@@ -171,6 +174,10 @@ def accumulate(
             alike += m[a] * n[a]
         if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
+        if spread[0] > 0.0:
+            likely = 1.0 / (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
+            sums.tally[1] += likely
+            sums.tally[2] += likely * distance**2
         # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
         s = points[i]
         weight = _facing(s[0], s[1], s[2], normal[i], least, full) * _facing(q[0], q[1], q[2], n, least, full)

@@ -24,6 +24,8 @@ JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "cam
 TEXT_NAME = "calibration.txt"
 _LENSES = {0: "brown_conrady", 4: "brown_conrady", 5: "brown_conrady", 8: "rational"}
 _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
+"""Image size, focal lengths and centre of the Kinect's driver default, as the TUM RGB-D data sets give
+them."""
 
 
 @dataclass(frozen=True, kw_only=True)
