@@ -10,10 +10,10 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
-ASKED_FOR = ("soak",)
-"""Take an hour, so they run by name only."""
+ASKED_FOR = ("soak", "confidence")
+"""Run by name only: the first takes an hour, the second learns weights that ``reliability`` measures."""
 ON_ONE_CORE = (
-    *("flattening", "page", "confidence", "registration", "segmentation"),
+    *("flattening", "page", "reliability", "registration", "segmentation"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

@@ -36,15 +36,27 @@ LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is no
 class SheetPiece:
     """A floating piece on the sheet.
 
-    ``label`` B, C, ... by falling area; ``view`` is its raster on the sheet; ``shift_m`` (u, v) leads
-    there from the method's plane; ``reason`` says why it floats; ``views`` are the views that show it.
+    ``label`` B, C, ... by falling area; ``number`` its place among the method's pieces, from 1; ``view`` is
+    its raster on the sheet; ``shift_m`` (u, v) leads there from the method's plane; ``reason`` says why it
+    floats; ``views`` are the views that show it.
     """
 
     label: str
+    number: int
     view: FlattenedView
     shift_m: tuple[float, float]
     reason: str
     views: tuple[int, ...]
+
+    @property
+    def file(self) -> str:
+        """The file of the piece in an export."""
+        return floating_file(self.number)
+
+
+def floating_file(number: int) -> str:
+    """Return the file of a floating piece, counted from 1."""
+    return f"floating-{number}.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +129,11 @@ def lay_out(canonical: Canonical) -> Sheet:
     """Lay the floating pieces of a canonical view out beside it."""
     main = canonical.view
     low, high = _box(main)
-    floating = sorted(canonical.floating, key=lambda view: -view.area_m2)
+    floating = sorted(enumerate(canonical.floating, start=1), key=lambda each: -each[1].area_m2)
     height = max(float(high[1] - low[1]), 0.2)
     left, top, wide = float(high[0]) + GAP_M, float(low[1]), 0.0
     pieces = []
-    for n, view in enumerate(floating):
+    for n, (number, view) in enumerate(floating):
         own_low, own_high = _box(view)
         middle = (own_low + own_high) / 2
         near = bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
@@ -141,6 +153,7 @@ def lay_out(canonical: Canonical) -> Sheet:
         pieces.append(
             SheetPiece(
                 label=label_of(n + 1),
+                number=number,
                 view=replace(view, origin_uv_m=origin),
                 shift_m=shift,
                 reason=LOOSE if near else FLOATS,

@@ -41,6 +41,7 @@ LAYER_WORDS = {
     "stretch": ("Stretch", "the change of lengths by flattening"),
     "incidence": ("Incidence", "the incidence angle of each pixel"),
     "density": ("Density", "the density of the measurement"),
+    "place": ("Uncertainty", "the placement uncertainty of each pixel"),
 }
 """The title of each layer, and its description."""
 

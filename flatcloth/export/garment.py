@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, Recognition, is_sure
 
 FORMAT = "flatcloth-garment/1"
-FILE = "garment.json"
 
 
 @dataclass(frozen=True)
@@ -63,6 +57,7 @@ def garment_document(
     return {
         "format": FORMAT,
         "kind": found.kind if known else None,
+        "by_hand": found.by_hand is not None,
         "probabilities": {name: round(p, 4) for name, p in _sorted(found.probabilities)},
         "dimensions_mm": {
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
@@ -87,6 +82,7 @@ def _point(found: Recognition, shape: FlattenedView, name: str) -> dict[str, Any
         "uv_m": np.round(point.uv_m - shape.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": point.pixel is not None,
+        "held": name in found.held,
     }
     if point.pixel is not None:
         told |= {
@@ -114,27 +110,6 @@ def _piece(piece: Placed, shape: FlattenedView, own: FlattenedView) -> dict[str,
         "probability": round(piece.probability, 4),
         "placed": is_sure(piece),
     }
-
-
-def write_garment(document: dict[str, Any], folder: Path) -> Path:
-    """Write ``garment.json`` atomically."""
-    file = folder / FILE
-    try:
-        replace_file(file, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
-    return file
-
-
-def keep_garment(
-    found: Recognition | str, shape: FlattenedView, floating: Sequence[FlattenedView], folder: Path
-) -> list[Path]:
-    """Write ``garment.json``; where nothing can be said, remove that of an earlier run."""
-    if not isinstance(found, str):
-        return [write_garment(garment_document(found, shape, floating), folder)]
-    with contextlib.suppress(OSError):
-        (folder / FILE).unlink()
-    return []
 
 
 def outcome_entry(found: Recognition | str) -> dict[str, Any]:

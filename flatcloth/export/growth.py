@@ -30,14 +30,15 @@ _VIEW_APART_PX = 1e5
 class Step:
     """A view of the shape, in the order of acceptance; the start view is step 0.
 
-    ``area_m2`` is the area of the shape with this view, ``added_m2`` its contribution; ``decision`` is
-    None for the start view.
+    ``area_m2`` is the area of the shape with this view, ``floating_m2`` that of the pieces beside it,
+    ``added_m2`` the view's contribution to both; ``decision`` is None for the start view.
     """
 
     order: int
     view_index: int
     angle_deg: float
     area_m2: float
+    floating_m2: float
     added_m2: float
     decision: Decision | None
 
@@ -81,15 +82,17 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
     steps: list[Step] = []
     for order, view_index in enumerate(views):
         progress(order / len(views), f"computing the growth: {order + 1} of {len(views)} views")
-        earlier = integration.canonical(at_step(document, order)).view
-        before_m2 = steps[-1].area_m2 if steps else 0.0
+        canonical = integration.canonical(at_step(document, order))
+        earlier, floating_m2 = canonical.view, sum(piece.area_m2 for piece in canonical.floating)
+        before_m2 = steps[-1].area_m2 + steps[-1].floating_m2 if steps else 0.0
         steps.append(
             Step(
                 order=order,
                 view_index=view_index,
                 angle_deg=integration.recording.angles_deg[view_index],
                 area_m2=earlier.area_m2,
-                added_m2=earlier.area_m2 - before_m2,
+                floating_m2=floating_m2,
+                added_m2=earlier.area_m2 + floating_m2 - before_m2,
                 decision=_acceptance(history, view_index) if order else None,
             )
         )

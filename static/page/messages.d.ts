@@ -215,6 +215,41 @@ export interface WhereToStroke {
   type: "where_to_stroke";
 }
 
+/** Say which kind the garment is; None: let the evidence say. */
+export interface SetKind {
+  type: "garment_kind";
+  kind?: string | null;
+}
+
+/** Hold a named point of the garment at a place of the plane; the rest refits. */
+export interface HoldPoint {
+  type: "hold_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+}
+
+/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
+export interface PreviewPoint {
+  type: "preview_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+  id: number;
+}
+
+/** Let a held point go, or all of them. */
+export interface ReleasePoints {
+  type: "release_points";
+  name?: string | null;
+}
+
+/** Pick a named point of the garment as a grasp. */
+export interface PickPoint {
+  type: "pick_point";
+  name: string;
+}
+
 /** All that the page may say to the server. */
 export type ClientMessage = Do
   | Move
@@ -243,4 +278,9 @@ export type ClientMessage = Do
   | StrokeShape
   | CutShape
   | Brush
-  | WhereToStroke;
+  | WhereToStroke
+  | SetKind
+  | HoldPoint
+  | PreviewPoint
+  | ReleasePoints
+  | PickPoint;

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import shutil
 import signal
@@ -14,7 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Frame, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
@@ -149,8 +148,23 @@ class Tab:
             page.route(VISER, lambda route: route.fulfill(body="<!doctype html><title>no scene</title>"))
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._hear)
+        page.on("response", self._see)
         page.set_default_timeout(WAIT_MS)
         page.goto(url)
+
+    def _hear(self, said: ConsoleMessage) -> None:
+        # What the browser says of a refused request or a lost connection is no error of the page.
+        if (
+            said.type == "error"
+            and "Failed to load resource" not in said.text
+            and "WebSocket" not in said.text
+        ):
+            self.errors.append(f"console: {said.text}")
+
+    def _see(self, response: Response) -> None:
+        if response.status == 404:
+            self.errors.append(f"404: {response.url}")
 
     @property
     def scene(self) -> Frame:
@@ -209,18 +223,25 @@ class Tab:
         )
         return self.scene.evaluate("window.__viserMutable.nodePoseData['/pick/ball'].position")
 
-    def close_viser_notice(self) -> None:
-        """Dismiss viser's remark about software rendering, which is none of ours."""
-        if not self.has_scene:
-            return
-        with contextlib.suppress(Exception):
-            self.scene.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
-
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""
         return self.page.evaluate(
             "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
         )
+
+    def findings(self) -> list[str]:
+        """Return what axe-core finds serious or critical: rule, why it matters, and the elements."""
+        axe = pytest.importorskip(
+            "axe_playwright_python.sync_playwright",
+            reason="axe-core is not installed: pip install '.[test]'",
+        )
+        viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
+        found = axe.Axe().run(self.page, context=viser).response["violations"]
+        return [
+            f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
+            for f in found
+            if f["impact"] in ("serious", "critical")
+        ]
 
     def shoot(self, name: str) -> None:
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)

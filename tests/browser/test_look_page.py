@@ -43,7 +43,6 @@ def cloth(tab):
 
 def test_a_turned_and_flipped_view_picks_and_reads_the_same_cloth(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     where, _ = cloth(tab)
     tab.page.mouse.click(*screen(tab, where))
     tab.until("flatcloth.state.picks.length === 1")
@@ -134,7 +133,6 @@ def test_the_proposal_follows_the_pointer_on_a_turned_view(open_tab):
 
 def test_the_ruler_measures_and_escape_clears_it(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.page.keyboard.press("#")
     start, end = cloth(tab)
     tab.page.keyboard.press("z")
@@ -181,7 +179,6 @@ def test_what_is_measured_follows_the_shape(open_tab):
 
 def test_colours_and_window_change_what_is_seen_and_its_legend(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.page.keyboard.press("2")
     legend = tab.page.locator("#legend")
     expect(legend).to_contain_text("Height z (mm)")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import dataclass
+
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.evidence import SeenFrom, evidence_of
+from flatcloth.garments.deciding import DecidedPieces, decided, decided_pieces, pulls_of
+from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.recognition import Recognition, recognise
+from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
+from flatcloth.session.garment import GarmentDecisions
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -33,25 +39,90 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     return views
 
 
+@dataclass(frozen=True, kw_only=True)
+class KnownGarment:
+    """What is known of the garment of a document's shape.
+
+    ``by_evidence`` is what the evidence alone says, ``found`` that with the operator's decisions;
+    ``pieces`` what was decided about the floating pieces of ``canonical``.
+    """
+
+    canonical: Canonical
+    evidence: tuple[PieceEvidence, ...]
+    by_evidence: Recognition
+    found: Recognition
+    pieces: DecidedPieces
+
+
+class GarmentService:
+    """Recognises the garments of an integration's shapes; remembers the last. For several threads."""
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        self._lock = threading.Lock()
+        self._shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition] | None = None
+        self._last: tuple[GarmentDecisions, KnownGarment] | None = None
+
+    def of(self, document: Document) -> KnownGarment:
+        """Return what is known of the garment of a document's shape.
+
+        Raises
+        ------
+        GarmentError
+            If the shape shows too little, or was seen in one view only.
+        """
+        with self._lock:
+            canonical = self._integration.canonical(document)
+            if self._shape is None or self._shape[0] is not canonical:
+                self._shape, self._last = self._recognised(canonical, document), None
+            if self._last is None or self._last[0] != document.garment:
+                self._last = document.garment, self._decided(self._shape, document.garment)
+            return self._last[1]
+
+    def known(self, document: Document) -> KnownGarment | str:
+        """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+        try:
+            return self.of(document)
+        except GarmentError as error:
+            return str(error)
+
+    def _recognised(
+        self, canonical: Canonical, document: Document
+    ) -> tuple[Canonical, tuple[PieceEvidence, ...], Recognition]:
+        views = seen_from(self._integration, document)
+        if len(views) < 2:
+            raise GarmentError(
+                "The shape was made of one view; a garment is not recognised by one. Add views."
+            )
+        evidence = tuple(evidence_of(piece, views) for piece in (canonical.view, *canonical.floating))
+        return canonical, evidence, recognise(canonical.view, evidence)
+
+    def _decided(
+        self, shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition], decisions: GarmentDecisions
+    ) -> KnownGarment:
+        canonical, evidence, by_evidence = shape
+        pulls = pulls_of(decisions, canonical.view)
+        return KnownGarment(
+            canonical=canonical,
+            evidence=evidence,
+            by_evidence=by_evidence,
+            found=decided(by_evidence, evidence, canonical.view, decisions.kind, pulls),
+            pieces=decided_pieces(decisions, canonical.view, canonical.floating),
+        )
+
+
 def recognised(integration: Integration, document: Document) -> Recognition:
-    """Return what garment a document's shape is (flatcloth.garments.recognition).
+    """Return what garment a document's shape is (flatcloth.garments.recognition), with its decisions.
 
     Raises
     ------
     GarmentError
         If the shape shows too little, or was seen in one view only.
     """
-    views = seen_from(integration, document)
-    if len(views) < 2:
-        raise GarmentError("The shape was made of one view; a garment is not recognised by one. Add views.")
-    canonical = integration.canonical(document)
-    evidence = [evidence_of(piece, views) for piece in (canonical.view, *canonical.floating)]
-    return recognise(canonical.view, evidence)
+    return GarmentService(integration).of(document).found
 
 
 def garment_of(integration: Integration, document: Document) -> Recognition | str:
     """Return what garment a document's shape is, or why nothing can be said of it."""
-    try:
-        return recognised(integration, document)
-    except GarmentError as error:
-        return str(error)
+    known = GarmentService(integration).known(document)
+    return known if isinstance(known, str) else known.found

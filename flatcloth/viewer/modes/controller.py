@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,6 +19,7 @@ from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.viewer.protocol import messages
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
+    from flatcloth.export.garment import GarmentPoint
     from flatcloth.session.journal import Pick
     from flatcloth.session.store import SessionFolder
 
@@ -114,6 +116,7 @@ class PageController(ABC):
         )
         self._picks = PickStore(folder, integration.axis, scene_view.show_pick)
         self._places = PlaceStore()
+        self.garments = GarmentService(integration)
         self._picture: Picture | None = None
         self._note_ids = itertools.count(1)
         self._revision = 0
@@ -206,7 +209,19 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
-        return grasps_document(picture.view, self._picks.picks, frames)
+        named, sheet = self.named_points(), picture.sheet
+        if sheet is None:
+            return grasps_document(picture.view, self._picks.picks, frames, named)
+        shape = sheet.canonical
+        return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
+
+    def named_points(self) -> Sequence[GarmentPoint]:
+        """Return the named points of the garment that were seen, as grasps; may take a second."""
+        from flatcloth.export.garment import garment_points
+
+        document = None if self._picture is None else self._picture.document
+        known = "" if document is None else self.garments.known(document)
+        return () if isinstance(known, str) else garment_points(known.found, known.canonical.view)
 
     # --- the page's own thread ---------------------------------------------------------------
 
@@ -263,6 +278,11 @@ class PageController(ABC):
                 self._sink.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
+
+    def _pick_at(self, u_m: float, v_m: float, name: str = "") -> None:
+        self._picks.add(self._picture, u_m, v_m, name=name)
+        self._turn_to_pick()
+        self._publish()
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg

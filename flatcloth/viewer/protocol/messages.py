@@ -280,6 +280,42 @@ class WhereToStroke(_Said, tag="where_to_stroke", frozen=True, kw_only=True):
     """Ask where the next stroke tells most."""
 
 
+GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]
+"""Of a kind of garment, or of a named point."""
+
+
+class SetKind(_Said, tag="garment_kind", frozen=True, kw_only=True):
+    """Say which kind the garment is; None: let the evidence say."""
+
+    kind: GarmentName | None = None
+
+
+class HoldPoint(_Said, tag="hold_point", frozen=True, kw_only=True):
+    """Hold a named point of the garment at a place of the plane; the rest refits."""
+
+    name: GarmentName
+    u_m: Metres
+    v_m: Metres
+
+
+class PreviewPoint(HoldPoint, tag="preview_point", frozen=True, kw_only=True):
+    """Ask how the outline would lie if a point were held so; ``id`` comes back with the answer."""
+
+    id: Count
+
+
+class ReleasePoints(_Said, tag="release_points", frozen=True, kw_only=True):
+    """Let a held point go, or all of them."""
+
+    name: GarmentName | None = None
+
+
+class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
+    """Pick a named point of the garment as a grasp."""
+
+    name: GarmentName
+
+
 Message = (
     Do
     | Move
@@ -309,6 +345,11 @@ Message = (
     | CutShape
     | Brush
     | WhereToStroke
+    | SetKind
+    | HoldPoint
+    | PreviewPoint
+    | ReleasePoints
+    | PickPoint
 )
 
 KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}

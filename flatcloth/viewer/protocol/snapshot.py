@@ -13,7 +13,8 @@ from flatcloth.engine.sheet import Sheet, label_of
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
-from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
+from flatcloth.viewer.protocol.actions import REJECT_REASONS
+from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.picks import CurrentPick, PickStore, PlaceStore, numbers
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 
@@ -85,6 +86,8 @@ def snapshot(
         if status.progress is None
         else {"share": status.progress[0], "text": status.progress[1]},
         "pending": _pending(document, picture),
+        # The session is ahead of what is shown until the shape is drawn anew.
+        "drawing": document.start_view is not None and (picture is None or picture.document is not document),
     }
 
 
@@ -295,6 +298,7 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
     return [
         {
             "label": piece.label,
+            "file": piece.file,
             "area_cm2": 1e4 * piece.view.area_m2,
             "reason": piece.reason,
             "views": list(piece.views),

@@ -85,6 +85,16 @@ def test_a_piece_that_nothing_joins_floats_and_a_bridge_brings_it_down() -> None
     assert np.abs(joined.uv_m - UV).max() < 2e-4
 
 
+def test_a_floating_piece_of_which_one_place_is_known_is_laid_out_whole() -> None:
+    left, right = COLUMN < 9, COLUMN >= 13
+    views = [observed(UV, left, 0), observed(UV, right, 1)]
+    shape = shape_of(UV, views, left)
+    shape.all_uv_m[np.flatnonzero(right)[0]] = UV[right][0]
+    found = _solved(shape)
+    assert set(found.piece[right]) == {1}
+    assert off_m(found.all_uv_m[right], UV[right]) < 1e-4
+
+
 def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     small, large = COLUMN < 6, COLUMN >= 9
     views = [observed(UV, small, 0), observed(UV, large, 1)]
