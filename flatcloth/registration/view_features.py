@@ -55,7 +55,7 @@ class ViewFeatures:
     float32: ``xyz_m`` and ``normals`` (smoothed if the depth is noisy), NaN off the surface, which is
     ``usable``; ``fattening`` the relative change of depth per pixel; ``texture`` (3, H, W), ``slope``
     (2, 3, H, W) its derivative along rows and columns, ``inner`` (H, W) whether the texture is
-    unaffected by the outline.
+    unaffected by the outline. ``surface`` is what they were computed from, for those that need it later.
     """
 
     view_index: int
@@ -73,6 +73,7 @@ class ViewFeatures:
     texture: Float32
     slope: Float32
     inner: Bool
+    surface: Surface | None = None
 
     def compared(self) -> ComparedView:
         """Return the arrays as the compiled loops take them."""
@@ -139,6 +140,7 @@ def extract_features(surface: Surface) -> ViewFeatures:
     pixel = grid_points(surface.usable)
     at = pixel[:, 0], pixel[:, 1]
     return ViewFeatures(
+        surface=surface,
         view_index=surface.frame.view_index,
         angle_deg=surface.frame.angle_deg,
         intrinsics=k,

@@ -104,7 +104,8 @@ class JointShapes:
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
         # Registration keeps them, so a view that is no longer cached is not flattened again.
-        return {seen.view_index: seen.surface for seen in self.registered(shape.views).features}
+        features = self.registered(shape.views).features
+        return {seen.view_index: seen.surface for seen in features if seen.surface is not None}
 
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order (cached)."""
