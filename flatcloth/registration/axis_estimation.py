@@ -27,6 +27,7 @@ from flatcloth.registration.pose_prior import OWN, across, at_center, jacobian, 
 from flatcloth.registration.view_features import (
     CHANNELS,
     TERMS,
+    Gates,
     ViewFeatures,
     compare,
     fattening_of,
@@ -69,7 +70,7 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         usable = -(normals * xyz).sum(axis=-1) > _LEAST_FACING * np.linalg.norm(xyz, axis=-1)
     if not usable.any():
         return None
-    pixel = grid_points(usable)
+    pixel = grid_points(usable, _MOST_POINTS)
     at = pixel[:, 0], pixel[:, 1]
     return ViewFeatures(
         view_index=frame.view_index,
@@ -146,7 +147,10 @@ def _normals(xyz: Float32, step: int = 2) -> Float32:
 UP = np.array([0.0, -1.0, 0.0])
 """Up in the camera frame of a level camera."""
 
-_FEW_POINTS_STEP = 5
+_MOST_POINTS = 3000
+"""Compared points of a view. With 1200 the axes of noisy recordings are less accurate (``python -m benchmarks
+axis``)."""
+_FEW_POINTS_STEP = 8
 """Step between the compared points of a view for the choice among the starts; afterwards all are used."""
 _LARGEST_TURN_DEG = 45.0
 """Views farther apart are not compared: they share too little. Chosen."""
@@ -164,8 +168,10 @@ _LARGEST_SHIFT_M, _LARGEST_TILT = 0.05, 0.1
 correspondences."""
 _USUAL_TILT = 0.17
 """Prior: cameras are level to about 10 degrees; it matters only where the views do not decide."""
-_SAME_NORMAL_COS = 0.7
-"""Points correspond up to 45 degrees between their normals. Chosen wide: a start is centimetres off."""
+_GATES = Gates(same_normal_cos=0.7, least_facing_cos=-2.0, full_facing_cos=-1.0)
+"""Points correspond up to 45 degrees between their normals, because a start is centimetres off. All have the
+same weight, whatever their incidence: with the registration's weights the axes of noisy recordings are less
+accurate (``python -m benchmarks axis``)."""
 _MOST_FATTENING_PX = 2.0
 """Limit of the estimated fattening, in pixels of a thinned view. Chosen; more is not a sensor's error."""
 _LEAST_AGREEING = 0.2
@@ -349,7 +355,7 @@ def _equations(
         i, j = pair.first, pair.second
         found = compare(
             views[i], views[j], held[i], held[j], center_m, state.fattening_px,
-            3.0 * scale_m, spread, every, _SAME_NORMAL_COS,
+            3.0 * scale_m, spread, every, _GATES,
         )  # fmt: skip
         contraction[:6, :4] = by_axis[i] - by_axis[j]
         matrix += contraction.T @ found.matrix[0] @ contraction

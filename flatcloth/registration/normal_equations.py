@@ -111,6 +111,12 @@ def _facing(x: float, y: float, z: float, n: Float64, least: float, full: float)
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _rotate(rotation: Float64, vector: Float64, out: Float64) -> None:
+    for a in range(3):
+        out[a] = rotation[a, 0] * vector[0] + rotation[a, 1] * vector[1] + rotation[a, 2] * vector[2]
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _add(term: int, block: int, row: Float64, weight: float, residual: float, sums: Sums) -> None:
     for a in range(7):
         weighted = weight * row[a]
@@ -118,6 +124,15 @@ def _add(term: int, block: int, row: Float64, weight: float, residual: float, su
         sums.scores[term, block, a] += weighted * residual
         for b in range(a + 1):
             sums.matrix[term, a, b] += weighted * row[b]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _add_moments(x: Float64, moments: Float64) -> None:
+    for a in range(3):
+        for b in range(3):
+            moments[a, b] += x[a] * x[b]
+        moments[a, 3] += x[a]
+    moments[3, 3] += 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -144,16 +159,12 @@ def accumulate(
         r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
         own_fat = source.fattening[r_own, c_own]
         alike = 0.0
+        _rotate(rotation, points[i], g)
+        _rotate(rotation, normal[i], m)
         for a in range(3):
             # Without fattening each point lies deeper along its ray, by the slope.
-            g[a] = (
-                rotation[a, 0] * points[i, 0] + rotation[a, 1] * points[i, 1] + rotation[a, 2] * points[i, 2]
-            )
             p[a] = translation[a] + (1.0 + limits.fattening_px * own_fat) * g[a]
             by_fattening[a] = own_fat * g[a]
-            m[a] = (
-                rotation[a, 0] * normal[i, 0] + rotation[a, 1] * normal[i, 1] + rotation[a, 2] * normal[i, 2]
-            )
         if p[2] <= 0.0:
             continue
         col = p[0] / p[2] * camera[0] + camera[2]
@@ -192,11 +203,7 @@ def accumulate(
         for a in range(3):
             x[a] = held_shift[a] + held[a, 0] * p[0] + held[a, 1] * p[1] + held[a, 2] * p[2]
         sums.parts[block] += 1.0
-        for a in range(3):
-            for b in range(3):
-                sums.moments[a, b] += x[a] * x[b]
-            sums.moments[a, 3] += x[a]
-        sums.moments[3, 3] += 1.0
+        _add_moments(x, sums.moments)
         if spread[0] > 0.0:
             _row(x, (n[0], n[1], n[2]), transforms, row)
             row[6] = by_fat

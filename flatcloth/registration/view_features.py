@@ -23,12 +23,6 @@ POINTS_PER_VIEW = 1200
 """Approximate number of compared points of a view."""
 _NORMAL_SMOOTHING_PX = 2.0
 """Smoothing of the normals where the depth is noisy."""
-SAME_NORMAL_COS = 0.9
-"""Points correspond if their normals differ by at most the angle of this cosine."""
-_LEAST_FACING_COS = 0.45
-"""Surface at a smaller cosine of incidence for either camera does not count, ..."""
-_FULL_FACING_COS = 0.8
-"""... at a larger one than this it counts fully."""
 _TEXTURE_SIZE_M = 0.007
 """Texture is the color minus its mean over this size."""
 _BLOCK_SIZE_M = 0.080
@@ -91,6 +85,22 @@ class ViewFeatures:
             inner=self.inner,
             camera=np.array([k.fx, k.fy, k.cx, k.cy]),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gates:
+    """Which points of two views correspond, and how they are weighted by incidence.
+
+    The default values are for poses known to a few degrees and millimetres. Chosen; stricter ones
+    leave less surface, laxer ones compare what the other view does not show.
+    """
+
+    same_normal_cos: float = 0.9
+    """Points correspond if their normals differ by at most the angle of this cosine."""
+    least_facing_cos: float = 0.45
+    """Surface at a smaller cosine of incidence for either camera does not count, ..."""
+    full_facing_cos: float = 0.8
+    """... at a larger one than this it counts fully."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,9 +169,9 @@ def extract_features(surface: Surface) -> ViewFeatures:
     )
 
 
-def grid_points(usable: Bool) -> Int32:
-    """Return about 1200 pixels (N, 2) of the surface, on a grid of the image."""
-    stride = max(1, math.ceil(math.sqrt(usable.sum() / POINTS_PER_VIEW)))
+def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:
+    """Return up to about ``most`` pixels (N, 2) of the surface, on a grid of the image."""
+    stride = max(1, math.ceil(math.sqrt(usable.sum() / most)))
     grid = np.zeros_like(usable)
     grid[::stride, ::stride] = True
     pixel = np.argwhere(grid & usable).astype(np.int32)
@@ -237,7 +247,7 @@ def compare(
     search_radius_m: float,
     spread: Float64,
     every: int = 1,
-    same_normal_cos: float = SAME_NORMAL_COS,
+    gates: Gates = Gates(),
 ) -> Agreement:
     """Compare two views in both directions.
 
@@ -258,25 +268,17 @@ def compare(
         weight. 0: the term is left out.
     every : int
         Step between the compared points.
-    same_normal_cos : float
-        Points correspond if their normals differ by at most the angle of this cosine.
+    gates : Gates
+        Which points correspond.
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
-    sums = Sums(
-        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        gradient=np.zeros((TERMS, UNKNOWNS)),
-        scores=np.zeros((TERMS, rows * cols, UNKNOWNS)),
-        products=np.zeros((CHANNELS, 3)),
-        parts=np.zeros(rows * cols),
-        moments=np.zeros((4, 4)),
-        tally=np.zeros(3),
-    )
+    sums = _no_sums(rows * cols)
     limits = Limits(
         search_radius_m=search_radius_m,
-        same_normal_cos=same_normal_cos,
-        least_facing_cos=_LEAST_FACING_COS,
-        full_facing_cos=_FULL_FACING_COS,
+        same_normal_cos=gates.same_normal_cos,
+        least_facing_cos=gates.least_facing_cos,
+        full_facing_cos=gates.full_facing_cos,
         fattening_px=fattening_px,
         spread=spread,
         every=every,
@@ -312,6 +314,18 @@ def compare(
         parts=sums.parts,
         inertia=_inertia(sums.moments),
         tally=sums.tally,
+    )
+
+
+def _no_sums(blocks: int) -> Sums:
+    return Sums(
+        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
+        gradient=np.zeros((TERMS, UNKNOWNS)),
+        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
+        products=np.zeros((CHANNELS, 3)),
+        parts=np.zeros(blocks),
+        moments=np.zeros((4, 4)),
+        tally=np.zeros(3),
     )
 
 

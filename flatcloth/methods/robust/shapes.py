@@ -33,6 +33,7 @@ _LEAST_FURTHER = 12
 """... a further motion of the same component as many as make a floating piece."""
 
 _MIB = 1 << 20
+"""Bytes in a mebibyte."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
 _DRAWN_BYTES = 48 * _MIB

@@ -19,12 +19,19 @@ from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 
 MAX_MESSAGE_CHARS = 100_000
+"""Limits of what a page may send. Chosen: far above what the page's own controls send."""
 MAX_NAME_CHARS = 80
+"""See ``MAX_MESSAGE_CHARS``."""
 MAX_FPS = 240.0
+"""See ``MAX_MESSAGE_CHARS``."""
 MAX_PAIRS = 50
+"""See ``MAX_MESSAGE_CHARS``."""
 MAX_ANGLE_DEG = 3600.0
+"""See ``MAX_MESSAGE_CHARS``."""
 MAX_STROKE_POINTS = 1000
+"""See ``MAX_MESSAGE_CHARS``."""
 MAX_BRUSH_M = 0.2
+"""See ``MAX_MESSAGE_CHARS``."""
 
 Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
 """A place on a garment's plane, or a shift there."""
