@@ -153,7 +153,7 @@ function showLayer(state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, false);
+  looking.show(looked, legend, false, state.layers?.legends);
   byId("empty").hidden = Boolean(state.layers);
   const computing = state.phase === "computing";
   setText(

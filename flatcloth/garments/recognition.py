@@ -60,12 +60,14 @@ class Measure:
 class Point:
     """A named point: its place (2,) on the plane of the shape and standard deviation (each axis), m.
 
-    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen; None: predicted only.
+    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen, or that of a floating
+    ``piece`` which was placed there, by its index; None: predicted only.
     """
 
     uv_m: Float64
     std_m: float
     pixel: tuple[int, int] | None
+    piece: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,11 +269,11 @@ def points_of(
         own = np.s_[2 * n : 2 * n + 2]
         told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], told_std, outline_uv, main)
-        points[name] = Point(uv_m=uv, std_m=std, pixel=_pixel_near(uv, shape))
+        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape))
     return points
 
 
-def _pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
+def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
     """Return the pixel with cloth nearest to a place, None if none is within :data:`SEEN_M`."""
     row, col = shape.rc_from_uv(uv).tolist()
     reach = SEEN_M / shape.pixel_size_m

@@ -220,7 +220,7 @@ ACTIONS: tuple[Action, ...] = (
         "look",
         "Look",
         ("Shift+l",),
-        "Rotate, flip, grid, ruler, colours, contrast; display only, data unchanged.",
+        "Layers as a list, rotate, flip, grid, ruler, colours; display only, data unchanged.",
         "view",
     ),
     Action(

@@ -11,6 +11,7 @@ import numpy as np
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, lay_out
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.rendering.layers import legends
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol.verdict import checks, foreseen
@@ -86,7 +87,10 @@ def make_picture(integration: Integration, document: Document, previous: Picture
     present = document.present_view
     assert present is not None
     kept = None if previous is None else previous.sheet
-    sheet = kept if kept is not None and kept.canonical is canonical else lay_out(canonical)
+    placed = decided_pieces(document.garment, canonical.view, canonical.floating).shape_from_piece
+    if kept is None or kept.canonical is not canonical or kept.placed != placed:
+        kept = None
+    sheet = kept or lay_out(canonical, placed)
     view = sheet.view
     same = previous if sheet is kept else None
     revision = 1 if previous is None else previous.revision + (same is None)

@@ -285,7 +285,7 @@ def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
-        "area_cm2": (picture.view if picture.sheet is None else picture.sheet.canonical.view).area_m2 * 1e4,
+        "area_cm2": (picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2) * 1e4,
         "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
@@ -303,6 +303,7 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
             "reason": piece.reason,
             "views": list(piece.views),
             "color": "#" + bytes(piece_color(n).tolist()).hex(),
+            "placed": piece.placed is not None,
             "grid": grid(piece.view),
         }
         for n, piece in enumerate(sheet.pieces, start=1)
