@@ -17,7 +17,7 @@ from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
-from flatcloth.engine.sheet import SheetPiece, lay_out
+from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe
 from flatcloth.session.document import Accepted, Document
 
@@ -61,7 +61,7 @@ def outcome_of(
         "ended": document.finished or "",
         "area_cm2": round(1e4 * canonical.view.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
-        "floating": [_floating(piece) for piece in lay_out(canonical).pieces],
+        "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
         **_cameras(integration, document),
         **_segmentation(integration),
