@@ -36,7 +36,14 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.repair import (
+    RepairService,
+    fit_message,
+    fit_of,
+    meant,
+    place_of_part,
+    refined_motion,
+)
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
@@ -51,7 +58,7 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.repair import Reach
+    from flatcloth.engine.repair import RefinedScore
     from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
@@ -233,13 +240,13 @@ class Application(PageController):
             failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
         )
 
-    def _refined(self, client: int, document: Document, found: Reach) -> None:
+    def _refined(self, client: int, document: Document, found: RefinedScore) -> None:
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
         placed = self._placed()
         own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
-        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
+        by, text = refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
@@ -255,7 +262,7 @@ class Application(PageController):
             fitted = fit.by @ overlay.shown(pending)
             self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
             fit = fit_of(fitted, pairs)
-        self._sink.tell(client, told_fit(fit))
+        self._sink.tell(client, fit_message(fit))
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
