@@ -33,6 +33,7 @@ from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
 
 _BELOW, _HEAD, _MARGIN = 46, 44, 16
+"""Layout (px): text below, text above, and the margin. Chosen."""
 
 LAYER_WORDS = {
     "color": ("Color", "the color of the cloth"),

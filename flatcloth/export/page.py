@@ -34,6 +34,7 @@ FORMAT = "flatcloth-page/1"
 MOST_AROUND = 6000
 """Points per step of the camera's surroundings; more would only enlarge the page."""
 AROUND_SPACING_M = 0.007
+"""Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
 
 @dataclass

@@ -31,7 +31,9 @@ LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
 """Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
+"""Pixels of a line that are sent. Chosen for speed."""
 _MOST_PAIRS = 400
+"""Pairs that are sent. Chosen for speed."""
 PAIR_LIMIT_MM = 15.0
 """Pairs farther apart on the plane count as cloth that is present twice (methods/robust/scoring.py)."""
 _GONE = "This proposal is no longer shown; a newer state follows."

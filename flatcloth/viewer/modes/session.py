@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
 
 
 class Application(PageController):
