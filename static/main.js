@@ -25,8 +25,11 @@ import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
 import { Repair } from "/static/panels/repair.js";
-import { markPresent, showTimeline } from "/static/review/timeline.js";
+import { ReviewList } from "/static/review/list.js";
+import { ResultPanel } from "/static/review/result.js";
+import { markPresent, Timeline } from "/static/review/timeline.js";
 import { Verdicts } from "/static/review/verdicts.js";
+import { answerDrops } from "/static/start/drop.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
 let askedLayer = null; // in live mode: what the next frame was asked for with
@@ -57,6 +60,9 @@ for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 const liveBar = page.add(new LiveBar(page, drawFrame));
 const verdicts = page.add(new Verdicts(page, decide));
+page.add(new Timeline(page, chooseView));
+page.add(new ReviewList(page, verdicts));
+page.add(new ResultPanel(page, verdicts));
 const keyPointer = new KeyPointer();
 const teaching = new Teaching({
   actions: () => page.state.actions,
@@ -70,6 +76,7 @@ const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message(message) {
+    if (message.type === "switched") return location.replace("/");
     if (message.type === "state") show(message);
     else if (message.type === "note") takeNote(message);
     page.take(message);
@@ -112,7 +119,6 @@ function takeNote(message) {
 function show(state) {
   page.state = state;
   page.each("update", state);
-  showTimeline(state, chooseView);
   if (page.isLive) showLive(state);
   else showLayer(state);
   takeServerLog(state.log);
@@ -149,7 +155,7 @@ function showLayer(state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, false);
+  looking.show(looked, legend, false, state.layers?.legends);
   byId("empty").hidden = Boolean(state.layers);
   const computing = state.phase === "computing";
   setText(
@@ -215,12 +221,13 @@ const PAGE_ACTIONS = {
     if (!send({ type: "set", follow: !on })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
-  export: () => showExports(notify, page.state.recording.name),
+  export: () => showExports(notify, page.state),
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
     showPalette(known, run);
   },
+  home: () => location.assign("/start"),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(page.state.actions, page.state.mode),
@@ -241,6 +248,7 @@ function sendMove(by) {
 byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
+answerDrops();
 startScene(startKeys({ state: () => page.state, modes: modesNow, run }));
 page.each("hovered", null);
 

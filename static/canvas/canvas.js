@@ -43,6 +43,8 @@ export class FlatCanvas {
     this.marks = [];
     this.pick = null;
     this.scenery = SHAPE_ALONE;
+    /** @type {any} how the shape's layers are looked at */
+    this.layers = null;
     this.tools = [];
     this.drawers = [];
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
@@ -215,7 +217,7 @@ export class FlatCanvas {
   }
 
   drawShape() {
-    if (this.layer.shown) this.drawPicture(this.layer.shown, this.layer.shown.image);
+    if (this.layer.shown) this.layers.paintShape(this);
   }
 
   /** The proposal where it is, or is being moved to; `outlined` also its outline, which is never pale. */

@@ -18,6 +18,7 @@ export class GarmentPanel {
     this.shown = true; // outline and points on the canvas
     this.told = null; // what the server says
     this.pointed = null; // the name of the point that is pointed at
+    this.finished = false; // whether the finished shape was turned upright
     this.turnedFrom = null; // how the view was turned before it was turned upright
     this.moved = null; // a point that the keys move: { name, u, v }
     this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
@@ -40,6 +41,7 @@ export class GarmentPanel {
   }
 
   update(state) {
+    this.finishUpright(state);
     this.told = state.garment ?? null;
     this.section.hidden = !this.told || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
@@ -202,6 +204,16 @@ export class GarmentPanel {
     this.shown = !this.shown;
     this.page.canvas.redraw();
     this.page.changed();
+  }
+
+  /** Once the shape is finished and known as a garment, it is shown upright, unless it is turned already. */
+  finishUpright({ phase, garment }) {
+    if (phase !== "finished") this.finished = false;
+    if (phase !== "finished" || this.finished || !garment?.found) return;
+    this.finished = true;
+    this.told = garment;
+    const { angle, flipped } = this.page.canvas.transform;
+    if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
   }
 
   toggleUpright() {

@@ -156,6 +156,15 @@ export interface ShowEdges {
   show: boolean;
 }
 
+/** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
+export interface Look {
+  type: "look";
+  layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "z_angle";
+  map?: string | null;
+  low?: number;
+  high?: number;
+}
+
 /** Live mode: play or pause, turn round, change the rate, or show a frame by hand. */
 export interface Play {
   type: "play";
@@ -244,6 +253,13 @@ export interface ReleasePoints {
   name?: string | null;
 }
 
+/** Lay a floating piece where the garment has a place for it, or refuse that place. */
+export interface DecidePiece {
+  type: "decide_piece";
+  label: string;
+  accepted: boolean;
+}
+
 /** Pick a named point of the garment as a grasp. */
 export interface PickPoint {
   type: "pick_point";
@@ -271,6 +287,7 @@ export type ClientMessage = Do
   | SetAuto
   | Set
   | ShowEdges
+  | Look
   | Play
   | Ready
   | Capture
@@ -283,4 +300,5 @@ export type ClientMessage = Do
   | HoldPoint
   | PreviewPoint
   | ReleasePoints
+  | DecidePiece
   | PickPoint;

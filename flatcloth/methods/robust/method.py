@@ -13,6 +13,7 @@ from flatcloth.methods.base import (
     AlignmentScore,
     Candidate,
     Canonical,
+    ClothPairs,
     Method,
     Placement,
     Plan,
@@ -22,13 +23,15 @@ from flatcloth.methods.base import (
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
-from flatcloth.methods.robust.scoring import refine, score_placement
+from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
 from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs."""
+_TOLD = 6
+"""Candidates of a plan that are told."""
 
 
 class RobustMethod(Method):
@@ -60,9 +63,10 @@ class RobustMethod(Method):
         rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
-            return _no_plan(f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2.")
+            reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
+            return _no_plan(reason, rated)
         if len(used) >= c.most_views and not self.is_unattended:
-            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2))
+            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2), rated)
         return Plan(
             view_index=best.view_index,
             side=None,
@@ -72,7 +76,7 @@ class RobustMethod(Method):
                 + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
             ),
             sides=(),
-            candidates=tuple(rated[:6]),
+            candidates=tuple(rated[:_TOLD]),
         )
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -109,6 +113,11 @@ class RobustMethod(Method):
         if sampled is None:
             return motion
         return refine(self.search.reference(document), sampled, motion).shape_from_component
+
+    def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
+        """Return the nodes of the shape that the view shows, each with its place on the component."""
+        sampled = self.search.components(document, view_index).get(component)
+        return None if sampled is None else cloth_pairs(self.search.reference(document), sampled)
 
     # ------------------------------------------------- 3. joint flattening (in place of 4.3)
 
@@ -156,5 +165,6 @@ def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
     )
 
 
-def _no_plan(reason: str) -> Plan:
-    return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=())
+def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
+    candidates = tuple(rated[:_TOLD])
+    return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)

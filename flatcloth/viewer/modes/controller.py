@@ -22,6 +22,7 @@ from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, 
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
+from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MESSAGES_KEPT = 100
+"""Messages that a page that is opened later still gets. Chosen."""
 
 
 class ClientSink(Protocol):
@@ -87,6 +89,9 @@ class SceneView(Protocol):
 
     def look_from(self, angle_deg: float) -> None:
         """Let all cameras look from where the real camera stood at an angle."""
+
+    def color_by(self, layer: str, look: Appearance) -> None:
+        """Colour the shape and the proposal by a layer of the flattened view."""
 
 
 class PageController(ABC):
@@ -209,15 +214,18 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
-        return grasps_document(picture.view, self._picks.picks, frames, self.named_points())
+        named, sheet = self.named_points(), picture.sheet
+        if sheet is None:
+            return grasps_document(picture.view, self._picks.picks, frames, named)
+        shape = sheet.canonical
+        return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
 
     def named_points(self) -> Sequence[GarmentPoint]:
         """Return the named points of the garment that were seen, as grasps; may take a second."""
         from flatcloth.export.garment import garment_points
 
         document = None if self._picture is None else self._picture.document
-        known = "" if document is None else self.garments.known(document)
-        return () if isinstance(known, str) else garment_points(known.found, known.canonical.view)
+        return () if document is None else garment_points(self.garments.known(document))
 
     # --- the page's own thread ---------------------------------------------------------------
 
@@ -268,6 +276,8 @@ class PageController(ABC):
                 self._set(message)
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
+            case messages.Look(layer=layer, map=name, low=low, high=high):
+                self._scene_view.color_by(layer, Appearance(name, low, high))
             case messages.Hover():
                 self._sink.tell(client, self.describe(message))
             case messages.Measure():

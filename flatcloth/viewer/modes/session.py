@@ -13,7 +13,6 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
-from flatcloth.engine.sheet import place_of_piece
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
@@ -28,18 +27,18 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
-    Reopen,
     Request,
     SessionState,
     Skip,
     Start,
     TakePart,
 )
+from flatcloth.viewer.modes import repair
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
-from flatcloth.viewer.modes.session_work import answered, chosen, drawn, turned_about
+from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
@@ -52,12 +51,13 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.repair import Reach
+    from flatcloth.engine.repair import RefinedScore
     from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
 PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
 
 
 class Application(PageController):
@@ -83,8 +83,11 @@ class Application(PageController):
         self._progress_at_s = 0.0
         self._going_on = False
         self._back = Worker("flatcloth-work")
-        self._repair = RepairService(integration, sink.tell)
+        self._repair = repair.RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
+        self._review = ReviewService(
+            integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
+        )
         self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
         self._garment = GarmentController(
             self.garments, lambda job: self._put(None, job), self._publish, sink.tell
@@ -101,6 +104,7 @@ class Application(PageController):
         return [
             *super().routes(),
             *self._diagnostics.routes(),
+            *self._review.routes(),
             *self._sides.routes(lambda: self._picture),
         ]
 
@@ -130,8 +134,7 @@ class Application(PageController):
             self._settle()
 
     def _restart(self) -> None:
-        if self._cancel is not None:
-            self._cancel[1].set()
+        self._stop_work()
         self._cancel = self._asked = None
         self._page_status = replace(self._page_status, auto=False, progress=None)
         self._folder.reload()
@@ -152,8 +155,8 @@ class Application(PageController):
                 self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
-                pending = meant(self._state.document, view)
-                self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+                pending = repair.meant(self._state.document, view)
+                self._by_hand(TakePart(view, component, repair.place_of_part(pending, overlay, component)))
             case messages.PlacePiece(label=label):
                 self._place_piece(label)
             case messages.Refine(view_index=view):
@@ -176,7 +179,9 @@ class Application(PageController):
                 self._sides.where_next(
                     self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
                 )
-            case messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints():
+            case (
+                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
+            ):
                 self._garment.take(client, message, self._state.document, self._do)
             case messages.PickPoint(name=name):
                 self._pick_at(*self._garment.seen_point(name), name)
@@ -216,47 +221,41 @@ class Application(PageController):
     def _place_piece(self, label: str) -> None:
         """Decide again about the view that shows most of a floating piece, with that component of it."""
         sheet = None if self._picture is None else self._picture.sheet
-        pieces = () if sheet is None else sheet.pieces
-        piece = next((p for p in pieces if p.label == label), None)
-        if piece is None:
-            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
-        accepted = [a.view_index for a in self._state.document.accepted]
-        found = place_of_piece(self._integration, piece, accepted)
-        self._by_hand(Reopen(found.view_index))
-        self._do(TakePart(found.view_index, found.component, found.placement))
+        for command in placing_piece(self._integration, self._state.document, sheet, label):
+            self._by_hand(command)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
-        meant(document, view)
+        repair.meant(document, view)
         self._repair.refine(
             document,
             done=lambda found: self._put(client, lambda: self._refined(client, document, found)),
             failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
         )
 
-    def _refined(self, client: int, document: Document, found: Reach) -> None:
+    def _refined(self, client: int, document: Document, found: RefinedScore) -> None:
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
         placed = self._placed()
         own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
-        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
+        by, text = repair.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        meant(self._state.document, pairs.view_index)
+        repair.meant(self._state.document, pairs.view_index)
         placed = self._placed()
         if placed is None:
             raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
         pending, overlay = placed
-        fit = fit_of(overlay.shown(pending), pairs)
+        fit = repair.fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
             fitted = fit.by @ overlay.shown(pending)
             self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
-            fit = fit_of(fitted, pairs)
-        self._sink.tell(client, told_fit(fit))
+            fit = repair.fit_of(fitted, pairs)
+        self._sink.tell(client, repair.fit_message(fit))
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
@@ -264,8 +263,7 @@ class Application(PageController):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
-            super()._pick_on_ray(origin_m, direction)
-            return
+            return super()._pick_on_ray(origin_m, direction)
         dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
@@ -383,7 +381,7 @@ class Application(PageController):
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         page = self._page_status, self._picks, self._picture, self._integration, self._places
-        told = snapshot(revision, self._state, *page)
+        told = self._review.told(snapshot(revision, self._state, *page), self._state.document)
         return {**told, "sides": self._sides.plain(), "garment": self._garment.plain()}
 
     # --- the worker --------------------------------------------------------------------------
@@ -424,8 +422,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # Later jobs of the queue use the new axis.
-        text = turned_about(self._integration, axis)
+        text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
@@ -445,5 +442,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
+        self._review.follow(picture.document)
         self._diagnostics.picture_changed()
         self._settle()

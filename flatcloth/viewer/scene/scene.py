@@ -11,6 +11,7 @@ import numpy as np
 
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
@@ -29,9 +30,13 @@ MAX_LIVE_POINTS = 25_000
 """Points of a played frame; browsers cannot receive more at this rate."""
 
 BALL_RADIUS_M = 0.006
+"""Sizes of the mark and of its normal. Chosen."""
 ARROW_LENGTH_M = 0.06
+"""See ``BALL_RADIUS_M``."""
 FRAME_MARGIN = 1.15
+"""Share of the window that the item fills, inverted. Chosen."""
 _PICK_COLOR = (225, 29, 116)
+"""Color of the mark. Chosen: no cloth and no color map has it."""
 
 
 class Scene:
@@ -274,9 +279,9 @@ class Scene:
         self._axis_span_m = (float(along.min()) - 0.05, float(along.max()) + 0.08)
         self._draw_axis(self._axis)
         center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
-        reach = np.abs(points - center)
-        half_height = float(np.percentile(reach[:, 1], 99.5))
-        half_width = float(np.percentile(np.hypot(reach[:, 0], reach[:, 2]), 99.5))
+        offset = np.abs(points - center)
+        half_height = float(np.percentile(offset[:, 1], 99.5))
+        half_width = float(np.percentile(np.hypot(offset[:, 0], offset[:, 2]), 99.5))
         self._view_from = (center, held.translation_m, half_width, half_height)
         first = self._shown is None
         turned = self._shown is not None and self._shown[1] != present_view
@@ -316,6 +321,11 @@ class Scene:
     def offer_clouds(self, integration: Integration) -> None:
         """Add the panel for the choice of points and colours."""
         self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
+
+    def color_by(self, layer: str, look: Appearance) -> None:
+        """Colour the shape and the proposal by a layer of the flattened view."""
+        if self._cloud_panel is not None:
+            self._cloud_panel.choose_color(layer, look)
 
     def _show_again(self) -> None:
         with self._lock, self._server.atomic():

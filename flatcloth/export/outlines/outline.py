@@ -11,11 +11,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.export.outline_polygons import Piece, outline
+from flatcloth.export.outlines.polygons import Piece, outline
 
 FORMAT = "flatcloth-outline/1"
 MARGIN_MM = 10.0
+"""Margin of the sheet, and length of the drawn rule. Chosen."""
 RULE_MM = 100.0
+"""See ``MARGIN_MM``."""
 
 
 @dataclass(frozen=True, kw_only=True)
