@@ -5,6 +5,7 @@ The figures are those of ``flatcloth evaluate``; the recordings with the largest
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -38,6 +39,7 @@ def run(options: Options) -> None:
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
         rows.append(row_of(source))
+        gc.collect()  # an integration and its caches refer to one another
         say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
         if not options.quick:
             ordered = worst_first(rows)
