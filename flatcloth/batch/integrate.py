@@ -13,13 +13,13 @@ from typing import Any
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import take_strokes
 from flatcloth.export.session import frames_of
 from flatcloth.export.session_data import SessionData
-from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import settle_axis
@@ -35,7 +35,7 @@ class Integrated:
 
     outcome: dict[str, Any]
     canonical: Canonical
-    garment: Recognition | str
+    garment: KnownGarment | str
     files: list[Path]
 
 
@@ -99,9 +99,10 @@ def integrate(
             integration.canonical(document)
         frames = frames_of(integration, document, read_grips(out), base_from_camera)
         scores = {**earlier_scores(out), **_scores_of(unattended)}
-        data = SessionData(integration, document, folder.picks, frames, scores)
         with stages.stage("garment"):
-            garment = data.garment
+            service = GarmentService(integration)
+            garment = place_sure_pieces(service, folder)
+        data = SessionData(integration, folder.state.document, folder.picks, frames, scores, service)
         progress(1.0, "writing")
         with stages.stage("writing"):
             files = data.write(out)

@@ -137,13 +137,11 @@ def _write(
 def _garment_text(session: OpenedSession) -> str:
     import json
 
-    from flatcloth.engine.garment.recognition import recognised
+    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.export.garment import garment_document
 
-    document = session.history.document
-    canonical = session.integration.canonical(document)
-    found = recognised(session.integration, document)
-    return json.dumps(garment_document(found, canonical.view, canonical.floating), indent=1) + "\n"
+    known = GarmentService(session.integration).of(session.history.document)
+    return json.dumps(garment_document(known), indent=1) + "\n"
 
 
 def _rotation(text: str) -> float:

@@ -24,6 +24,7 @@ EXAMPLES = """examples:
   python app.py record --out my-recording --camera turned.db3 --yes    a file in place of a camera"""
 
 _LOOK_EVERY_S = 1.0
+"""Interval of the progress lines. Chosen."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

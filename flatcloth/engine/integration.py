@@ -46,7 +46,9 @@ from flatcloth.session.machine import (
 )
 
 _LIKELY_ROTATION_DEG = 30.0
+"""Views about this far from the present one are flattened ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
+"""How many. Chosen: more compete with what the operator waits for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
 from flatcloth.engine.outcome import outcome_of, outcome_text
 from flatcloth.export.data import GARMENT, GraspFrames, NamedPoint, remove_stale, shape_files, write_files
 from flatcloth.export.garment import garment_document, garment_points, outcome_entry
-from flatcloth.garments.recognition import Recognition
 from flatcloth.methods.base import Canonical
 from flatcloth.session.machine import Document
 
@@ -33,7 +32,8 @@ _FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
 class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
-    ``scores`` are those of views whose acceptance keeps none, by view.
+    ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
+    new service by default.
     """
 
     integration: Integration
@@ -41,6 +41,7 @@ class SessionData:
     picks: tuple[NamedPoint, ...]
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
+    garments: GarmentService | None = None
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -54,9 +55,9 @@ class SessionData:
         return self.integration.canonical(self.document)
 
     @cached_property
-    def garment(self) -> Recognition | str:
-        """What the shape was recognised as, or why nothing can be said of it."""
-        return garment_of(self.integration, self.document)
+    def garment(self) -> KnownGarment | str:
+        """What is known of the garment, or why nothing can be said of it."""
+        return (self.garments or GarmentService(self.integration)).known(self.document)
 
     @cached_property
     def outcome(self) -> dict[str, Any]:
@@ -66,7 +67,7 @@ class SessionData:
         return outcome
 
     def _named(self) -> Sequence[NamedPoint]:
-        return () if isinstance(self.garment, str) else garment_points(self.garment, self.canonical.view)
+        return garment_points(self.garment)
 
     def _shape_files(self) -> dict[str, Writer]:
         shape = self.canonical
@@ -75,8 +76,7 @@ class SessionData:
     def _reports(self) -> dict[str, Writer]:
         reports: dict[str, Writer] = {}
         if not isinstance(self.garment, str):
-            document = garment_document(self.garment, self.canonical.view, self.canonical.floating)
-            text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+            text = json.dumps(garment_document(self.garment), indent=1, allow_nan=False) + "\n"
             reports[GARMENT] = lambda file: file.write(text.encode())
         reports[OUTCOME] = lambda file: file.write(outcome_text(self.outcome).encode())
         return reports

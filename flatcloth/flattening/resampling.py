@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -58,9 +60,10 @@ def sample(stack: Float32, rc: Float64) -> Float32:
 def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
     """Return a view rastered anew on another plane, on a grid of its own."""
     origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
-    index = int(view.view_index.max())
     label = carry_labels(view, target_from_view.inverse(), origin, shape, view.pixel_size_m)
-    return render(label, {index: view}, {index: target_from_view}, origin, view.pixel_size_m)
+    known = np.where(label >= 0, 0, -1).astype(np.int16)
+    drawn = render(known, {0: view}, {0: target_from_view}, origin, view.pixel_size_m)
+    return replace(drawn, view_index=np.where(drawn.valid, label, -1).astype(np.int16))
 
 
 def render(

@@ -18,7 +18,7 @@ from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.placing import place_piece
-from flatcloth.garments.recognition import Recognition, dimensions_of, held_fit, points_of
+from flatcloth.garments.recognition import Recognition, dimensions_of, held_fit, pixel_near, points_of
 from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
@@ -26,7 +26,11 @@ HELD_STD_M = 0.003
 _SAME_M = 0.015
 """A point of cloth found again: joint registration moves measured points by less."""
 _NEAR_M = 0.05
+"""A decided point is tied to cloth within this distance, beyond its nearest pixel. Chosen: it survives the
+loss of a view."""
 _POINT_COUNT, _SHAPE_COUNT = 12, 40
+"""Points of cloth that a decided point and a decided piece are tied to. Chosen: more cost space in the
+journal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +89,19 @@ def decided(
         by_hand=kind if kind in known else None,
         held=frozenset(pull.name for pull in own),
     )
+
+
+def with_placed_cloth(
+    found: Recognition, pieces: DecidedPieces, floating: Sequence[FlattenedView]
+) -> Recognition:
+    """Return a recognition whose named points are seen on placed pieces too."""
+    points = dict(found.points)
+    for name, point in found.points.items():
+        for index, motion in pieces.shape_from_piece.items():
+            pixel = pixel_near(motion.inverse().apply(point.uv_m), floating[index])
+            if points[name].pixel is None and pixel is not None:
+                points[name] = replace(point, pixel=pixel, piece=index)
+    return replace(found, points=points)
 
 
 # --- places tied to cloth -------------------------------------------------------------------------

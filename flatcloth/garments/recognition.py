@@ -33,13 +33,19 @@ HOLE_M = 0.10
 LEAST_EDGES = 40
 """True edges (24 cm of them) without which nothing is said."""
 SURE = 0.90
+"""Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
+reliability."""
 POINT_STD_M = 0.012
 """Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
 SEEN_M = 0.015
+"""A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
 FOLLOWED_M = 0.09
 """True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
+"""A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
+are."""
 _STARTS, _FINISHED, _THINNED = 6, 2, 3
+"""Poses tried for a kind, those refined with all points, and the thinning before. Chosen for speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +60,14 @@ class Measure:
 class Point:
     """A named point: its place (2,) on the plane of the shape and standard deviation (each axis), m.
 
-    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen; None: predicted only.
+    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen, or that of a floating
+    ``piece`` which was placed there, by its index; None: predicted only.
     """
 
     uv_m: Float64
     std_m: float
     pixel: tuple[int, int] | None
+    piece: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,11 +269,11 @@ def points_of(
         own = np.s_[2 * n : 2 * n + 2]
         told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], told_std, outline_uv, main)
-        points[name] = Point(uv_m=uv, std_m=std, pixel=_pixel_near(uv, shape))
+        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape))
     return points
 
 
-def _pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
+def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
     """Return the pixel with cloth nearest to a place, None if none is within :data:`SEEN_M`."""
     row, col = shape.rc_from_uv(uv).tolist()
     reach = SEEN_M / shape.pixel_size_m

@@ -13,7 +13,10 @@ from flatcloth.core.types import Bool, FlattenedView, Float64
 _OUTLINE_REACH_M = 0.015
 """The outline's direction is fitted to its part within this distance."""
 _PATCH_RADIUS_M = 0.008
+"""Radius of the patch that gives the normal at a grasp. Chosen: about a finger's width."""
 _LAYER_GAP_M = 0.010
+"""Cloth farther than this along the normal is another layer. Chosen: folds of one layer are flatter in the
+patch."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,12 @@ from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
 _SAME_LAYER_M = 0.02
+"""Depth difference at which painted pixels are of another layer. Chosen: less cuts slopes, more joins
+layers."""
 _LEAST_PIXELS = 3
+"""Painted pixels that make a cluster painted. Chosen: fewer are the rim of the brush."""
 _ALIKE_COS = 0.3
+"""Normals of one side under a stroke differ by less than 73 degrees. Chosen."""
 
 
 def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:

@@ -35,6 +35,7 @@ from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _THREADS = 2
+"""Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
 """Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
 

@@ -18,8 +18,11 @@ Point3 = tuple[float, float, float]
 MOST_HELD = 64
 """Points that can be held: a kind has at most 20."""
 MOST_PIECES = 256
+"""Limits of what a decision may contain. Chosen: far above what the page sends."""
 _MOST_CLOTH = 64
+"""See ``MOST_PIECES``."""
 _MAX_NAME = 40
+"""See ``MOST_PIECES``."""
 
 
 @dataclass(frozen=True)

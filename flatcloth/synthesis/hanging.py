@@ -13,6 +13,7 @@ from flatcloth.synthesis.errors import SynthesisError
 
 UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)
+"""Sizes of garments, from a sock to a bedsheet. Chosen; others are meshes in another unit."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from flatcloth.synthesis.meshes import GarmentMesh
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
 _FLOWER_CELL_M = 0.026
+"""Size of a flower of the print. Chosen."""
 
 
 def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
@@ -123,6 +124,7 @@ def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
 
 
 _DYES = np.array([(0.75, 0.15, 0.20), (0.20, 0.25, 0.60), (0.85, 0.55, 0.08), (0.15, 0.45, 0.28)])
+"""Colors of the flowers. Chosen."""
 
 
 def _chance(cell: Int64, seed: int, number: int) -> Float64:

@@ -253,6 +253,13 @@ export interface ReleasePoints {
   name?: string | null;
 }
 
+/** Lay a floating piece where the garment has a place for it, or refuse that place. */
+export interface DecidePiece {
+  type: "decide_piece";
+  label: string;
+  accepted: boolean;
+}
+
 /** Pick a named point of the garment as a grasp. */
 export interface PickPoint {
   type: "pick_point";
@@ -293,4 +300,5 @@ export type ClientMessage = Do
   | HoldPoint
   | PreviewPoint
   | ReleasePoints
+  | DecidePiece
   | PickPoint;

@@ -10,7 +10,15 @@ from garment_evidence import at_mean, blank_view, evidence_from
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.flattening.resampling import place
-from flatcloth.garments.deciding import decided, decided_pieces, held_point, placed_piece, pulls_of
+from flatcloth.garments.deciding import (
+    DecidedPieces,
+    decided,
+    decided_pieces,
+    held_point,
+    placed_piece,
+    pulls_of,
+    with_placed_cloth,
+)
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.recognition import Recognition, recognise
@@ -91,3 +99,17 @@ def test_a_placed_piece_stays_on_its_place_when_both_planes_turn_and_the_last_de
     assert after.refused == {0}
     # Once a view joins it to the shape, it floats no more.
     assert decided_pieces(GarmentDecisions(pieces=(decision,)), shape, ()).shape_from_piece == {}
+
+
+def test_a_point_on_a_placed_piece_is_seen_there(skirt: Skirt) -> None:
+    _, view, found = skirt
+    name, point = next((n, p) for n, p in found.points.items() if p.pixel is None)
+    piece = dataclasses.replace(view, origin_uv_m=(3.0, 4.0))
+    pieces = DecidedPieces(
+        shape_from_piece={0: Rigid2(0.0, float(point.uv_m[0]) - 3.04, float(point.uv_m[1]) - 4.04)},
+        refused=frozenset(),
+    )
+    seen = with_placed_cloth(found, pieces, (piece,)).points[name]
+    assert (seen.pixel, seen.piece) == ((20, 20), 0)
+    others = with_placed_cloth(found, DecidedPieces(shape_from_piece={}, refused=frozenset()), (piece,))
+    assert others.points[name].pixel is None

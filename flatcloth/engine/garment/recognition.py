@@ -7,13 +7,23 @@ from dataclasses import dataclass
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.deciding import DecidedPieces, decided, decided_pieces, pulls_of
+from flatcloth.garments.deciding import (
+    DecidedPieces,
+    decided,
+    decided_pieces,
+    placed_piece,
+    pulls_of,
+    with_placed_cloth,
+)
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
-from flatcloth.garments.recognition import Recognition, recognise
+from flatcloth.garments.placing import Placed
+from flatcloth.garments.recognition import NONE, Point, Recognition, is_sure, recognise
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
-from flatcloth.session.garment import GarmentDecisions
+from flatcloth.session.garment import DecidePiece, GarmentDecisions, PlacedPiece
+from flatcloth.session.machine import Keeper
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -52,6 +62,10 @@ class KnownGarment:
     by_evidence: Recognition
     found: Recognition
     pieces: DecidedPieces
+
+    def cloth_of(self, point: Point) -> FlattenedView:
+        """Return the view that a named point's pixel belongs to: the shape, or a placed piece."""
+        return self.canonical.view if point.piece is None else self.canonical.floating[point.piece]
 
 
 class GarmentService:
@@ -102,27 +116,43 @@ class GarmentService:
     ) -> KnownGarment:
         canonical, evidence, by_evidence = shape
         pulls = pulls_of(decisions, canonical.view)
+        pieces = decided_pieces(decisions, canonical.view, canonical.floating)
+        found = decided(by_evidence, evidence, canonical.view, decisions.kind, pulls)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,
             by_evidence=by_evidence,
-            found=decided(by_evidence, evidence, canonical.view, decisions.kind, pulls),
-            pieces=decided_pieces(decisions, canonical.view, canonical.floating),
+            found=with_placed_cloth(found, pieces, canonical.floating),
+            pieces=pieces,
         )
 
 
-def recognised(integration: Integration, document: Document) -> Recognition:
-    """Return what garment a document's shape is (flatcloth.garments.recognition), with its decisions.
+def garment_of(integration: Integration, document: Document) -> KnownGarment | str:
+    """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+    return GarmentService(integration).known(document)
 
-    Raises
-    ------
-    GarmentError
-        If the shape shows too little, or was seen in one view only.
+
+def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
+    """Place the floating pieces whose place by the garment is sure, as decisions of the session.
+
+    Pieces that were decided about before stay as they are.
     """
-    return GarmentService(integration).of(document).found
+    known = service.known(session.state.document)
+    if isinstance(known, str) or known.found.kind == NONE:
+        return known
+    canonical, decided = known.canonical, known.pieces
+    for piece in known.found.pieces:
+        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
+            session.record(DecidePiece(piece_decision(canonical, piece, accepted=True)))
+    return service.known(session.state.document)
 
 
-def garment_of(integration: Integration, document: Document) -> Recognition | str:
-    """Return what garment a document's shape is, or why nothing can be said of it."""
-    known = GarmentService(integration).known(document)
-    return known if isinstance(known, str) else known.found
+def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:
+    """Return the decision about a piece at the place that the garment has for it."""
+    return placed_piece(
+        canonical.floating[piece.index],
+        canonical.view,
+        piece.shape_from_piece,
+        piece.probability,
+        accepted=accepted,
+    )

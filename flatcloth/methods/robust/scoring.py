@@ -307,6 +307,7 @@ def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
 
 
 _FAR_MM = 30.0
+"""Larger distances in space count as this one. Chosen: all are another place of the cloth."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,7 +46,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STATUS_INTERVAL_S = 0.1
+"""Intervals of the status, and of the checks of the image. Chosen."""
 LOOK_INTERVAL_S = 0.5
+"""See ``STATUS_INTERVAL_S``."""
 REFRAME_M = 0.15
 """If the item moves this far from the centre of the 3D view, the view is framed again."""
 

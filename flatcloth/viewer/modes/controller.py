@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MESSAGES_KEPT = 100
+"""Messages that a page that is opened later still gets. Chosen."""
 
 
 class ClientSink(Protocol):
@@ -224,8 +225,7 @@ class PageController(ABC):
         from flatcloth.export.garment import garment_points
 
         document = None if self._picture is None else self._picture.document
-        known = "" if document is None else self.garments.known(document)
-        return () if isinstance(known, str) else garment_points(known.found, known.canonical.view)
+        return () if document is None else garment_points(self.garments.known(document))
 
     # --- the page's own thread ---------------------------------------------------------------
 

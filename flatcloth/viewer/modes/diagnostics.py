@@ -31,6 +31,7 @@ LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
 """Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
+"""Pixels of a line that are sent. Chosen for speed."""
 _GONE = "This proposal is no longer shown; a newer state follows."
 
 

@@ -8,21 +8,26 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import finite
-from flatcloth.garments.deciding import decided, held_point, pulls_of
+from flatcloth.core.types import Rigid2, finite
+from flatcloth.engine.garment.recognition import piece_decision
+from flatcloth.engine.sheet import label_of, order_of
+from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import NONE, Recognition
+from flatcloth.garments.recognition import NONE, Recognition, is_sure
 from flatcloth.garments.registry import known_kinds
-from flatcloth.session.garment import GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
-    from flatcloth.core.types import FlattenedView
+    from flatcloth.core.types import FlattenedView, Float64
     from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+    from flatcloth.garments.placing import Placed
+    from flatcloth.methods.base import Canonical
     from flatcloth.session.machine import Document
 
 _log = logging.getLogger(__name__)
@@ -39,6 +44,7 @@ class GarmentStatus:
     working: bool = False
     text: str = NOT_YET
     known: KnownGarment | None = None
+    told: dict[str, Any] | None = None
 
 
 class GarmentController:
@@ -92,20 +98,23 @@ class GarmentController:
         if self._asked is not document:
             return  # the shape has changed since
         known: KnownGarment | None = None
+        told: dict[str, Any] | None = None
         text = ""
         try:
             known = self._service.of(document)
+            told = _told(known)
         except FlatclothError as error:
             text = str(error)
         except Exception:  # noqa: BLE001 - told and logged
             _log.exception("the garment could not be recognised")
             text = UNEXPECTED
-        self._put(lambda: self._take(document, known, text))
+        status = GarmentStatus(text=text, known=known, told=told)
+        self._put(lambda: self._take(document, status))
 
-    def _take(self, document: Document, known: KnownGarment | None, text: str) -> None:
+    def _take(self, document: Document, status: GarmentStatus) -> None:
         if self._asked is not document:
             return
-        self.status = GarmentStatus(revision=self.status.revision + 1, text=text, known=known)
+        self.status = replace(status, revision=self.status.revision + 1)
         self._told()
 
     # --- decisions ----------------------------------------------------------------------------------
@@ -142,6 +151,10 @@ class GarmentController:
                 return HoldPoint(held_point(name, np.array([u_m, v_m]), known.canonical.view))
             case messages.ReleasePoints(name=name):
                 return ReleasePoints(name)
+            case messages.DecidePiece(label=label, accepted=accepted):
+                return DecidePiece(
+                    piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
+                )
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
@@ -159,7 +172,8 @@ class GarmentController:
             found = decided(
                 known.by_evidence, known.evidence, view, known.found.kind, (*others, pull), with_pieces=False
             )
-            told = {"type": "garment_preview", "id": message.id, **_shown(found, view)}
+            found = with_placed_cloth(found, known.pieces, known.canonical.floating)
+            told = {"type": "garment_preview", "id": message.id, **_shown(found, known)}
             self._tell(client, told)
 
         self._worker.put(work)
@@ -178,13 +192,23 @@ class GarmentController:
             raise FlatclothError(
                 f"{name} is predicted only: no view saw cloth there, so it has no pose. Add views."
             )
-        u_m, v_m = known.canonical.view.uv_from_rc(np.array(point.pixel)).tolist()
+        motion = Rigid2() if point.piece is None else known.pieces.shape_from_piece[point.piece]
+        u_m, v_m = motion.apply(known.cloth_of(point).uv_from_rc(np.array(point.pixel))).tolist()
         return u_m, v_m
 
     def _known(self) -> KnownGarment:
         if self.status.known is None:
             raise FlatclothError(self.status.text or NOT_YET)
         return self.status.known
+
+    def _piece(self, known: KnownGarment, label: str) -> Placed:
+        if self.status.working:
+            raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
+        labels = _labels(known.canonical)
+        piece = next((each for each in known.found.pieces if labels[each.index] == label), None)
+        if piece is None:
+            raise FlatclothError(f"The garment has no place for a piece {label!r:.20}.")
+        return piece
 
     def _named(self, known: KnownGarment, name: str) -> Any:
         point = known.found.points.get(name)
@@ -197,33 +221,69 @@ class GarmentController:
     def plain(self) -> dict[str, Any]:
         """Return the garment for the page."""
         status = self.status
-        told: dict[str, Any] = {
+        return {
             "revision": status.revision,
             "working": status.working,
             "text": status.text,
             "kinds": [kind.name for kind in known_kinds()],
-            "found": None,
+            "found": status.told,
         }
-        if status.known is None:
-            return told
-        found, view = status.known.found, status.known.canonical.view
-        upright = found.upright_from_shape.theta_rad
-        told["found"] = {
-            "kind": None if found.kind == NONE else found.kind,
-            "likeliest": found.fit.kind.name,
-            "by_hand": found.by_hand is not None,
-            "probabilities": sorted(found.probabilities.items(), key=lambda each: -each[1]),
-            "dimensions": [
-                {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
-                for name, d in found.dimensions.items()
+
+
+def _told(known: KnownGarment) -> dict[str, Any]:
+    """Return what is known of a garment, for the page."""
+    found = known.found
+    return {
+        "kind": None if found.kind == NONE else found.kind,
+        "likeliest": found.fit.kind.name,
+        "by_hand": found.by_hand is not None,
+        "probabilities": sorted(found.probabilities.items(), key=lambda each: -each[1]),
+        "dimensions": [
+            {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
+            for name, d in found.dimensions.items()
+        ],
+        "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
+        "pieces": _pieces(known) if found.kind != NONE else [],
+        **_shown(found, known),
+    }
+
+
+def _labels(canonical: Canonical) -> dict[int, str]:
+    """Return the letters of the floating pieces, by their index."""
+    return {index: label_of(n + 1) for n, index in enumerate(order_of(canonical.floating))}
+
+
+def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
+    """Return the pieces that the garment has a place for: what was decided, and the outline of it there."""
+    labels, decided = _labels(known.canonical), known.pieces
+    return [
+        {
+            "label": labels[piece.index],
+            "probability": piece.probability,
+            "std_mm": 1e3 * piece.std_m,
+            "sure": is_sure(piece),
+            "state": "placed"
+            if piece.index in decided.shape_from_piece
+            else "refused"
+            if piece.index in decided.refused
+            else "proposed",
+            "outline_uv_m": [
+                np.round(piece.shape_from_piece.apply(loop), 4).tolist()
+                for loop in _loops(known.canonical.floating[piece.index])
             ],
-            "upright_rad": math.remainder(upright, 2 * math.pi),
-            **_shown(found, view),
         }
-        return told
+        for piece in known.found.pieces
+    ]
 
 
-def _shown(found: Recognition, view: FlattenedView) -> dict[str, Any]:
+def _loops(view: FlattenedView) -> list[Float64]:
+    """Return the borders (N, 2) of a piece on its plane, to be drawn."""
+    contours, _ = cv2.findContours(view.valid.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    kept = [cv2.approxPolyDP(each, 1.0, True)[:, 0, ::-1] for each in contours if cv2.contourArea(each) > 20]
+    return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
+
+
+def _shown(found: Recognition, known: KnownGarment) -> dict[str, Any]:
     """Return what is drawn: the outline and the named points."""
     return {
         "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
@@ -236,7 +296,7 @@ def _shown(found: Recognition, view: FlattenedView) -> dict[str, Any]:
                 "held": name in found.held,
                 "xyz_m": None
                 if point.pixel is None
-                else [finite(x) for x in view.xyz_m[point.pixel].tolist()],
+                else [finite(x) for x in known.cloth_of(point).xyz_m[point.pixel].tolist()],
             }
             for name, point in found.points.items()
         ],

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _STILL_MM = 0.05
+"""Smaller moves are told as none. Chosen: half of the last digit shown."""
 _STILL_DEG = 0.005
+"""See ``_STILL_MM``."""
 
 
 class RepairService:

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
 
 
 class Application(PageController):
@@ -178,7 +179,9 @@ class Application(PageController):
                 self._sides.where_next(
                     self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
                 )
-            case messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints():
+            case (
+                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
+            ):
                 self._garment.take(client, message, self._state.document, self._do)
             case messages.PickPoint(name=name):
                 self._pick_at(*self._garment.seen_point(name), name)
@@ -260,8 +263,7 @@ class Application(PageController):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
-            super()._pick_on_ray(origin_m, direction)
-            return
+            return super()._pick_on_ray(origin_m, direction)
         dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))

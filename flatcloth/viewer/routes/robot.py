@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flatcloth.viewer.protocol.picture import Picture
 
 _POLL_S = 0.1
+"""Interval between looks for a new selection. Chosen."""
 
 
 class RobotRoutes:
@@ -81,8 +82,7 @@ class RobotRoutes:
         }
         if isinstance(known, str):
             return {**told, "garment": None, "reason": known}
-        canonical = known.canonical
-        return {**told, "garment": garment_document(known.found, canonical.view, canonical.floating)}
+        return {**told, "garment": garment_document(known)}
 
     def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
         picture, _ = self._picture()

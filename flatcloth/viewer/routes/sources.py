@@ -25,11 +25,15 @@ if TYPE_CHECKING:
     from flatcloth.viewer.modes.controller import PageController
 
 THUMB_PX = 72
+"""Height of a thumbnail in the list of views. Chosen."""
 IMAGES_KEPT = 16
+"""Images that are kept, and their quality. Chosen."""
 _JPEG_QUALITY = 88
+"""See ``IMAGES_KEPT``."""
 _SHADE = 150
 """Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
+"""Color of the edge. Chosen."""
 
 
 class SourceRoutes:

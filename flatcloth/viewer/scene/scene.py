@@ -30,9 +30,13 @@ MAX_LIVE_POINTS = 25_000
 """Points of a played frame; browsers cannot receive more at this rate."""
 
 BALL_RADIUS_M = 0.006
+"""Sizes of the mark and of its normal. Chosen."""
 ARROW_LENGTH_M = 0.06
+"""See ``BALL_RADIUS_M``."""
 FRAME_MARGIN = 1.15
+"""Share of the window that the item fills, inverted. Chosen."""
 _PICK_COLOR = (225, 29, 116)
+"""Color of the mark. Chosen: no cloth and no color map has it."""
 
 
 class Scene:
