@@ -280,17 +280,17 @@ def _tangents(
     start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     fine = np.zeros(count, dtype=np.bool_)
     size = piece.pixel_size_m
-    reach = max(2, round(_PATCH_M / size))
+    half_px = max(2, round(_PATCH_M / size))
     rows, cols = piece.shape
     for k in range(count):
         r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
         box = np.s_[
-            max(r - reach, 0) : min(r + reach + 1, rows), max(c - reach, 0) : min(c + reach + 1, cols)
+            max(r - half_px, 0) : min(r + half_px + 1, rows), max(c - half_px, 0) : min(c + half_px + 1, cols)
         ]
         valid = piece.valid[box]
         if valid.sum() < 12:
             continue
-        rc = np.argwhere(valid) + np.array([max(r - reach, 0), max(c - reach, 0)])
+        rc = np.argwhere(valid) + np.array([max(r - half_px, 0), max(c - half_px, 0)])
         xyz = piece.xyz_m[box][valid].astype(np.float64)
         middle = np.median(xyz, axis=0)
         near = np.linalg.norm(xyz - middle, axis=1) < 2.5 * _PATCH_M

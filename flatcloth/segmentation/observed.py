@@ -276,15 +276,15 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
 
 @njit(cache=True, nogil=True)
 def _fill_alike(
-    rest: Int64, label: Int32, depth_m: Float32, reach: int, most_m: float, result: Int32
+    rest: Int64, label: Int32, depth_m: Float32, half_px: int, most_m: float, result: Int32
 ) -> None:
     """Give the pixels (K, 2) of ``rest`` the nearest label in a window that lies about as far away."""
     rows, cols = label.shape
     for n in range(len(rest)):
         r, c = rest[n, 0], rest[n, 1]
-        best, least = -1, 4 * reach * reach
-        for i in range(max(r - reach, 0), min(r + reach + 1, rows)):
-            for j in range(max(c - reach, 0), min(c + reach + 1, cols)):
+        best, least = -1, 4 * half_px * half_px
+        for i in range(max(r - half_px, 0), min(r + half_px + 1, rows)):
+            for j in range(max(c - half_px, 0), min(c + half_px + 1, cols)):
                 if label[i, j] >= 0 and abs(depth_m[i, j] - depth_m[r, c]) <= most_m:
                     away = (i - r) ** 2 + (j - c) ** 2
                     if away < least:

@@ -193,7 +193,7 @@ ACTIONS: tuple[Action, ...] = (
         "diagnostics",
         "Diagnostics",
         ("i",),
-        "Show the diagnostics of the proposal: curves, lines, strained edges.",
+        "Show the diagnostics of the proposal: pairs of cloth or curves, lines, strained edges.",
         "proposal",
     ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
