@@ -60,9 +60,8 @@ def test_cloth_is_painted_with_the_mouse_and_undone(open_tab) -> None:
     )
     revision = tab.state()["sides"]["revision"]
     shown = "[...document.querySelectorAll('#timeline .labelled img')].slice(0, 2)"
-    tab.until(
-        f"{shown}.every((i) => i.naturalWidth > 1) && document.querySelector('#timeline img[src$=\"revision={revision}\"]')"
-    )
+    present = f"document.querySelector('#timeline img[src$=\"revision={revision}\"]')"
+    tab.until(f"{shown}.every((i) => i.naturalWidth > 1) && {present}")
     assert tab.state()["undo"].startswith("stroke: this side on view")
     tab.page.keyboard.press("Escape")
     tab.until("flatcloth.sides.kind === null")

@@ -161,7 +161,7 @@ class SideController:
         sides = self._integration.sides
         assert sides is not None
         try:
-            found = sides.masks(strokes).segmentation
+            found = sides.solver().solve(strokes)  # the masks, which take longer, follow with the shape
         except FlatclothError as error:
             text = str(error)
             self._put(lambda: self._failed(text))
