@@ -1,6 +1,6 @@
-"""What a flattened piece says of the outline: where the cloth truly ends, and where there is cloth.
+"""Evidence of a flattened piece about the outline: true edges of the cloth, and places with cloth.
 
-The border of a piece is of two sorts. At a *true edge* some view saw the surface end while it still
+The border of a piece has two kinds of places. At a *true edge* some view saw the surface end while it still
 faced the camera: a step outwards along the surface meets far background, or cloth well behind, or
 cloth of the other side of the item that goes on from here (the mask of the side of interest ends).
 Elsewhere the cloth was *not seen further*: it is hidden by cloth in front, grazing, or outside the
@@ -23,7 +23,7 @@ from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 
 LEAST_AREA_M2 = 0.012
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth says nothing of a kind."""
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart."""
 _SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
@@ -59,7 +59,7 @@ class SeenFrom:
 
 @dataclass(frozen=True, kw_only=True)
 class PieceEvidence:
-    """What one piece says, in its own plane (u, v), metres.
+    """Evidence of one piece, in its own plane (u, v), metres.
 
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
     standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge;
@@ -114,7 +114,7 @@ class PieceEvidence:
 
 
 def evidence_of(piece: FlattenedView, seen_from: Sequence[SeenFrom]) -> PieceEvidence:
-    """Return what a piece says of the outline.
+    """Return the evidence of a piece about the outline.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray
 def _ends(
     piece: FlattenedView, border_rc: Float64, outward: Float64, seen_from: Sequence[SeenFrom]
 ) -> tuple[Float64, Bool, Bool]:
-    """Tell where the cloth ends beyond each place of the border.
+    """Return where the cloth ends beyond each place of the border.
 
     Returns
     -------
@@ -313,7 +313,7 @@ def _tangents(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Bool]:
-    """Tell for one view how well it sees each place of the border, and how it goes on from there.
+    """Return how well one view sees each place of the border, and whether the cloth continues there.
 
     Returns
     -------
