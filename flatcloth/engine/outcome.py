@@ -14,15 +14,15 @@ import numpy as np
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
+from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
-from flatcloth.engine.sheet import SheetPiece, lay_out
+from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe
 from flatcloth.session.document import Accepted, Document
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
-_FIRM_M = 0.010
 
 
 def outcome_of(
@@ -61,7 +61,7 @@ def outcome_of(
         "ended": document.finished or "",
         "area_cm2": round(1e4 * canonical.view.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
-        "floating": [_floating(piece) for piece in lay_out(canonical).pieces],
+        "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
         **_cameras(integration, document),
         **_segmentation(integration),
@@ -124,7 +124,7 @@ def uncertainty(view: FlattenedView) -> dict[str, float]:
     std = view.placement_std_m[view.valid]
     return {
         "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
-        "firm_share": round(float((std <= _FIRM_M).mean()), 4),
+        "firm_share": round(float((std <= FIRM_M).mean()), 4),
     }
 
 

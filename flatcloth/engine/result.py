@@ -27,6 +27,9 @@ LEAST_M2 = 2e-4
 _LAST_VIEWS = 6
 """Of so many views what was expected is compared with what came; earlier ones say little of another view."""
 
+_APART_DEG = 30.0
+"""Views nearer than this show much the same cloth, as the planner assumes (next_best_view)."""
+
 STEEP = "seen too steeply, or in parts too small to be flattened"
 FOLDED = "folded in its flattened view"
 LOOSE = "its place is not determined well enough"
@@ -45,7 +48,8 @@ class LeftOut:
 class More:
     """What other views would add.
 
-    ``expected`` are the planner's best candidates with their expected area (m2). ``share`` is the part of
+    ``expected`` are the planner's best candidates with their expected area (m2), far enough apart that they
+    show other cloth. ``share`` is the part of
     what was expected that this session's views really added, None if unknown; ``reason`` the planner's words.
     """
 
@@ -150,7 +154,16 @@ def left_out(
             found.append(LeftOut(view_index=view_index, area_m2=area, reason=reason))
             known.append(xyz[beyond])
             tree = cKDTree(np.concatenate(known))
-    return sorted(found, key=lambda left: -left.area_m2)
+    return _merged(found)
+
+
+def _merged(found: list[LeftOut]) -> list[LeftOut]:
+    """Return the largest first, each view and reason once."""
+    areas: dict[tuple[int, str], float] = {}
+    for left in found:
+        areas[left.view_index, left.reason] = areas.get((left.view_index, left.reason), 0.0) + left.area_m2
+    merged = [LeftOut(view_index=v, area_m2=area, reason=why) for (v, why), area in areas.items()]
+    return sorted(merged, key=lambda left: -left.area_m2)
 
 
 def _decided(document: Document) -> list[tuple[int, str]]:
@@ -182,9 +195,14 @@ def _parts(integration: Integration, view_index: int, why: str) -> Iterator[tupl
 
 def _more(areas: Areas, document: Document) -> More:
     plan = areas.integration.plan(replace(document, pending=None, finished=None))
-    expected = tuple((c.view_index, c.new_m2) for c in plan.candidates)
+    angles_deg = areas.integration.recording.angles_deg
+    expected: list[tuple[int, float]] = []
+    for c in sorted(plan.candidates, key=lambda candidate: -candidate.new_m2):
+        turns = [(angles_deg[c.view_index] - angles_deg[v] + 180.0) % 360.0 - 180.0 for v, _ in expected]
+        if all(abs(turn) >= _APART_DEG for turn in turns):
+            expected.append((c.view_index, c.new_m2))
     reason = "Another view is planned." if plan.view_index is not None else plan.reason
-    return More(reason=reason, expected=expected, share=_share(areas, document))
+    return More(reason=reason, expected=tuple(expected), share=_share(areas, document))
 
 
 def _share(areas: Areas, document: Document) -> float | None:

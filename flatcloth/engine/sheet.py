@@ -18,12 +18,14 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Floats, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2
 from flatcloth.flattening.resampling import place
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.base import Canonical
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
+    from flatcloth.session.document import Document
 
 GAP_M = 0.04
 """Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth."""
@@ -210,6 +212,53 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
         )
     joined, piece = _joined(main, [p.view for p in pieces])
     return Sheet(canonical=canonical, view=joined, piece=piece, pieces=tuple(pieces))
+
+
+def sheet_of(canonical: Canonical, document: Document) -> Sheet:
+    """Lay a canonical view out, with the pieces that its document places by the garment."""
+    placed = decided_pieces(document.garment, canonical.view, canonical.floating)
+    return lay_out(canonical, placed.shape_from_piece)
+
+
+class Overlays(Protocol):
+    """What lays the components of views on a plane."""
+
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one component of a flattened view."""
+        ...
+
+    def overlay(self, document: Document) -> FlattenedView:
+        """Return the pending view on the plane, at its placement."""
+        ...
+
+
+def overlay_on(views: Overlays, document: Document, sheet: Sheet) -> FlattenedView:
+    """Return the pending view of a document on the sheet."""
+    pending = document.pending
+    assert pending is not None
+    center = np.array(center_uv_m(views.part(pending.view_index, pending.component)))
+    shown = sheet.shown(pending.current_from_new, center)
+    if shown == pending.current_from_new:
+        return views.overlay(document)
+    return views.overlay(replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2())))
+
+
+def beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:
+    """Return (H, W) where a view has cloth and the shape has none."""
+    rc = np.rint(shape.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
+    inside = ((rc >= 0) & (rc < shape.shape)).all(axis=1)
+    known = np.zeros(len(rc), dtype=bool)
+    known[inside] = shape.valid[rc[inside, 0], rc[inside, 1]]
+    fresh: Bool = overlay.valid.copy()
+    fresh[overlay.valid] = ~known
+    return fresh
+
+
+def center_uv_m(view: FlattenedView) -> tuple[float, float]:
+    """Return the centre of a view's grid on its plane."""
+    rows, cols = view.shape
+    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+    return float(u_m), float(v_m)
 
 
 @dataclass(frozen=True, kw_only=True)

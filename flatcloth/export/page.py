@@ -19,19 +19,22 @@ from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.export.bundle import bundle
-from flatcloth.export.figures import told_verdict, words_of
+from flatcloth.export.figures import verdict_text, words_of
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
+from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, png_of
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-page/1"
 MOST_AROUND = 6000
 """Points per step of the camera's surroundings; more would only enlarge the page."""
 AROUND_SPACING_M = 0.007
+"""Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
 
 @dataclass
@@ -135,6 +138,16 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
             "origin_uv_m": origin.tolist(),
             "corner_rc": [window[0].start, window[1].start],
         },
+        "pieces": [
+            {
+                "label": piece.label,
+                "area_cm2": 1e4 * piece.view.area_m2,
+                "reason": piece.reason,
+                "color": "#" + bytes(piece_color(n).tolist()).hex(),
+                "grid": grid_of(piece.view),
+            }
+            for n, piece in enumerate(growth.sheet.pieces, start=1)
+        ],
         "bounds": {"low": low.tolist(), "step": step_m},
         "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
@@ -199,8 +212,9 @@ def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:
             "view_index": step.view_index,
             "angle_deg": step.angle_deg,
             "area_cm2": 1e4 * step.area_m2,
+            "floating_cm2": 1e4 * step.floating_m2,
             "added_cm2": 1e4 * step.added_m2,
-            "told": "the start view" if step.decision is None else told_verdict(step.decision),
+            "told": "the start view" if step.decision is None else verdict_text(step.decision),
             "camera_m": held_from_camera(axis, step.angle_deg).translation_m.tolist(),
         }
         for step in growth.steps
@@ -215,7 +229,7 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
             "view_index": decision.view_index,
             "angle_deg": angles_deg[decision.view_index],
             "verdict": decision.verdict,
-            "told": told_verdict(decision),
+            "told": verdict_text(decision),
             "stands": decision.stands,
             "step": steps.get(decision.number),
         }

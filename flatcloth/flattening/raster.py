@@ -50,10 +50,10 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     except QhullError:  # all points on one line
         return none, 0
     rc = samples.points_rc
-    reach = (2.0 * samples.sampling_interval_px) ** 2
+    longest2_px = (2.0 * samples.sampling_interval_px) ** 2
     for i, j in ((0, 1), (1, 2), (2, 0)):
         side = found[:, [i, j]]
-        short = np.square(rc[side[:, 0]] - rc[side[:, 1]]).sum(axis=1) <= reach
+        short = np.square(rc[side[:, 0]] - rc[side[:, 1]]).sum(axis=1) <= longest2_px
         found, side = found[short], side[short]
         found = found[path_on_surface(surface.usable, surface.steps, rc, side)]
     turned = _orientation(rc[:, ::-1].astype(np.float64), found) * _orientation(uv_m, found) <= 0

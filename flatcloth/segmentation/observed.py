@@ -33,6 +33,7 @@ from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _THREADS = 2
+"""Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
 """Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
 
@@ -272,9 +273,9 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
 
 
 def _nearest_alike(label: Int32, depth_m: Float32, r: int, c: int, settings: SegmentationConfig) -> int:
-    reach = settings.fill_px // 2
-    top, left = max(r - reach, 0), max(c - reach, 0)
-    window = np.s_[top : r + reach + 1, left : c + reach + 1]
+    half_px = settings.fill_px // 2
+    top, left = max(r - half_px, 0), max(c - half_px, 0)
+    window = np.s_[top : r + half_px + 1, left : c + half_px + 1]
     ok = (label[window] >= 0) & (np.abs(depth_m[window] - depth_m[r, c]) <= settings.fill_m)
     if not ok.any():
         return -1

@@ -23,6 +23,8 @@ from flatcloth.segmentation.settings import SegmentationConfig
 Int8 = NDArray[np.int8]
 
 _NOISES = 4096
+"""Different factors in one disturbance of the evidence. Chosen: evidence that shares one does so by
+chance."""
 
 
 @dataclass(frozen=True, kw_only=True)

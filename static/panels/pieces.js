@@ -1,10 +1,9 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
 import { strokeLine } from "/static/canvas/marks.js";
+import { drawPieces } from "/static/canvas/pieces.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
-
-const FONT = "600 13px system-ui, sans-serif";
 
 const share = (probability) => (probability > 0.995 ? "> 99 %" : `${number(100 * probability, 0)} %`);
 
@@ -133,30 +132,11 @@ export class PiecesPanel {
     return { pieces: this.pieces, chosen: this.chosen };
   }
 
-  /** Each piece has a rectangle in its colour and its letter with the area. */
+  /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
   draw(context, style) {
-    for (const piece of this.pieces) {
-      this.drawPlace(context, piece);
-      if (piece.placed) continue;
-      const { origin_uv_m: origin, pixel_size_m: d, rows, cols } = piece.grid;
-      const [left, top] = origin;
-      const [right, bottom] = [left + d * cols, top + d * rows];
-      const corners = [
-        [left, top],
-        [right, top],
-        [right, bottom],
-        [left, bottom],
-      ].map(([u, v]) => this.canvas.transform.toPane(u, v));
-      context.beginPath();
-      corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.closePath();
-      context.strokeStyle = piece.color;
-      context.lineWidth = piece.label === this.chosen ? 3 : 1.5;
-      context.setLineDash(piece.label === this.chosen ? [] : [5, 4]);
-      context.stroke();
-      context.setLineDash([]);
-      this.drawLabel(context, style, corners, piece);
-    }
+    for (const piece of this.pieces) this.drawPlace(context, piece);
+    const beside = this.pieces.filter((piece) => !piece.placed);
+    drawPieces(this.canvas, context, style, beside, this.chosen);
   }
 
   /** The outline of a piece where the garment has a place for it. */
@@ -168,20 +148,5 @@ export class PiecesPanel {
       const line = [...loop, loop[0]].map(([u, v]) => this.canvas.transform.toPane(u, v));
       strokeLine(context, line, piece.color, chosen ? 3 : 1.5, piece.placed ? [] : [5, 4]);
     }
-  }
-
-  drawLabel(context, style, corners, piece) {
-    const x = Math.min(...corners.map((c) => c.x));
-    const y = Math.min(...corners.map((c) => c.y));
-    const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
-    context.font = FONT;
-    context.textBaseline = "middle";
-    const width = context.measureText(text).width + 20;
-    context.fillStyle = style.getPropertyValue("--panel");
-    context.fillRect(x, y - 21, width, 19);
-    context.fillStyle = piece.color;
-    context.fillRect(x, y - 21, 6, 19);
-    context.fillStyle = style.getPropertyValue("--text");
-    context.fillText(text, x + 12, y - 11);
   }
 }

@@ -154,7 +154,7 @@ export class ResultPanel {
     const { expected, share, reason } = found.more;
     const open = expected.filter(({ view_index }) => state.views[view_index].why_not === null);
     const likely = (cm2) => `${number(share === null ? cm2 : share * cm2, 0)} cm²`;
-    const best = [...open].sort((a, b) => b.area_cm2 - a.area_cm2).slice(0, 3);
+    const best = open.slice(0, 3);
     const total = best.reduce((sum, one) => sum + one.area_cm2, 0);
     const told =
       share === null
@@ -173,7 +173,7 @@ export class ResultPanel {
         "ul",
         {},
         ...best.map(({ view_index, area_cm2 }) =>
-          this.link(view_index, `more-${view_index}`, `about ${likely(area_cm2)}`, "Propose this view.", () =>
+          this.link(view_index, `more-${view_index}`, `about ${likely(area_cm2)}`, "", () =>
             this.verdicts.propose(this.page.state.views[view_index]),
           ),
         ),

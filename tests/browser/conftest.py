@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from forked_program import forked
 from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 ROOT = Path(__file__).parents[2]
@@ -63,21 +63,16 @@ def interruptible() -> None:
 
 
 class Program:
-    """The program, serving a recording on a free port until it is stopped by Ctrl-C."""
+    """The program, serving a recording on a free port until it is stopped by Ctrl-C.
 
-    def __init__(self, arguments: str, session: Path, port: int = 0) -> None:
+    Without a session it has that of the recording, or the start screen.
+    """
+
+    def __init__(self, arguments: str, session: Path | None, port: int = 0) -> None:
         self._arguments, self._session = arguments, session
-        self._process = subprocess.Popen(
-            [
-                *(sys.executable, "app.py", "view", *arguments.split()),
-                *("--port", str(port), "--session", str(session)),
-            ],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        assert self._process.stdout is not None
+        own = [] if session is None else ["--session", str(session)]
+        options = ["view", *arguments.split(), "--port", str(port), *own]
+        self._process, self._printed = forked(options, str(ROOT))
         self.said: list[str] = []
         self._urls: list[str] = []
         self._answered = threading.Event()
@@ -90,12 +85,12 @@ class Program:
         self.url = self._urls[0]
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.said.append(line)
-            if found := re.search(r"http://\S+", line):
-                self._urls.append(found.group())
-                self._answered.set()
+        with open(self._printed) as printed:
+            for line in printed:
+                self.said.append(line)
+                if found := re.search(r"http://\S+", line):
+                    self._urls.append(found.group())
+                    self._answered.set()
         self._answered.set()
 
     def again(self) -> Program:
@@ -109,21 +104,20 @@ class Program:
 
     def stop(self) -> int:
         """End it as an operator does, and return its exit status."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-        status = self._process.wait(timeout=30)
+        if self._process.is_alive():
+            os.kill(self._process.pid, signal.SIGINT)
+        self._process.join(timeout=30)
+        assert self._process.exitcode is not None, "the program did not end in 30 s"
         self._reader.join(timeout=10)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        return status
+        return self._process.exitcode
 
 
 @pytest.fixture
-def program_of() -> Iterator[Callable[[str, Path], Program]]:
+def program_of() -> Iterator[Callable[[str, Path | None], Program]]:
     """Start programs, each with its arguments and its session; they end with the test."""
     running: list[Program] = []
 
-    def start(arguments: str, session: Path) -> Program:
+    def start(arguments: str, session: Path | None) -> Program:
         running.append(Program(arguments, session))
         return running[-1]
 

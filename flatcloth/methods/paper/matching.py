@@ -52,6 +52,8 @@ _TELLING_TEXTURE = 0.25
 """Texture whose random disagreement is smaller than this has proportionally less weight."""
 
 _CHANCE_PAIRS = 5000
+"""Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
+the spread."""
 
 
 class Matcher:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, label_of
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table
@@ -271,16 +272,6 @@ def _motion(motion: Rigid2) -> dict[str, float]:
     return {"theta_deg": math.degrees(motion.theta_rad), "u_mm": 1000 * motion.u_m, "v_mm": 1000 * motion.v_m}
 
 
-def grid(view: FlattenedView) -> dict[str, Any]:
-    """Return the size of a view's grid and its position on the plane."""
-    return {
-        "rows": view.shape[0],
-        "cols": view.shape[1],
-        "pixel_size_m": view.pixel_size_m,
-        "origin_uv_m": list(view.origin_uv_m),
-    }
-
-
 def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
@@ -289,7 +280,7 @@ def _layers(picture: Picture) -> dict[str, Any]:
         "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
-        **grid(picture.view),
+        **grid_of(picture.view),
     }
 
 
@@ -304,7 +295,7 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
             "views": list(piece.views),
             "color": "#" + bytes(piece_color(n).tolist()).hex(),
             "placed": piece.placed is not None,
-            "grid": grid(piece.view),
+            "grid": grid_of(piece.view),
         }
         for n, piece in enumerate(sheet.pieces, start=1)
     ]
@@ -326,7 +317,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
         "center_uv_m": list(center_uv_m(pending, overlay)),
         "differences": {kind: difference_legend(kind) for kind in DIFFERENCES},
         "placement": {"theta_rad": at.theta_rad, "u_m": at.u_m, "v_m": at.v_m},
-        **grid(overlay.view),
+        **grid_of(overlay.view),
     }
 
 
