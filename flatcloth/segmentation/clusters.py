@@ -106,7 +106,7 @@ class _Limits(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _bucket(x: int, y: int, z: int) -> int:
-    return int(((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) % _BUCKETS)
+    return int(((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (_BUCKETS - 1))
 
 
 @njit(cache=True, nogil=True)

@@ -176,7 +176,7 @@ class SideSolver:
             known=known,
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
-            local=(*state.local, len(state.strokes)) if 0 < turned < _LOCAL * len(side) else state.local,
+            local=(*state.local, len(state.strokes)) if turned < _LOCAL * len(side) else state.local,
             conflicts=(*state.conflicts, *conflicts),
         )
 
