@@ -18,7 +18,14 @@ from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.placing import place_piece
-from flatcloth.garments.recognition import Recognition, dimensions_of, held_fit, pixel_near, points_of
+from flatcloth.garments.recognition import (
+    SEEN_STD_M,
+    Recognition,
+    dimensions_of,
+    held_fit,
+    pixel_near,
+    points_of,
+)
 from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
@@ -99,7 +106,7 @@ def with_placed_cloth(
     for name, point in found.points.items():
         for index, motion in pieces.shape_from_piece.items():
             pixel = pixel_near(motion.inverse().apply(point.uv_m), floating[index])
-            if points[name].pixel is None and pixel is not None:
+            if points[name].pixel is None and pixel is not None and point.std_m <= SEEN_STD_M:
                 points[name] = replace(point, pixel=pixel, piece=index)
     return replace(found, points=points)
 

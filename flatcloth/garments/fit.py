@@ -53,7 +53,8 @@ class Fit:
 
     ``parameters`` (P,); ``garment_from_piece`` one motion a piece, the main one first; ``energy`` E;
     ``log_evidence`` of this optimum (Laplace); ``covariance`` (P + 3 n,) squared, parameters first, then
-    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1.
+    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1. ``others`` are
+    further optima of the same kind, with their evidence below that of this one.
     """
 
     kind: Kind
@@ -63,6 +64,7 @@ class Fit:
     log_evidence: float
     covariance: Float64
     edge_cost: float
+    others: tuple[tuple[float, Fit], ...] = ()
 
     @property
     def outline(self) -> Float64:

@@ -49,6 +49,12 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     return views
 
 
+def evidence_of_shape(canonical: Canonical, views: list[SeenFrom]) -> tuple[PieceEvidence, ...]:
+    """Return what the canonical view and each of its floating pieces say of the outline."""
+    pieces = (canonical.view, *canonical.floating)
+    return tuple(evidence_of(own, views, [each for each in pieces if each is not own]) for own in pieces)
+
+
 @dataclass(frozen=True, kw_only=True)
 class KnownGarment:
     """What is known of the garment of a document's shape.
@@ -108,7 +114,7 @@ class GarmentService:
             raise GarmentError(
                 "The shape was made of one view; a garment is not recognised by one. Add views."
             )
-        evidence = tuple(evidence_of(piece, views) for piece in (canonical.view, *canonical.floating))
+        evidence = evidence_of_shape(canonical, views)
         return canonical, evidence, recognise(canonical.view, evidence)
 
     def _decided(
