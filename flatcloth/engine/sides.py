@@ -27,7 +27,7 @@ class Sides:
     Parameters
     ----------
     observe : callable
-        Looks at all views once (seconds) and returns a solver; is told a progress.
+        Looks at all views once (seconds) and returns a solver; is given a progress.
     n_views : int
         Number of views of the recording.
     """
@@ -66,7 +66,7 @@ class Sides:
 
 
 class Masks:
-    """A segmentation of a recording, with a key for each view that tells whether its mask is another."""
+    """A segmentation of a recording, with a key for each view that changes with its mask."""
 
     def __init__(self, segmentation: Segmentation, n_views: int) -> None:
         self.segmentation = segmentation

@@ -1,4 +1,4 @@
-"""What a segmentation says: a side and a certainty for every surface pixel, and what was cut off."""
+"""The result of a segmentation: a side and a certainty for every surface pixel, and what was cut off."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Segmentation:
 
     @property
     def mean_certainty(self) -> float:
-        """Mean certainty of the cloth that is said to be of interest, by area: so much of it is right."""
+        """Mean certainty of the cloth labelled as of interest, by area: the expected share that is right."""
         chosen = self.side == OF_INTEREST
         area = self.observed.clusters.area_m2[chosen]
         return float((self.certainty[chosen] * area).sum() / max(float(area.sum()), 1e-12))

@@ -1,4 +1,4 @@
-"""The page's side of segmentation: strokes and cuts become decisions; what they change is told and drawn."""
+"""The page's side of segmentation: strokes and cuts become decisions; their effect is reported and drawn."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
 LEAST_STEP_RC = 0.5
-"""Points of a stroke nearer to each other than half a pixel tell nothing more."""
+"""Points of a stroke that are closer than half a pixel are redundant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SideStatus:
-    """What the page tells about the sides; ``revision`` grows with every change of the labels."""
+    """The status of the sides for the page; ``revision`` grows with every change of the labels."""
 
     revision: int = 0
     n_strokes: int = 0
@@ -191,7 +191,7 @@ class SideController:
         self._told("")
 
     def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[dict[str, Any]], None]) -> None:
-        """Look for the place where the next stroke tells most; ``answer`` is called on another thread."""
+        """Find where the next stroke would determine most; ``answer`` is called on another thread."""
         sides = self._integration.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
