@@ -13,7 +13,7 @@ ON_ALL_CORES = ("size", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy")
 """Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "page", "reliability", "axis", "registration", "segmentation"),
+    *("flattening", "page", "reliability", "axis", "registration", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

@@ -14,7 +14,9 @@ from flatcloth.core.resources import sample_recordings
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
 
 MOST_SESSIONS = 12
+"""Sessions that are listed. Chosen: what a page shows without scrolling."""
 MOST_ENTRIES = 500
+"""Entries of a folder that are looked at. Chosen: it bounds the time of a listing."""
 FILES = (".bag", ".db3", ".mcap")
 """Recordings that are one file."""
 

@@ -24,8 +24,11 @@ from flatcloth.core.resources import static_folder
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
+"""Limit of a request's body. Chosen: far above what the page sends."""
 PICTURE_PX = 240
+"""Size of the pictures of recordings. Chosen."""
 PICTURES_KEPT = 64
+"""Pictures that are kept. Chosen for memory."""
 _NEW = {"Cache-Control": "no-store"}
 
 
