@@ -13,7 +13,7 @@ ON_ALL_CORES = ("size", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence")
 """Run by name only: the first takes an hour, the second learns weights that ``reliability`` measures."""
 ON_ONE_CORE = (
-    *("flattening", "page", "reliability", "axis", "registration", "segmentation"),
+    *("flattening", "page", "reliability", "axis", "registration", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

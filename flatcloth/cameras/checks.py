@@ -27,14 +27,14 @@ _LEAST_MEASURED = 0.002
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sight:
+class FrameCheck:
     """The item in a frame: its pixels (H, W), none if nothing was measured, and warnings."""
 
     item: Bool
     warnings: tuple[str, ...]
 
 
-def look_at(frame: RgbdFrame) -> Sight:
+def check_frame(frame: RgbdFrame) -> FrameCheck:
     """Find the item and check how well the camera sees it.
 
     Notes
@@ -47,11 +47,11 @@ def look_at(frame: RgbdFrame) -> Sight:
     nothing = np.zeros(depth.shape, dtype=np.bool_)
     if np.count_nonzero(depth) < _LEAST_MEASURED * depth.size:
         text = "No depth is measured: the lens may be covered, or everything is nearer than 0.3 m."
-        return Sight(item=nothing, warnings=(text,))
+        return FrameCheck(item=nothing, warnings=(text,))
     try:
         item = foreground_mask(frame, None, SurfaceConfig())
     except SurfaceError as error:
-        return Sight(item=nothing, warnings=(str(error),))
+        return FrameCheck(item=nothing, warnings=(str(error),))
     distances = depth[item]
     nearest, middle = (float(x) for x in np.percentile(distances, [_NEAREST_SHARE, 50]))
     warnings = []
@@ -69,4 +69,4 @@ def look_at(frame: RgbdFrame) -> Sight:
         warnings.append(
             f"The garment is cut by the {' and '.join(sides)} {border} of the image: move the camera back."
         )
-    return Sight(item=item, warnings=tuple(warnings))
+    return FrameCheck(item=item, warnings=tuple(warnings))

@@ -123,7 +123,7 @@ class Registered:
         return moved_axis(self.axis, self.common)
 
     @property
-    def looseness(self) -> tuple[float, float, float]:
+    def error_stds(self) -> tuple[float, float, float]:
         """Estimated errors of the recording: standard deviations of turn (deg), axis (m) and swing (deg)."""
         turn, axis, swing = np.sqrt(self.posterior @ np.square(grades(self.prior)))
         return math.degrees(turn), float(axis), math.degrees(swing)
@@ -131,7 +131,7 @@ class Registered:
     @property
     def is_loose(self) -> bool:
         """Whether the views show that the recorded poses are wrong."""
-        turn_deg, axis_m, swing_deg = self.looseness
+        turn_deg, axis_m, swing_deg = self.error_stds
         return turn_deg > _LOOSE_TURN_DEG or axis_m > _LOOSE_AXIS_M or swing_deg > _LOOSE_SWING_DEG
 
     @property

@@ -1,4 +1,4 @@
-"""What clusters of the surface tell about each other: the same side, or opposite sides.
+"""Evidence between clusters of the surface: the same side, or opposite sides.
 
 Neighbours in a view lie on the same side, the less surely the sharper the cloth turns away between
 them, as at a side seam. The two layers of a plate, back to back, lie on opposite sides: of such
@@ -104,7 +104,7 @@ def _attraction(
     b = np.concatenate([view.second for view in links]).astype(np.int64)
     facing = np.concatenate([view.facing for view in links]).astype(np.float64)
     key, where = np.unique(np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True)
-    # A neighbourhood seen often is not surer than one seen well once; seen steeply it tells little.
+    # Evidence does not grow with the number of views; at a steep incidence it is weak.
     seen = np.bincount(where, facing**4, len(key))
     first, second = key // clusters.count, key % clusters.count
     chord = clusters.place_m[second] - clusters.place_m[first]

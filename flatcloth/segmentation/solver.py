@@ -101,7 +101,7 @@ class SideSolver:
         return self._results.get(key, lambda: self._result(key))
 
     def where_next(self, decisions: Sequence[Decision]) -> Suggestion | None:
-        """Return where a stroke would settle most; None if nothing much is unsure."""
+        """Return where a stroke would determine most; None if little is uncertain."""
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
@@ -176,7 +176,7 @@ class SideSolver:
             known=known,
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
-            local=(*state.local, len(state.strokes)) if 0 < turned < _LOCAL * len(side) else state.local,
+            local=(*state.local, len(state.strokes)) if turned < _LOCAL * len(side) else state.local,
             conflicts=(*state.conflicts, *conflicts),
         )
 

@@ -147,8 +147,8 @@ class Spreading:
     def inner_face(self, side: Float64, keep: Int64, turn: Int64, number: int) -> tuple[Int64, float]:
         """Return the clusters of the inner face that a stroke lies on, and what its border costs.
 
-        An inner face, seen through an opening, has the other panel's outer face at its back, as the
-        side of interest has: what repels tells nothing of where it ends. The cost is infinite if it is
+        An inner face, seen through an opening, has the other panel's outer face at its back, as the side of
+        interest has: negative evidence does not show where it ends. The cost is infinite if it is
         larger than inner faces are.
         """
         attracts = np.maximum(self._graph.weight, 0.0)
@@ -158,7 +158,7 @@ class Spreading:
     def partitioned_anew(
         self, side: Float64, keep: Int64, turn: Int64, number: int, weight: Float64
     ) -> tuple[Int64, float]:
-        """Return what a partition that knows the strokes turns over, next to the stroke, and its cost.
+        """Return the region next to the stroke that a partition with the strokes turns over, and its cost.
 
         For a stroke around which no region has a cheap border.
         """

@@ -70,8 +70,8 @@ def _images(path: Path, read: Any, count: int) -> dict[str, Any]:
 
 def _welded(vertices: Float64, triangles: Int32) -> tuple[Float64, Int32, Int32]:
     """Merge vertices that a file duplicates along texture seams; also return which ones were kept."""
-    reach = float(np.ptp(vertices, axis=0).max())
-    grain = 1e-6 * max(reach, 1e-12) if np.isfinite(reach) else 1.0
+    extent = float(np.ptp(vertices, axis=0).max())
+    grain = 1e-6 * max(extent, 1e-12) if np.isfinite(extent) else 1.0
     _, first, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)
     return vertices[first], place.reshape(-1)[triangles].astype(np.int32), first.astype(np.int32)
 

@@ -12,7 +12,7 @@ from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
-from flatcloth.synthesis.hanging import Hung, Looseness, hang, share_in_image, turn
+from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Rendered, Scene
@@ -55,7 +55,7 @@ class Request:
     distance_m: float = 0.85
     step_deg: float = 10.0
     noise: str = "none"
-    loose: Looseness = field(default_factory=Looseness)
+    loose: PoseErrors = field(default_factory=PoseErrors)
     seed: int = 0
 
 
@@ -254,7 +254,7 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
 
 def _description(request: Request) -> str:
     noise = "no sensor noise" if request.noise == "none" else "D435-like sensor noise"
-    loose = ", angles and axis recorded with errors" if request.loose != Looseness() else ""
+    loose = ", angles and axis recorded with errors" if request.loose != PoseErrors() else ""
     return f"synthetic, from the mesh {request.mesh.name}, {noise}{loose}"
 
 

@@ -115,11 +115,11 @@ def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
             radius = 0.006 + 0.006 * chance[2]
             offset = uv_m - center
             angle = np.arctan2(offset[:, 1], offset[:, 0]) + 6.28 * chance[3]
-            reach = np.linalg.norm(offset, axis=1) / radius
-            petal = reach < 0.72 + 0.28 * np.cos(5 * angle)
+            distance = np.linalg.norm(offset, axis=1) / radius
+            petal = distance < 0.72 + 0.28 * np.cos(5 * angle)
             dye = _DYES[(chance[4] * len(_DYES)).astype(int)]
             rgb = np.where(petal[:, None], dye, rgb)
-            rgb = np.where((reach < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
+            rgb = np.where((distance < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
     return rgb
 
 

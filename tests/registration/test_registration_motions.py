@@ -154,7 +154,7 @@ def test_a_wrong_axis_wrong_angles_and_swing_are_found(
     assert slips_m(found, loose, known=True).max() > 0.004
     assert slips_m(found, loose).max() < 0.0016
     assert slips_m(found, loose).max() < 0.3 * slips_m(found, loose, known=True).max()
-    turn_deg, axis_m, swing_deg = found.looseness
+    turn_deg, axis_m, swing_deg = found.error_stds
     assert turn_deg > 0.5
     assert axis_m > 0.001
     assert (swing_deg > 0.1) == (loose is SWINGING)
@@ -179,7 +179,7 @@ def test_the_errors_are_as_large_as_is_said() -> None:
 def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
     found = registered(features_of_views(spoiled=spoiled))
     assert slips_m(found).max() < 0.0004
-    turn_deg, axis_m, swing_deg = found.looseness
+    turn_deg, axis_m, swing_deg = found.error_stds
     assert turn_deg < 0.15
     assert axis_m < 0.001
     assert swing_deg < 0.05

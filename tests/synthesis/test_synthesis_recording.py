@@ -22,7 +22,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.synthesis.hanging import Looseness, hang, turn
+from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 
@@ -220,7 +220,7 @@ def test_the_meshs_own_colors_are_taken_if_it_has_any(tmp_path: Path) -> None:
     assert column[shown[-4], 2] > 2 * column[shown[-4], 0]
 
 
-# --- noise and looseness ---------------------------------------------------------------------
+# --- noise and pose errors --------------------------------------------------------------------
 
 
 def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_pa
 
 def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path) -> None:
     exact = made(tmp_path, out=tmp_path / "exact")
-    loose = made(tmp_path, out=tmp_path / "loose", loose=Looseness(angle_deg=1.5, axis_m=0.006))
+    loose = made(tmp_path, out=tmp_path / "loose", loose=PoseErrors(angle_deg=1.5, axis_m=0.006))
     error = np.subtract(loose.angles_deg, exact.angles_deg)
     assert error[0] == 0
     assert 0.3 < np.std(error[1:]) < 4
@@ -254,7 +254,7 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
     hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
     angles = tuple(float(a) for a in range(360))
     still, swinging = (
-        turn(hung, angles, Looseness(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
+        turn(hung, angles, PoseErrors(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
     )
     lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
     moved = np.array(
@@ -273,7 +273,7 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
 def test_recorded_angles_never_fall_on_each_other() -> None:
     vertices, _, _ = arc()
     hung = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
-    turning = turn(hung, tuple(map(float, range(360))), Looseness(angle_deg=5.0), np.random.default_rng(0))
+    turning = turn(hung, tuple(map(float, range(360))), PoseErrors(angle_deg=5.0), np.random.default_rng(0))
     recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
     assert np.diff(recorded, append=recorded[0] + 360).min() > 0.009
 
@@ -297,7 +297,7 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
         ({"distance_m": 0.1}, "--distance 0.1: choose"),
         ({"distance_m": float("nan")}, "--distance nan: choose"),
         ({"step_deg": 0.0}, "--step 0: choose"),
-        ({"loose": Looseness(swing_m=1.0)}, "--swing 1000: choose"),
+        ({"loose": PoseErrors(swing_m=1.0)}, "--swing 1000: choose"),
         ({"seed": -1}, "--seed -1: choose"),
     ],
 )

@@ -70,7 +70,7 @@ class PaperMethod(Method):
                 config.z_angle_limit_deg,
                 canonical.current_from_view[front].inverse(),
             )
-            edge = self._occluding_edge_m(front, document.parts.get(front, 0), side)
+            edge = self._occluding_edge_m(front, document.placed_components.get(front, 0), side)
             sides.append(  # steps 3 and 4: A_0 = A_z(u_b), A = A_w - A_0
                 plan_side(side, curves, edge, front, self.angles_deg, unavailable, turned, config)
             )
@@ -150,7 +150,10 @@ class PaperMethod(Method):
             key = (start, *document.accepted[: n + 1])
 
             def grow(before: Canonical = made, added: Accepted = added) -> Canonical:
-                views = {k: self._views.part(k, document.parts.get(k, 0)) for k in before.current_from_view}
+                views = {
+                    k: self._views.part(k, document.placed_components.get(k, 0))
+                    for k in before.current_from_view
+                }
                 new = self._views.part(added.view_index, added.component)
                 return renew(before, views, new, added.view_index, added.current_from_new, added.side)
 
@@ -187,7 +190,9 @@ class PaperMethod(Method):
         placements = self.canonical(document).current_from_view
         return joined_edges(
             [
-                edges_of_view(self._views, self.angles_deg[view], view, document.parts.get(view, 0), motion)
+                edges_of_view(
+                    self._views, self.angles_deg[view], view, document.placed_components.get(view, 0), motion
+                )
                 for view, motion in placements.items()
             ]
         )

@@ -330,7 +330,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
     motion = initial
-    reach = _REFINE_RADIUS_M
+    radius_m = _REFINE_RADIUS_M
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
     hessian = np.zeros((3, 3))
     for _ in range(rounds):
@@ -341,7 +341,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
             return Refined(shape_from_component=motion, std=np.full(3, np.inf))
         residual = sampled.xyz_m[at] - there[at]
         size = np.linalg.norm(residual, axis=1)
-        weight = 1.0 / np.square(1.0 + np.square(size / reach))
+        weight = 1.0 / np.square(1.0 + np.square(size / radius_m))
         weight *= (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1) > 0.5
         if weight.sum() < 3.0:
             return Refined(shape_from_component=motion, std=np.full(3, np.inf))
@@ -354,7 +354,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
         right = np.einsum("n,nki,nk->i", weight, rows, residual)
         step = np.linalg.solve(hessian + 1e-9 * np.eye(3), right)
         motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(center) @ motion
-        reach = max(0.6 * reach, scale)
+        radius_m = max(0.6 * radius_m, scale)
         if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
             break
     independent = _CORRELATED_SAMPLES

@@ -293,7 +293,9 @@ class JointShapes:
             view, there = observation.view_index, shape.all_uv_m[observation.node]
             own, component = self._own_places((document.start_view, *document.accepted[:n]), observation)
             good = (
-                (component == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
+                (component == document.placed_components.get(view, 0))
+                & np.isfinite(own[:, 0])
+                & np.isfinite(there[:, 0])
             )
             motions[view] = fit_rigid2(own[good], there[good]) if good.sum() > 2 else Rigid2()
         return motions

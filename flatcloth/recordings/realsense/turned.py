@@ -285,8 +285,8 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
         )
     first = kept[0].angle_deg
     kept = [replace(p, angle_deg=p.angle_deg - first) for p in kept]
-    reach = float(turned.max() - turned.min())
-    return kept, f"{len(kept)} views were taken while the item turned by {reach:.0f} degrees."
+    turned_deg = float(turned.max() - turned.min())
+    return kept, f"{len(kept)} views were taken while the item turned by {turned_deg:.0f} degrees."
 
 
 def _distinct(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
