@@ -272,7 +272,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
 
 
 _LEAST_ANCHORS = 3
-"""Fewest nodes that determine a motion of the plane with some certainty."""
+"""Fewest nodes that determine a motion of the plane. Chosen: one more than its three unknowns need."""
 _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
