@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
+    BroughtPiece,
     Candidate,
     Canonical,
     ClothPairs,
@@ -25,7 +26,7 @@ from flatcloth.methods.robust.placement_search import PlacementSearch, choose_pl
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
 from flatcloth.registration.cameras import Registered, describe
-from flatcloth.session.machine import Document, Later, Side
+from flatcloth.session.machine import Accepted, Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
@@ -145,6 +146,16 @@ class RobustMethod(Method):
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
         return self.shapes.registered(self.shapes.shape(document).views)
+
+    def brought(self, document: Document) -> BroughtPiece | None:
+        """Return the floating piece that the pending view brings along as it lies."""
+        pending = document.pending
+        if pending is None or not pending.moved:
+            return None
+        added = Accepted(
+            pending.view_index, pending.current_from_new, fixed=True, component=pending.component
+        )
+        return self.shapes.brought(document, added)
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""

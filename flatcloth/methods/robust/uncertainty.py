@@ -99,8 +99,11 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, DIRECTION_WEIGHT, stars)
     moved = _displaced(sheet, change, own, random)
-    anchor = number[shape.observations[0].node]
-    anchor = anchor[anchor >= 0]
+    # The first view, unless a floating piece that it does not show has become the main one.
+    shown = (number[observation.node] for observation in shape.observations)
+    anchor = next(
+        (on[on >= 0] for on in shown if (on >= 0).sum() >= _LEAST_ANCHORS), np.arange(len(uv), dtype=np.int32)
+    )
     if (rigid_part[anchor] >= 0).any():
         anchor = anchor[
             rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
@@ -268,6 +271,8 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     return displaced
 
 
+_LEAST_ANCHORS = 3
+"""Fewest nodes that determine a motion of the plane. Chosen: one more than its three unknowns need."""
 _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 

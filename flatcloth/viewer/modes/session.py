@@ -444,6 +444,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
-        self._review.follow(picture.document)
+        self._review.follow(picture)
         self._diagnostics.picture_changed()
         self._settle()
