@@ -22,7 +22,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.places import Chosen, Kind, Places
-from flatcloth.viewer.server.body import read_body
+from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 4096
 """Limit of a request's body. Chosen: far above what the page sends."""

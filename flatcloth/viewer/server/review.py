@@ -23,8 +23,8 @@ from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
 from flatcloth.batch.rows import read_row
 from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.routes.body import read_body
 from flatcloth.viewer.server.app import bind
-from flatcloth.viewer.server.body import read_body
 from flatcloth.viewer.server.guard import Guard, own_names
 
 HOST = "127.0.0.1"
