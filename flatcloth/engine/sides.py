@@ -7,7 +7,6 @@ document's strokes, and which views changed since the masks that are in force.
 from __future__ import annotations
 
 import threading
-import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -71,8 +70,7 @@ class Masks:
 
     def __init__(self, segmentation: Segmentation, n_views: int) -> None:
         self.segmentation = segmentation
-        found = [segmentation.mask(view) for view in range(n_views)]
-        self.keys = tuple(0 if mask is None else zlib.crc32(np.packbits(mask).tobytes()) for mask in found)
+        self.keys = tuple(segmentation.mask_key(view) for view in range(n_views))
 
     def of(self, view_index: int, shape: tuple[int, int]) -> Bool:
         """Return the mask (H, W) of a view."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -141,6 +142,13 @@ class Segmentation:
         chosen[chosen] = self.side[seen.cluster[chosen]] == OF_INTEREST
         return seen.whole(chosen)
 
+    def mask_key(self, view_index: int) -> int:
+        """Return a number that is another if the mask of a view is another; cheaper than the mask."""
+        seen = self.observed.views.get(view_index)
+        if seen is None:
+            return 0
+        return zlib.crc32(np.packbits(self.side[seen.shows] == OF_INTEREST).tobytes())
+
     def at(self, points_m: Floats, normals: Floats) -> tuple[Int8, Float32]:
         """Return side and certainty (N,) of places on the cloth (N, 3) with normals (N, 3), object frame.
 
@@ -171,9 +179,7 @@ def weights_of(observed: Observed) -> Float64:
 
 def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
     """Return the views in which any of the clusters (M,) is seen."""
-    return tuple(
-        n for n, view in sorted(observed.views.items()) if clusters[view.cluster[view.cluster >= 0]].any()
-    )
+    return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
 
 
 def conflict_texts(conflicts: Sequence[Conflict]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,8 @@ from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Floats
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
-from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba
+from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
+from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Picture
@@ -27,7 +29,7 @@ from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.segmentation.result import Segmentation
+    from flatcloth.segmentation.result import Segmentation, ViewSegmentation
 
 _log = logging.getLogger(__name__)
 
@@ -69,6 +71,7 @@ class SideController:
         self._worker = Worker("flatcloth-sides")
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
+        self._token = secrets.token_hex(4)  # pictures of another recording at this address are others
         self.status = SideStatus()
         self.brush: messages.Brush | None = None
 
@@ -88,6 +91,7 @@ class SideController:
         status, recording = self.status, self._integration.recording
         return {
             "revision": status.revision,
+            "token": self._token,
             "n_strokes": status.n_strokes,
             "text": status.text,
             "certainty": status.certainty,
@@ -157,7 +161,7 @@ class SideController:
         sides = self._integration.sides
         assert sides is not None
         try:
-            found = sides.masks(strokes).segmentation
+            found = sides.solver().solve(strokes)  # the masks, which take longer, follow with the shape
         except FlatclothError as error:
             text = str(error)
             self._put(lambda: self._failed(text))
@@ -222,16 +226,52 @@ class SideController:
             view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
             return await answered(lambda: self._view_png(view, certain))
 
+        async def small(request: Request) -> Response:
+            view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
+            return await answered(lambda: self._small_png(view, certain))
+
+        async def color(request: Request) -> Response:
+            view = request.path_params["view"]
+            return await answered(lambda: self._small_color(view), "image/jpeg", "private, max-age=86400")
+
         async def of_shape(_request: Request) -> Response:
             return await answered(lambda: self._shape_png(picture()))
 
-        async def answered(draw: Callable[[], bytes | None]) -> Response:
+        async def answered(
+            draw: Callable[[], bytes | None], kind: str = "image/png", kept: str = "no-store"
+        ) -> Response:
             data = await run_in_threadpool(draw)
             if data is None:
                 return PlainTextResponse("The sides are not known yet.", status_code=410)
-            return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+            return Response(data, media_type=kind, headers={"Cache-Control": kept})
 
-        return [Route("/sides/shape.png", of_shape), Route("/sides/{view:int}.png", of_view)]
+        return [
+            Route("/sides/shape.png", of_shape),
+            Route("/sides/{view:int}.png", of_view),
+            Route("/sides/{view:int}/small.png", small),
+            Route("/sides/{view:int}/color.jpg", color),
+        ]
+
+    def _labels(self, view: int) -> ViewSegmentation | None:
+        """Return the labels of a view of the recording; None if they are not known, or it shows no item."""
+        found = self._found
+        return None if found is None else found.view(view)
+
+    def _small_png(self, view: int, certain: bool) -> bytes | None:
+        labels = self._labels(view)
+        if labels is None:
+            return None
+        shape = small_shape(*labels.side.shape)
+        return png(small_side_rgba(labels.side, labels.certainty, shape, doubt=certain))
+
+    def _small_color(self, view: int) -> bytes | None:
+        """Return the part of the image that the labels cover, as JPEG."""
+        labels = self._labels(view)
+        if labels is None:
+            return None
+        (top, left), (rows, cols) = labels.offset_rc, labels.side.shape
+        color = self._integration.recording[view].color[top : top + rows, left : left + cols]
+        return jpeg_thumbnail(color, np.zeros((rows, cols), dtype=np.bool_))
 
     def _view_png(self, view: int, certain: bool) -> bytes | None:
         found, intrinsics = self._found, self._integration.recording.intrinsics
