@@ -18,7 +18,7 @@ from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
 SOLUTIONS_KEPT = 8
-"""Undo and redo of the last strokes need no new solution."""
+"""Undo and redo of the last strokes need no new solution. Set by hand."""
 
 
 class Sides:

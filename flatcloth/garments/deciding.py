@@ -29,7 +29,7 @@ from flatcloth.garments.recognition import (
 from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
-"""Standard deviation of a point that was placed by hand: two pixels of the flattened view."""
+"""Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
 _SAME_M = 0.015
 """A point of cloth found again: joint registration moves measured points by less."""
 _NEAR_M = 0.05

@@ -24,7 +24,8 @@ from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 
 LEAST_AREA_M2 = 0.012
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart."""
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart.
+Set by hand."""
 _SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
@@ -35,7 +36,8 @@ _STEP_M = 0.001
 _FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
 _FACING_COS = math.cos(math.radians(62.0))
-"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees)."""
+"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees). Set by
+hand."""
 _SAME_M = 0.006
 """Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
 _PATCH_M = 0.014

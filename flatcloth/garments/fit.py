@@ -27,7 +27,7 @@ _CROSSING_SLACK_M = 0.006
 """Depth inside seen cloth at which an outline does not count as crossing it. Chosen: less than
 ``EDGE_STD_M``."""
 _CROSSING_WEIGHT = 0.25
-"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart."""
+"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart. Set by hand."""
 _EDGE_BOUND = 3.0
 """Standard deviations at which an edge has half of its largest cost (Geman and McClure). Chosen: the usual
 3."""
@@ -42,7 +42,7 @@ _SHIFTS = 5
 _COARSE_POINTS = 70
 """Edges, and points inside, of the coarse search. Chosen: fewer rank the starts worse, more cost time."""
 _ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
-"""Factors on the standard deviations and how many steps are taken with each."""
+"""Factors on the standard deviations and how many steps are taken with each. Set by hand."""
 _POSE_STD = (3.0, 1.0, 1.0)
 """Prior standard deviations of a pose: turn (rad), and shift (m). Chosen to leave it free."""
 

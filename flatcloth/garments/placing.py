@@ -17,7 +17,7 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Fit, refine
 
 LEAST_AREA_M2 = 0.006
-"""Smaller pieces have too little border to be placed."""
+"""Smaller pieces have too little border to be placed. Set by hand."""
 _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
 """Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
 for speed."""
@@ -31,7 +31,7 @@ _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 _PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
 """Weights of contradicting distances, and of cloth laid on cloth, against the edges. Chosen; not fitted."""
 _TEMPERATURE = 3.0
-"""Divisor of differences in evidence, whose errors are correlated; as in ``recognition``."""
+"""Divisor of differences in evidence, whose errors are correlated; as in ``recognition``. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

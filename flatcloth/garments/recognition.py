@@ -27,22 +27,25 @@ NONE = "none of these"
 TEMPERATURE = 3.0
 """Errors of neighbouring evidence are correlated; see the reliability in docs/garments.md."""
 MISFIT, MISFIT_STD = 0.135, 0.016
-"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns."""
+"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns:
+``python -m benchmarks garments`` measures both, with each garment left out too."""
 HOLE_M = 0.10
-"""Length of true edges round holes that makes an unknown garment e times as likely."""
+"""Length of true edges round holes that makes an unknown garment e times as likely. Set by hand."""
 LEAST_EDGES = 40
-"""With fewer true edges (24 cm) no kind is given."""
+"""With fewer true edges (24 cm) no kind is given. Set by hand."""
 SURE = 0.90
 """Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
 reliability."""
 POINT_STD_M = 0.012
-"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm."""
+"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Set by
+hand."""
 SEEN_M = 0.015
 """A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
 SEEN_STD_M = 2 * SEEN_M
 """A named point whose place is known worse than this is predicted, whatever cloth lies there. Chosen."""
 FOLLOWED_M = 0.09
-"""True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
+"""True edges this near to a named point tell where it is: about the width of a cuff or a strap. Set by
+hand."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 """A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
 are."""

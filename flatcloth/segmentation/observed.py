@@ -37,7 +37,8 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _THREADS = 2
 """Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
-"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
+"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand. Set
+by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

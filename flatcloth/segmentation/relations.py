@@ -19,7 +19,7 @@ from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _FULL = 10.0
-"""Weight of sure evidence between two clusters; only ratios count."""
+"""Weight of sure evidence between two clusters; only ratios count. Set by hand."""
 _ENOUGH_PIXELS = 10.0
 """Pixels at which the evidence between two clusters has half of its full weight. Chosen; not measured."""
 _LEAST_PIXELS = 4

@@ -36,7 +36,7 @@ _START_M = 0.02
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 _LOCAL = 0.05
-"""Share of all clusters; a stroke that turns over less corrects a small region."""
+"""Share of all clusters; a stroke that turns over less corrects a small region. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from flatcloth.core.types import Float64, Int32
 
 _TRIANGLES = 3
-"""A pair is firm if at least this many nodes are neighbours of both its ends."""
+"""A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
 
 def connected_pieces(

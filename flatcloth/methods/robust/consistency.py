@@ -23,15 +23,16 @@ from flatcloth.core.types import Bool, Float64, Int32
 _NEAR_M = 0.015
 """Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
 _FAR_M = 0.045
-"""... and farther than this in space lie on one another: three times as far, no noise explains that."""
+"""... and farther than this in space lie on one another: three times as far, no noise explains that. Set by
+hand."""
 _SAME_SURFACE_M = 0.030
-"""Nodes that lie on others are one layer if they are nearer to each other in space than this."""
+"""Nodes that lie on others are one layer if they are nearer to each other in space than this. Set by hand."""
 _MOST_OFF_M = 0.04
-"""Neighbours in one view lie at most this much farther apart on the plane than the view says."""
+"""Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
 _OTHER_PIECE_M = 5.0
-"""Floating pieces lie farther apart than this on the plane."""
+"""Floating pieces lie farther apart than this on the plane. Set by hand."""
 _EVIDENCE_UNITS = 1000
-"""Evidence in whole numbers, as the maximum flow needs it."""
+"""Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
 Int64 = NDArray[np.int64]
 

@@ -45,16 +45,17 @@ from flatcloth.methods.robust.observations import (
 )
 
 _LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise ..."""
 _MOST_CUT_EVIDENCE = 20.0
-"""... and are cut apart again where cloth lies on other cloth and at most this much joins them."""
+"""... and are cut apart again where cloth lies on other cloth and at most this much joins them. Set by
+hand."""
 _OUTGROWN = 1.3
-"""A floating piece with this many times the nodes of the main piece becomes the main piece."""
+"""A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
 Int64 = NDArray[np.int64]
 
 _LEAST_PIECE = 12
-"""Fewest nodes of a floating piece that is kept."""
+"""Fewest nodes of a floating piece that is kept. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +150,7 @@ def begin_joint(
 
 
 _NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
-"""No nodes were found again."""
+"""No nodes were found again. By definition."""
 
 
 def extend_joint(
@@ -328,7 +329,7 @@ def _overlapping(shape: JointShape, uv_m: Float64) -> Int64:
 
 
 _APART_M = 10.0
-"""Distance of floating pieces on the plane."""
+"""Distance of floating pieces on the plane. Set by hand."""
 
 
 def _known(members: Bool, before: Int32) -> Bool:

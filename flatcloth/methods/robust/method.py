@@ -28,9 +28,10 @@ from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is rejected if the others contradict a larger share of its pairs."""
+"""Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
+hand."""
 _TOLD = 6
-"""Candidates of a plan that are told."""
+"""Candidates of a plan that are told. Set by hand."""
 
 
 class RobustMethod(Method):

@@ -25,15 +25,16 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
 _GATE_M = 0.025
-"""Nodes farther than this from their position by the placement do not count as the same cloth."""
+"""Nodes farther than this from their position by the placement do not count as the same cloth. Set by
+hand."""
 
 _LEAST_FITTED = 4
 """So many nodes of a component fit one motion, or it is not joined yet: a motion takes two, ..."""
 _LEAST_FURTHER = 12
-"""... a further motion of the same component as many as make a floating piece."""
+"""... a further motion of the same component as many as make a floating piece. Set by hand."""
 
 _MIB = 1 << 20
-"""Bytes in a mebibyte."""
+"""Bytes in a mebibyte. By definition."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
 _DRAWN_BYTES = 48 * _MIB

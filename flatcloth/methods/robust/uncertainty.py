@@ -28,23 +28,24 @@ from flatcloth.methods.robust.articulated import (
 from flatcloth.methods.robust.joint import JointShape
 
 _STRAIN = 0.0035
-"""Standard deviation of the strain that the flattening cannot know."""
+"""Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
-"""Correlation length of the strain."""
+"""Correlation length of the strain. Set by hand."""
 _GATHERED_EXTENT_M = 0.28
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
-"""... down to this distance, within which all cloth is gathered in folds."""
+"""... down to this distance, within which all cloth is gathered in folds. Set by hand."""
 _NOISE_SHARE = 0.85
-"""Independent error of each pair, in its standard deviations."""
+"""Independent error of each pair, in its standard deviations. Set by hand."""
 _STRIP_NOISE_M = 0.0017
-"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles."""
+"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles. Set by
+hand."""
 LEAST_STD_M = 0.002
-"""Smallest standard deviation of a node: the reference piece itself is strained."""
+"""Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
-"""Number of random strain fields for the standard deviations."""
+"""Number of random strain fields for the standard deviations. Set by hand."""
 _WAVES = 32
-"""Number of waves in each random strain field."""
+"""Number of waves in each random strain field. Set by hand."""
 _BESIDE_STD_M = 0.012
 """Standard deviation of an outline pixel of a noisy view beside another layer: ..."""
 _BESIDE_RIM_PX = 3.5
@@ -52,9 +53,10 @@ _BESIDE_RIM_PX = 3.5
 _BESIDE_RADIUS_PX = 5
 """... within this many pixels of a layer ..."""
 _BESIDE_STEP_M = 0.012
-"""... that is nearer or farther by at least this."""
+"""... that is nearer or farther by at least this. Set by hand."""
 MOST_STD_M = 0.034
-"""A rigid part floats if half of it has a larger standard deviation: its place is undetermined."""
+"""A rigid part floats if half of it has a larger standard deviation: its place is undetermined. Set by
+hand."""
 
 
 def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
