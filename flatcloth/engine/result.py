@@ -103,7 +103,13 @@ class Areas:
 
     def compute(self, document: Document, order: int) -> None:
         """Compute the area after one view; the start view has order 0."""
-        canonical = self.integration.canonical(_before(document, order))
+        self._keep(document, order, self.integration.canonical(_before(document, order)))
+
+    def note(self, document: Document, canonical: Canonical) -> None:
+        """Take the area of a document's shape, which is known."""
+        self._keep(document, len(document.accepted), canonical)
+
+    def _keep(self, document: Document, order: int, canonical: Canonical) -> None:
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         self._known[_key(document, order)] = canonical.view.area_m2 + floating_m2
 

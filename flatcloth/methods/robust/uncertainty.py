@@ -25,6 +25,7 @@ from flatcloth.methods.robust.articulated import (
     nearest_rigid_part,
     rigid_parts,
 )
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 _STRAIN = 0.0035
@@ -78,7 +79,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    inside = np.flatnonzero(shape.placed[links.edges].all(axis=1))
+    inside = np.flatnonzero(both_ends(shape.placed, links.edges))
     edges = number[links.edges[inside]]
     uv = shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]
@@ -99,8 +100,11 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, DIRECTION_WEIGHT, stars)
     moved = _displaced(sheet, change, own, random)
-    anchor = number[shape.observations[0].node]
-    anchor = anchor[anchor >= 0]
+    # The first view, unless a floating piece that it does not show has become the main one.
+    shown = (number[observation.node] for observation in shape.observations)
+    anchor = next(
+        (on[on >= 0] for on in shown if (on >= 0).sum() >= _LEAST_ANCHORS), np.arange(len(uv), dtype=np.int32)
+    )
     if (rigid_part[anchor] >= 0).any():
         anchor = anchor[
             rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
@@ -123,7 +127,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
+    edges = number[shape.links.edges[both_ends(shape.placed, shape.links.edges)]]
     uv = shape.uv_m[placed]
     nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
@@ -268,6 +272,8 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     return displaced
 
 
+_LEAST_ANCHORS = 3
+"""Fewest nodes that determine a motion of the plane. Chosen: one more than its three unknowns need."""
 _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
