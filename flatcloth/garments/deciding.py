@@ -1,4 +1,4 @@
-"""What an operator decides about a garment, applied: kind, held points, pieces placed; places tied to cloth.
+"""Application of an operator's decisions to a recognised garment: kind, held points, placed pieces.
 
 The plane of the shape may change when views are added. So a place is kept with points of the cloth near
 it, and found again by where these points lie then.
@@ -29,7 +29,7 @@ from flatcloth.garments.recognition import (
 from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
-"""Of a point that was put in its place by hand: two pixels of the flattened view."""
+"""Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
 _SAME_M = 0.015
 """A point of cloth found again: joint registration moves measured points by less."""
 _NEAR_M = 0.05
@@ -70,7 +70,7 @@ def decided(
     kind : str or None
         The kind set by hand.
     pulls : sequence of Pull
-        Named points held by hand; those that the kind has not are left out.
+        Named points held by hand; those that the kind does not have are left out.
     with_pieces : bool
         Whether floating pieces are placed anew on the changed outline: takes a second.
     """

@@ -1,6 +1,6 @@
-"""What a flattened piece says of the outline: where the cloth truly ends, and where there is cloth.
+"""Evidence of a flattened piece about the outline: true edges of the cloth, and places with cloth.
 
-The border of a piece is of two sorts. At a *true edge* some view saw the surface end while it still
+The border of a piece has two kinds of places. At a *true edge* some view saw the surface end while it still
 faced the camera: a step outwards along the surface meets far background, or cloth well behind, or
 cloth of the other side of the item that goes on from here (the mask of the side of interest ends).
 Elsewhere the cloth was *not seen further*: it is hidden by cloth in front, grazing, or outside the
@@ -24,7 +24,8 @@ from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 
 LEAST_AREA_M2 = 0.012
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth says nothing of a kind."""
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart.
+Set by hand."""
 _SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
@@ -35,7 +36,8 @@ _STEP_M = 0.001
 _FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
 _FACING_COS = math.cos(math.radians(62.0))
-"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees)."""
+"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees). Set by
+hand."""
 _SAME_M = 0.006
 """Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
 _PATCH_M = 0.014
@@ -66,7 +68,7 @@ class SeenFrom:
 
 @dataclass(frozen=True, kw_only=True)
 class PieceEvidence:
-    """What one piece says, in its own plane (u, v), metres.
+    """Evidence of one piece, in its own plane (u, v), metres.
 
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
     standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge;
@@ -123,7 +125,7 @@ class PieceEvidence:
 def evidence_of(
     piece: FlattenedView, seen_from: Sequence[SeenFrom], others: Sequence[FlattenedView] = ()
 ) -> PieceEvidence:
-    """Return what a piece says of the outline.
+    """Return the evidence of a piece about the outline.
 
     Parameters
     ----------
@@ -248,7 +250,7 @@ def _ends(
     seen_from: Sequence[SeenFrom],
     others: Sequence[FlattenedView],
 ) -> tuple[Float64, Bool, Bool]:
-    """Tell where the cloth ends beyond each place of the border.
+    """Return where the cloth ends beyond each place of the border.
 
     Returns
     -------
@@ -346,7 +348,7 @@ def _tangents(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Bool]:
-    """Tell for one view how well it sees each place of the border, and how it goes on from there.
+    """Return how well one view sees each place of the border, and whether the cloth continues there.
 
     Returns
     -------

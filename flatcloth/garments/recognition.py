@@ -1,8 +1,8 @@
-"""Which garment a shape is: every kind fitted, compared by evidence, its dimensions and named points.
+"""Recognition of a garment: all kinds are fitted and compared by evidence; dimensions and named points.
 
 Kinds are compared by the Laplace approximation of their evidence (MacKay 2003, chapter 27), so that a
-kind with more freedom needs to explain more. Errors of the evidence are alike over some
-centimetres, which makes it surer than it is: differences count by ``1 / TEMPERATURE``.
+kind with more freedom needs to explain more. Errors of the evidence are correlated over some centimetres, so
+differences are divided by ``TEMPERATURE``.
 """
 
 from __future__ import annotations
@@ -25,24 +25,27 @@ from flatcloth.garments.registry import known_kinds
 
 NONE = "none of these"
 TEMPERATURE = 3.0
-"""Adjacent evidence is alike over more than an edge's extent; see the reliability in docs/garments.md."""
+"""Errors of neighbouring evidence are correlated; see the reliability in docs/garments.md."""
 MISFIT, MISFIT_STD = 0.135, 0.016
-"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns."""
+"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns:
+``python -m benchmarks garments`` measures both, with each garment left out too."""
 HOLE_M = 0.10
-"""Length of true edges round holes that makes an unknown garment e times as likely."""
+"""Length of true edges round holes that makes an unknown garment e times as likely. Set by hand."""
 LEAST_EDGES = 40
-"""True edges (24 cm of them) without which nothing is said."""
+"""With fewer true edges (24 cm) no kind is given. Set by hand."""
 SURE = 0.90
 """Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
 reliability."""
 POINT_STD_M = 0.012
-"""Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
+"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Set by
+hand."""
 SEEN_M = 0.015
 """A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
 SEEN_STD_M = 2 * SEEN_M
 """A named point whose place is known worse than this is predicted, whatever cloth lies there. Chosen."""
 FOLLOWED_M = 0.09
-"""True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
+"""True edges this near to a named point tell where it is: about the width of a cuff or a strap. Set by
+hand."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 """A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
 are."""
@@ -111,7 +114,7 @@ class Recognition:
 
 
 def is_sure(piece: Placed) -> bool:
-    """Tell whether a piece may be placed without being asked about."""
+    """Return whether a piece may be placed without asking the operator."""
     return piece.probability >= PLACED_PROBABILITY and piece.std_m <= PLACED_STD_M
 
 
@@ -262,7 +265,7 @@ def points_of(
 ) -> dict[str, Point]:
     """Return the named points of a fit on the plane of the shape; ``held`` are given (place, std) by hand.
 
-    Cloth is never quite symmetric: a point whose true edges were seen follows them.
+    Cloth is not exactly symmetric: a point whose true edges were seen follows them.
     """
     count = len(fit.kind.parameters)
     pose = fit.garment_from_piece[0]

@@ -1,4 +1,4 @@
-"""From a session's document to the garment that its shape is, and that compared with the truth."""
+"""Recognition of the garment of a session's document."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class KnownGarment:
 
 
 class GarmentService:
-    """Recognises the garments of an integration's shapes; remembers the last. For several threads."""
+    """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads."""
 
     def __init__(self, integration: Integration) -> None:
         self._integration = integration
@@ -100,7 +100,7 @@ class GarmentService:
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:
-        """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+        """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
         try:
             return self.of(document)
         except GarmentError as error:
@@ -134,7 +134,7 @@ class GarmentService:
 
 
 def garment_of(integration: Integration, document: Document) -> KnownGarment | str:
-    """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+    """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
     return GarmentService(integration).known(document)
 
 

@@ -144,21 +144,26 @@ class PaperMethod(Method):
         """Renew the flattened view by each accepted view in turn (cached by prefix)."""
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
-        start = document.start_view
-        made = self._canonicals.get((start,), lambda: begin(self._views.flattening(start).view, start))
-        for n, added in enumerate(document.accepted):
-            key = (start, *document.accepted[: n + 1])
-
-            def grow(before: Canonical = made, added: Accepted = added) -> Canonical:
-                views = {
-                    k: self._views.part(k, document.placed_components.get(k, 0))
-                    for k in before.current_from_view
-                }
-                new = self._views.part(added.view_index, added.component)
-                return renew(before, views, new, added.view_index, added.current_from_new, added.side)
-
-            made = self._canonicals.get(key, grow)
+        start, accepted = document.start_view, document.accepted
+        known = len(accepted)
+        while (made := self._canonicals.kept((start, *accepted[:known]))) is None:
+            if known == 0:
+                first = begin(self._views.flattening(start).view, start)
+                made = self._canonicals.put((start,), first)
+                break
+            known -= 1
+        for n in range(known, len(accepted)):
+            made = self._canonicals.put(
+                (start, *accepted[: n + 1]), self._renewed(made, accepted[:n], accepted[n])
+            )
         return made
+
+    def _renewed(self, canonical: Canonical, before: Sequence[Accepted], added: Accepted) -> Canonical:
+        """Add a view to the canonical view of those accepted before."""
+        component = {a.view_index: a.component for a in before}
+        views = {k: self._views.part(k, component.get(k, 0)) for k in canonical.current_from_view}
+        new = self._views.part(added.view_index, added.component)
+        return renew(canonical, views, new, added.view_index, added.current_from_new, added.side)
 
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return the placement of a later decision on the present plane, from its predecessor.

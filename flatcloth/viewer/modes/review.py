@@ -66,7 +66,7 @@ class ReviewService:
         self._read: tuple[Accepted, ...] | None = None
         self._lock = threading.Lock()
         self._document: Document | None = None
-        self._working = False
+        self._working = self._news = False
         self._results: Cache[Result] = Cache(4)
         self._thumbs: Cache[bytes] = Cache(THUMBS_KEPT)
         self._token = secrets.token_hex(4)
@@ -79,11 +79,17 @@ class ReviewService:
             Route("/review/result.json", self._result),
         ]
 
-    def follow(self, document: Document | None) -> None:
-        """Find out about the views of a document, one at a time, so that other work does not wait."""
+    def follow(self, picture: Picture) -> None:
+        """Find out about the views of a picture, one at a time, so that other work does not wait."""
+        document = picture.document
+        if document is None:
+            return
+        if picture.sheet is not None:
+            self._areas.note(document, picture.sheet.canonical)
         with self._lock:
             self._document = document
-            begins = not self._working and document is not None
+            known = not self._areas.missing(document) and self._read == document.accepted
+            begins = not self._working and not known
             self._working = self._working or begins
         if begins:
             self._later(self._work)
@@ -123,7 +129,9 @@ class ReviewService:
             _log.warning("the review is incomplete: %s", error)
         with self._lock:
             self._working = False
-        self._changed()
+            news, self._news = self._news, False
+        if news:
+            self._changed()
 
     def _step(self, document: Document) -> bool:
         """Find out one thing more; False if there is none."""
@@ -132,10 +140,12 @@ class ReviewService:
             path = getattr(self._folder, "folder", None)
             if path is not None:
                 limit = self._integration.accept_score
-                self._flags = Flags(limit, overridden(read_history(path), limit))
+                before, self._flags = self._flags, Flags(limit, overridden(read_history(path), limit))
+                self._news = self._news or before != self._flags
         missing = self._areas.missing(document)
         if missing:
             self._areas.compute(document, missing[0])
+            self._news = True
         return len(missing) > 1
 
     # --- from the web server's threads -------------------------------------------------------
