@@ -10,8 +10,8 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
-ASKED_FOR = ("soak", "confidence")
-"""Run by name only: the first takes an hour, the second learns weights that ``reliability`` measures."""
+ASKED_FOR = ("soak", "confidence", "accuracy")
+"""Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
 ON_ONE_CORE = (
     *("flattening", "page", "reliability", "axis", "registration", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.observations import Complex128, Observation
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
@@ -94,7 +95,7 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
     z = z.copy()
-    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
+    open_ = inside[~both_ends(np.isfinite(z.real), links.edges[inside])]
     if not open_.size:
         return z
     touched = np.zeros(links.n_members, dtype=bool)

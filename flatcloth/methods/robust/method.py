@@ -21,6 +21,7 @@ from flatcloth.methods.base import (
     SurfaceEdges,
     Views,
 )
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -130,7 +131,7 @@ class RobustMethod(Method):
         """Return the share of the last accepted view's pairs that the other views contradict."""
         shape = self.shapes.shape(document)
         links = shape.links
-        own = (links.observation == len(shape.observations) - 1) & shape.placed[links.edges].all(axis=1)
+        own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
     def is_contradicted(self, document: Document) -> bool:

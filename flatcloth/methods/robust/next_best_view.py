@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 LEAST_OVERLAP_M2 = 0.03
@@ -156,7 +157,7 @@ def _rim(shape: JointShape) -> _Rim:
     number = np.full(len(shape.nodes), -1)
     number[placed] = np.arange(placed.size)
     links = shape.links
-    used = shape.has_place[links.edges].all(axis=1)
+    used = both_ends(shape.has_place, links.edges)
     i, j = number[links.edges[used]].T
     n = placed.size
     uv = shape.all_uv_m[placed]

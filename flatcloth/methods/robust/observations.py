@@ -128,7 +128,9 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
     Returns
     -------
     Association
-        The position is the foot of the node on the surface along its normal.
+        The position is the foot of the node on the surface along its normal. With noise, which moves the
+        surface along the view's rays, it is where the ray to the node meets the surface: the foot would
+        wander along steep cloth by the noise times the sine of the incidence angle.
     """
     k = surface.frame.intrinsics
     points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
@@ -142,7 +144,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
             above = ((seen - points) * seen_normal).sum(axis=1)
             same = inside & (np.abs(above) <= tolerance)
             same &= (seen_normal * normal).sum(axis=1) >= _SAME_NORMAL_COS
-        if round_ == 0:
+        if round_ == 0 and not surface.noisy:
             foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
             rc = project(foot, k)
     found = np.flatnonzero(same).astype(np.int32)

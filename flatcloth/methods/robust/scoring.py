@@ -20,6 +20,7 @@ from flatcloth.core.geometry import Rigid3, height_m, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
@@ -171,7 +172,7 @@ def _read_nearest(image: Float32, rc: Float64) -> Float64:
 def _space_from_plane(shape: JointShape) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
     links, n = shape.links, len(shape.nodes)
-    used = shape.has_place[links.edges].all(axis=1)
+    used = both_ends(shape.has_place, links.edges)
     i, j = links.edges[used].T
     flat = shape.all_uv_m[j] - shape.all_uv_m[i]
     space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]

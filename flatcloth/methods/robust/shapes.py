@@ -63,8 +63,9 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(3)
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
-        self._features: Cache[ViewFeatures] = Cache(48)
-        self._registrations: Cache[Registered] = Cache(64)
+        # A registration keeps the features and the surfaces of its views, so that few of both suffice.
+        self._features: Cache[ViewFeatures] = Cache(12)
+        self._registrations: Cache[Registered] = Cache(24)
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)

@@ -25,6 +25,7 @@ from flatcloth.methods.robust.articulated import (
     nearest_rigid_part,
     rigid_parts,
 )
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 _STRAIN = 0.0035
@@ -78,7 +79,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    inside = np.flatnonzero(shape.placed[links.edges].all(axis=1))
+    inside = np.flatnonzero(both_ends(shape.placed, links.edges))
     edges = number[links.edges[inside]]
     uv = shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]
@@ -126,7 +127,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
+    edges = number[shape.links.edges[both_ends(shape.placed, shape.links.edges)]]
     uv = shape.uv_m[placed]
     nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)

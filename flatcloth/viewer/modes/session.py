@@ -126,6 +126,8 @@ class Application(PageController):
     def _begin(self) -> None:
         self._scene_view.follow(self._page_settings.now.follow)
         document = self._state.document
+        if self._sides.available and document.start_view is None:
+            self._sides.look_first(lambda xyz, rgb: self._scene_view.see(xyz, rgb, anew=True))
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:

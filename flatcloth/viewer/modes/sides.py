@@ -16,7 +16,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
-from flatcloth.core.types import Floats
+from flatcloth.core.types import Float32, Floats, Uint8
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
@@ -146,6 +146,22 @@ class SideController:
         )
 
     # --- labels --------------------------------------------------------------------------------
+
+    def look_first(self, show: Callable[[Float32, Uint8], None]) -> None:
+        """Show the cloud of the first view, while the side of interest is not known yet.
+
+        ``show`` is called on the application thread, unless the labels came before.
+        """
+
+        def work() -> None:
+            try:
+                seen = self._integration.cloud(0)
+            except FlatclothError as error:
+                _log.warning("view 0 cannot be shown yet: %s", error)
+                return
+            self._put(lambda: show(seen.xyz_m, seen.rgb) if self._found is None else None)
+
+        self._worker.put(work)
 
     def follow(self, document: Document) -> None:
         """Label the cloth as the strokes of a document say; the first time this takes seconds."""
