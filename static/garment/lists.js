@@ -18,7 +18,7 @@ export function shares(probabilities) {
       .filter(([, share]) => share >= LEAST_SHOWN)
       .map(([name, share]) => {
         const bar = make("meter", { min: 0, max: 1, value: share, "aria-hidden": "true" });
-        return make("li", {}, make("span", {}, words(name)), bar, make("b", {}, percent(share)));
+        return make("li", {}, make("span", {}, words(name)), bar, make("strong", {}, percent(share)));
       }),
   );
 }
