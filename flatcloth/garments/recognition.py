@@ -296,20 +296,23 @@ def points_of(
 def _doubt_of(fit: Fit, places: Float64) -> Float64:
     """Return the variance (N,) of named points at ``places`` (N, 2) by the other optima of the same kind.
 
-    That of the mixture of all optima by their evidence, about the best one. The corners of a towel have no
-    order, so that its optima differ by their names only.
+    That of the mixture of all optima by their evidence, about the best one; none if that is sure. The
+    corners of a towel have no order, so that its optima differ by their names only.
     """
     if fit.kind.corners is not None:
         return np.zeros(len(places))
-    total, variance = 1.0, np.zeros(len(places))
+    total, variance, known = 1.0, np.zeros(len(places)), [places]
     for below, other in fit.others:
         share = math.exp(min(below, 0.0) / TEMPERATURE)
         named = np.stack([place[:, 0] for place in other.kind.named(other.parameters[:, None]).values()])
-        off = other.garment_from_piece[0].inverse().apply(named) - places
-        if share > 1e-3 and np.abs(off).max() > FOLLOWED_M:  # otherwise it is the same optimum
+        there = other.garment_from_piece[0].inverse().apply(named)
+        # Several starts lead to the same optimum.
+        if share > 1e-3 and all(np.abs(there - each).max() > FOLLOWED_M for each in known):
+            known.append(there)
             total += share
-            variance += share * np.square(off).sum(axis=1) / 2
-    found: Float64 = variance / total
+            variance += share * np.square(there - places).sum(axis=1) / 2
+    sure = 1.0 / total >= SURE
+    found: Float64 = np.zeros(len(places)) if sure else variance / total
     return found
 
 

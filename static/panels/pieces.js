@@ -84,7 +84,7 @@ export class PiecesPanel {
                   id: `place-${piece.label}`,
                   tip:
                     why ??
-                    "The view that shows most of it becomes the proposal: drag it onto the shape; the piece comes along.",
+                    "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
                 },
                 on: { click: place },
               },

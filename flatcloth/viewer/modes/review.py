@@ -17,7 +17,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.result import Areas, Result, result_of
 from flatcloth.export.history import read_history
-from flatcloth.export.review import FLAGS, Flags, overridden
+from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
 from flatcloth.flattening.surface import item_mask
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
@@ -105,12 +105,14 @@ class ReviewService:
         for view in state["views"]:
             order, decision = orders.get(view["index"]), accepted.get(view["index"])
             area = None if order is None else added[order]
+            flags = () if decision is None else self._flags.of(decision)
             views.append(
                 {
                     **view,
+                    "flagged": view["flagged"] or not SUSPECT.isdisjoint(flags),
                     "order": order,
                     "added_cm2": None if area is None else 1e4 * area,
-                    "flags": [] if decision is None else list(self._flags.of(decision)),
+                    "flags": list(flags),
                 }
             )
         axis = self._integration.axis
