@@ -196,8 +196,6 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
     running.send_signal(signal.SIGINT)
     rest, errors = running.communicate(timeout=60)
     assert said is not None, errors
-    # Interrupted in its first second, while libraries load, Python itself may abort (seen once in three
-    # runs): the exit status is asserted where the program has drawn its page (tests/browser/test_page.py).
-    assert running.returncode is not None
+    assert running.returncode in (0, 130)  # not by a signal, though threads may still compute
     assert "Traceback" not in rest + errors
     assert (tmp_path / "s" / "session.json").is_file()
