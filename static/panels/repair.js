@@ -160,7 +160,7 @@ export class Repair {
       ? `Refined from here: ${reached}.`
       : far
         ? "You are far from the best place: back to it?"
-        : "Refining would gain nothing.";
+        : "Refine would not improve it.";
     setText(byId("fit-here"), message.why ?? `At this place: score ${here}. ${more}`);
     byId("back-to-best").hidden = !far;
   }
