@@ -213,6 +213,24 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
     return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
 
 
+def largest_piece(shape: JointShape) -> int:
+    """Return the number of the piece with the most nodes: 0 if it is the main one."""
+    sizes = np.bincount(shape.piece[shape.piece >= 0])
+    return int(sizes.argmax()) if sizes.size else 0
+
+
+def with_largest_piece(shape: JointShape) -> JointShape:
+    """Return the shape with its largest piece as the main one; the main piece floats in its place."""
+    largest = largest_piece(shape)
+    if largest == 0:
+        return shape
+    piece, uv = shape.piece.copy(), shape.all_uv_m.copy()
+    main, floating = piece == 0, piece == largest
+    piece[main], piece[floating] = largest, 0
+    uv[main] += np.nanmean(uv[floating], axis=0) - np.nanmean(uv[main], axis=0)
+    return _anchored(replace(shape, piece=piece, all_uv_m=uv))
+
+
 def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
     """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
 

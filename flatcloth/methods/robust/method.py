@@ -22,6 +22,7 @@ from flatcloth.methods.base import (
     Views,
 )
 from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.joint import largest_piece
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -133,6 +134,10 @@ class RobustMethod(Method):
         links = shape.links
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
+
+    def is_outgrown(self, document: Document) -> bool:
+        """Return whether a floating piece has more nodes than the shape."""
+        return largest_piece(self.shapes.shape(document)) != 0
 
     def is_contradicted(self, document: Document) -> bool:
         """Return whether this share is too large for acceptance without an operator."""
