@@ -39,8 +39,8 @@ MOST_DRIFT_M = 0.04
 """A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm. Set by
 hand."""
 _SAME_PLACE_M = 0.012
-"""In a layout grown anew, predictions of a place that differ by less than this (a node's distance) agree. Set by
-hand."""
+"""In a layout grown anew, predictions of a place that differ by less than this (a node's distance) agree. Set
+by hand."""
 
 Int64 = NDArray[np.int64]
 
