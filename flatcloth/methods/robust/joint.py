@@ -25,7 +25,7 @@ from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
 from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
 from flatcloth.methods.robust.layout import (
-    MOST_OFF_M,
+    MOST_DRIFT_M,
     Links,
     grown_layout,
     lay_out,
@@ -333,7 +333,7 @@ def _grown_anew(
     reached = both_ends(np.isfinite(z.real), links.edges[within])
     inside, anew = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
-    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
+    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
     left = _overlapping(shape, grown)
     if np.unique(left).size >= np.unique(overlapping).size:
         return uv_m, weight, overlapping

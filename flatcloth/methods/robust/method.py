@@ -33,8 +33,8 @@ from flatcloth.session.machine import Accepted, Document, Later, Side
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
 hand."""
-_TOLD = 6
-"""Candidates of a plan that are told. Set by hand."""
+_LISTED = 6
+"""Candidates that a plan lists. Set by hand."""
 
 
 class RobustMethod(Method):
@@ -79,7 +79,7 @@ class RobustMethod(Method):
                 + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
             ),
             sides=(),
-            candidates=tuple(rated[:_TOLD]),
+            candidates=tuple(rated[:_LISTED]),
         )
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -183,5 +183,5 @@ def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
 
 
 def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
-    candidates = tuple(rated[:_TOLD])
+    candidates = tuple(rated[:_LISTED])
     return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)
