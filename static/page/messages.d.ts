@@ -260,6 +260,13 @@ export interface DecidePiece {
   accepted: boolean;
 }
 
+/** Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list. */
+export interface DecideLink {
+  type: "decide_link";
+  index: number;
+  taken_off: boolean;
+}
+
 /** Pick a named point of the garment as a grasp. */
 export interface PickPoint {
   type: "pick_point";
@@ -301,4 +308,5 @@ export type ClientMessage = Do
   | PreviewPoint
   | ReleasePoints
   | DecidePiece
+  | DecideLink
   | PickPoint;

@@ -327,6 +327,13 @@ class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
     accepted: bool
 
 
+class DecideLink(_Said, tag="decide_link", frozen=True, kw_only=True):
+    """Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list."""
+
+    index: Annotated[int, msgspec.Meta(ge=0)]
+    taken_off: bool
+
+
 class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 
@@ -368,8 +375,10 @@ Message = (
     | PreviewPoint
     | ReleasePoints
     | DecidePiece
+    | DecideLink
     | PickPoint
 )
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
 
 KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
 
