@@ -16,7 +16,7 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.pixel_states import pixel_counts
+from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe

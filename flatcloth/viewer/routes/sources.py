@@ -16,7 +16,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
-from flatcloth.engine.pixel_states import PixelStates, pixel_states
+from flatcloth.engine.results.pixel_states import PixelStates, pixel_states
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Projection, Visibility, project, visibility_in
 from flatcloth.rendering import layers

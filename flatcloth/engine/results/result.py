@@ -13,7 +13,7 @@ from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Float64, Progress, Uint8, no_progress
 from flatcloth.engine.outcome import uncertainty
-from flatcloth.engine.pixel_states import NEAR_M, states_of
+from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.session.machine import Document
