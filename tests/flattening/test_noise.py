@@ -23,7 +23,7 @@ STEP_LIMIT = math.tan(math.radians(75.0)) / 425.0
 def noisy(depth: np.ndarray, std_m: float, correlation_px: float = 0.0, seed: int = 0) -> np.ndarray:
     drawn = np.random.default_rng(seed).standard_normal(depth.shape)
     if correlation_px:
-        drawn = cv2.GaussianBlur(drawn, (0, 0), correlation_px)
+        drawn = np.asarray(cv2.GaussianBlur(drawn, (0, 0), correlation_px), dtype=np.float64)
         drawn /= drawn.std()
     return depth + std_m * drawn
 
