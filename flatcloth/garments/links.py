@@ -35,7 +35,7 @@ _RIGHT_TO_WRONG = 50.0
 """Links that are right for one that is wrong, before the garment is known: one of the 27 shapes of the
 development has a wrong one, and each has several. Set by hand."""
 _LEAST_CORE = 45
-"""Samples, 12 mm apart, of an area that may be a part: 65 cm2, as the smallest piece that is placed."""
+"""Samples, 12 mm apart, of an area that may be a part. Chosen: 65 cm2, as ``placing.LEAST_AREA_M2``."""
 _SADDLE = 0.8
 """Two areas are told apart if less than this share of the evidence within the smaller one joins them.
 Chosen: less than the unevenness of one area."""

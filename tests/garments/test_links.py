@@ -64,8 +64,9 @@ def joined_at(motion: Rigid2) -> tuple[PieceEvidence, Cloth, np.ndarray]:
     along = armpit - shoulder
     beyond = np.array([along[1], -along[0]]) / np.linalg.norm(along)
 
-    def of_sleeve(places):
-        return (places - shoulder) @ beyond > 0.0
+    def of_sleeve(places: np.ndarray) -> np.ndarray:
+        found: np.ndarray = (places - shoulder) @ beyond > 0.0
+        return found
 
     whole = evidence_from(outline)
     edges, insides = of_sleeve(whole.edge_uv_m), of_sleeve(whole.inside_uv_m)

@@ -193,7 +193,7 @@ def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, d
 def test_run_takes_off_what_is_surely_wrong_and_tells_what_it_only_doubts(service, doubted) -> None:
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     known = place_sure_pieces(service, session)
-    assert session.state.document.garment.parts == ()
+    assert not session.state.document.garment.parts
     assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
     assert any("A part of 28 cm2" in line for line in told(known))
     service.links = (dataclasses.replace(doubted, probability=0.01),)
