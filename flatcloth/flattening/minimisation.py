@@ -24,7 +24,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
-from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.linalg.lapack import dgesv, dpbtrf, dpbtrs
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -331,9 +331,19 @@ def _conjugate_gradients(
     return None
 
 
-@njit(cache=True, nogil=True)
 def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
     """Combine the past images so that the combined residual is smallest."""
+    gram, rhs = _normal_equations(past_f, kept, f)
+    # Solved here: np.linalg.solve in a compiled function takes longer to compile than all of this module.
+    _, _, gamma, failed = dgesv(gram, rhs)
+    if failed or not np.isfinite(gamma).all():
+        raise np.linalg.LinAlgError("the past residuals cannot be combined")
+    return _combined(past_x, kept, g, gamma)
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(past_f: Float64, kept: int, f: Float64) -> tuple[Float64, Float64]:
+    """Return the Gram matrix of the residual's changes, and their products with the residual."""
     size = f.size
     gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
     for i in range(kept):
@@ -351,10 +361,15 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
         largest = max(largest, gram[i, i])
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
-    gamma = np.linalg.solve(gram, rhs)
+    return gram, rhs
+
+
+@njit(cache=True, nogil=True)
+def _combined(past_x: Float64, kept: int, g: Float64, gamma: Float64) -> Float64:
+    """Return the present image less the changes to the past ones, in shares ``gamma``."""
     mixed = g.copy()
     for i in range(kept):
-        for k in range(size):
+        for k in range(g.size):
             mixed[k] -= gamma[i] * (g[k] - past_x[i, k])
     return mixed
 
