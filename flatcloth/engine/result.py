@@ -13,15 +13,15 @@ from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.engine.outcome import uncertainty
+from flatcloth.methods.robust.scoring import TWICE_M
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
     from flatcloth.methods.base import Canonical
 
-NEAR_M = 0.015
-"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
-twice (methods/robust/scoring.py). Set by hand."""
+NEAR_M = TWICE_M
+"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth covered twice."""
 LEAST_M2 = 2e-4
 """Smaller areas left out are not reported. Set by hand."""
 _LAST_VIEWS = 6
@@ -49,9 +49,15 @@ class LeftOut:
 class More:
     """What other views would add.
 
-    ``expected`` are the planner's best candidates with their expected area (m2), far enough apart that they
-    show other cloth. ``share`` is the part of
-    what was expected that this session's views really added, None if unknown; ``reason`` the planner's words.
+    Attributes
+    ----------
+    reason : str
+        Why the planner proposes no further view, or which it proposes.
+    expected : tuple of (int, float)
+        The planner's best candidates with the area (m2) that it expects of each; they are so far apart that
+        they show different cloth.
+    share : float or None
+        The area that the last views really added over the area that was expected of them; None if unknown.
     """
 
     reason: str

@@ -95,7 +95,7 @@ def compile_beside() -> None:
         return
     for number in range(PROCESSES):
         process = subprocess.Popen(
-            [sys.executable, "-m", __name__, str(number)],
+            [sys.executable, "-m", "flatcloth.engine.warmup", str(number)],
             cwd=Path(__file__).parents[2],  # a checkout need not be installed
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -334,11 +334,14 @@ def _conjugate_gradients(
 def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
     """Combine the past images so that the combined residual is smallest."""
     gram, rhs = _normal_equations(past_f, kept, f)
-    # Solved here: np.linalg.solve in a compiled function takes longer to compile than all of this module.
+    # Not solved in the compiled function: there np.linalg.solve takes longer to compile than this module.
     _, _, gamma, failed = dgesv(gram, rhs)
     if failed or not np.isfinite(gamma).all():
         raise np.linalg.LinAlgError("the past residuals cannot be combined")
-    return _combined(past_x, kept, g, gamma)
+    mixed = g.copy()
+    for past, share in zip(past_x[:kept], gamma, strict=True):
+        mixed -= share * (g - past)
+    return mixed
 
 
 @njit(cache=True, nogil=True)
@@ -362,16 +365,6 @@ def _normal_equations(past_f: Float64, kept: int, f: Float64) -> tuple[Float64, 
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
     return gram, rhs
-
-
-@njit(cache=True, nogil=True)
-def _combined(past_x: Float64, kept: int, g: Float64, gamma: Float64) -> Float64:
-    """Return the present image less the changes to the past ones, in shares ``gamma``."""
-    mixed = g.copy()
-    for i in range(kept):
-        for k in range(g.size):
-            mixed[k] -= gamma[i] * (g[k] - past_x[i, k])
-    return mixed
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,8 @@ class Process:
     """Stands for a process that compiles until it is told to end."""
 
     def __init__(self, command: list[str], **_options: object) -> None:
-        self.command, self.status = command, None
+        self.command = command
+        self.status: int | None = None
 
     def poll(self) -> int | None:
         return self.status

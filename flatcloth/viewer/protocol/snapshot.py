@@ -81,9 +81,7 @@ def snapshot(
         else {"kind": state.request.kind, "view_index": state.request.view_index},
         "present_view": present,
         "angle_deg": None if present is None else recording.angles_deg[present],
-        "views": [
-            _view(state, i, recording.angles_deg[i], integration.accept_score) for i in range(len(recording))
-        ],
+        "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
         "progress": _progress(status, drawing),
@@ -166,7 +164,7 @@ def _common(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float, accept_score: float) -> dict[str, Any]:
+def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -176,7 +174,6 @@ def _view(state: SessionState, index: int, angle_deg: float, accept_score: float
         "state": word,
         "detail": detail,
         "score": score,
-        "flagged": word in {"accepted", "fixed", "later"} and score is not None and score < accept_score,
         "follows": _follows(document, index),
         "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         "why_not_reopen": why_illegal(state, Reopen(index)),
