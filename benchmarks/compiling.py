@@ -1,8 +1,8 @@
 """What compiling the numerics costs on a fresh machine, and which kernels a typical integration needs.
 
 An empty cache of numba: the warm-up's two processes first, then a bundled recording unattended, which
-compiles what the table of kernels (flatcloth/engine/kernels.json) lacks. The table is written from what was
-seen. Processor seconds depend little on what else the machine does; the clock does.
+compiles what the table of kernels (flatcloth/engine/kernels/table.json) lacks. The table is written from
+what was seen. Processor seconds depend little on what else the machine does; the clock does.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _watched(command: list[str], environment: Mapping[str, str]) -> dict[str, An
 
 
 def _write_table(seen: list[dict[str, Any]]) -> None:
-    from flatcloth.engine.kernels import TABLE
+    from flatcloth.engine.kernels.table import TABLE
 
     keys = ("name", "arguments", "compile_s")
     called = sorted((line for line in seen if line["depth"] == 0), key=lambda line: str(line["name"]))

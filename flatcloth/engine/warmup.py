@@ -18,7 +18,7 @@ import numpy as np
 
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.kernels import compile_share, kernels
+from flatcloth.engine.kernels.table import compile_share, kernels
 from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
 
 PROCESSES = 2

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.engine import kernels, warmup
-from flatcloth.engine.kernels import Kernel
+from flatcloth.engine import warmup
+from flatcloth.engine.kernels import table
+from flatcloth.engine.kernels.table import Kernel
 
 
 def function() -> None:
@@ -88,14 +89,14 @@ def test_what_needs_kernels_waits_until_the_processes_end_and_can_be_cancelled(i
 
 
 def test_the_shares_are_the_whole_table_and_take_about_as_long() -> None:
-    one, other = kernels.shares(2)
-    assert sorted(k.name for k in [*one, *other]) == sorted(k.name for k in kernels.kernels())
+    one, other = table.shares(2)
+    assert sorted(k.name for k in [*one, *other]) == sorted(k.name for k in table.kernels())
     seconds = [sum(k.compile_s for k in share) for share in (one, other)]
     assert max(seconds) < 1.2 * min(seconds)
 
 
 def test_each_kernel_of_the_table_is_there_and_takes_these_types() -> None:
-    for kernel in kernels.kernels():
+    for kernel in table.kernels():
         kernel.compile()
         assert kernel.dispatcher.signatures
         kept = Path(kernel.dispatcher.stats.cache_path)

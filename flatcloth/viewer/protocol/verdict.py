@@ -14,7 +14,7 @@ from flatcloth.rendering.layers import CONFLICT_M, difference
 if TYPE_CHECKING:
     from flatcloth.viewer.protocol.picture import Overlay
 
-APART_LIMIT_MM = 1000.0 * CONFLICT_M
+APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
 SHARE_LIMIT = 0.1
 """As without an operator: of a larger share that contradicts, no view is accepted."""
 _JOINS_M2 = 2e-4
