@@ -16,6 +16,7 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe
@@ -63,6 +64,7 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
+        "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
         **_segmentation(integration),
     }

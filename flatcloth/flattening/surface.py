@@ -146,7 +146,7 @@ def observe_surface(
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
     usable[rows[kept], cols[kept]] = True
-    usable &= _off_edges(item, steps)
+    usable &= off_edges(item, steps)
     if not usable.any():
         raise SurfaceError(
             f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
@@ -205,7 +205,7 @@ def _inverse(depth_m: Float32, item: Bool) -> Float64:
     return np.where(item, 1.0 / np.where(item, depth_m.astype(np.float64), 1.0), 0.0)
 
 
-def _off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
+def off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
     """Pixels of the item that no depth jump separates from a neighbour of the item."""
     cut_right = item[:, :-1] & item[:, 1:] & ((steps[:, :-1] & STEP_RIGHT) == 0)
     cut_down = item[:-1] & item[1:] & ((steps[:-1] & STEP_DOWN) == 0)
