@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
-from flatcloth.core.types import Float64, Progress, Uint8, no_progress
-from flatcloth.engine.outcome import uncertainty
+from flatcloth.core.types import FlattenedView, Float64, Progress, Uint8, no_progress
+from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
@@ -125,6 +125,17 @@ def _count(document: Document) -> int:
 
 def _key(document: Document, order: int) -> Hashable:
     return document.start_view, document.accepted[:order], document.strokes
+
+
+def uncertainty(view: FlattenedView) -> dict[str, float]:
+    """Return the median placement uncertainty and the reliable share; empty if the method computes none."""
+    if view.placement_std_m is None or not view.valid.any():
+        return {}
+    std = view.placement_std_m[view.valid]
+    return {
+        "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
+        "firm_share": round(float((std <= FIRM_M).mean()), 4),
+    }
 
 
 def result_of(areas: Areas, document: Document, progress: Progress = no_progress) -> Result:
