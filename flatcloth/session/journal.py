@@ -116,6 +116,7 @@ _ADDED: dict[type[Any], set[str]] = {
     session.Accept: {"score"},
     session.Nudge: {"how"},
     session.Proposed: {"why"},
+    session.NothingMore: {"takes_largest"},
 }
 """Fields that journals of earlier versions lack; they take the default."""
 
