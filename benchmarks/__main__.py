@@ -13,7 +13,7 @@ ON_ALL_CORES = ("size", "page", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy")
 """Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "reliability", "axis", "registration", "segmentation", "segmented"),
+    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 
