@@ -89,7 +89,9 @@ def integrate(
         If nothing can be flattened, or the folder cannot be written.
     """
     stages = stages or Stages()
-    folder = SessionFolder.open(out, integration.recording, integration.config, integration.method)
+    folder = SessionFolder.open(
+        out, integration.recording, integration.config, integration.method, integration.source_options
+    )
     try:
         settle_axis(folder.folder, integration)
         take_strokes(integration, folder, strokes)
