@@ -11,6 +11,7 @@ from benchmarks.output import Options
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas")
 ON_ONE_CORE = ("flattening", "page", "confidence", "registration", "fused", "growth", "reach", "speed")
+ONLY_BY_NAME = ("paper_steps",)
 
 
 def pin_to_one_core() -> None:
@@ -24,7 +25,10 @@ def pin_to_one_core() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
-        "name", nargs="*", choices=[*ON_ALL_CORES, *ON_ONE_CORE, []], help="which; all by default"
+        "name",
+        nargs="*",
+        choices=[*ON_ALL_CORES, *ON_ONE_CORE, *ONLY_BY_NAME, []],
+        help="which; all by default",
     )
     parser.add_argument(
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
@@ -34,8 +38,8 @@ def main() -> None:
     arguments = parser.parse_args()
     options = Options(arguments.recordings, arguments.quick, arguments.learn)
     # Imported late: the libraries read their number of threads when they are loaded.
-    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
-        chosen = [name for name in names if name in (arguments.name or names)]
+    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE + ONLY_BY_NAME, pin_to_one_core)):
+        chosen = [name for name in names if name in (arguments.name or ON_ALL_CORES + ON_ONE_CORE)]
         if chosen and prepare is not None:
             prepare()
         for name in chosen:

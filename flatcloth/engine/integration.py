@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.config import Config
+from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import (
     AlignmentError,
     FlatclothError,
@@ -28,16 +28,18 @@ from flatcloth.core.types import (
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import Reach, reach
 from flatcloth.engine.views import RecordedViews, Segmenter
-from flatcloth.flattening.resampling import place
+from flatcloth.flattening.resampling import place_all
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
+from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.recordings.base import Recording
 from flatcloth.session.machine import (
     Document,
     Event,
     NothingMore,
     Pending,
+    PlacedPart,
     Proposed,
     Rejected,
     Request,
@@ -126,6 +128,11 @@ class Integration(RecordedViews):
         """Smallest score of a proposal that is accepted unattended."""
         return self.algorithm.accept_score
 
+    @property
+    def planning(self) -> PlanningConfig:
+        """The settings of the rotation (paper, 4.1), with S_0 as it is by the size of the item."""
+        return replace(self.config.planning, overlap_area_m2=overlap_area_m2(self))
+
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view of a document's accepted views (cached).
 
@@ -156,13 +163,14 @@ class Integration(RecordedViews):
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
-        """Return the pending view, rasterised on the current plane at its effective placement."""
+        """Return what is proposed, rasterised on the current plane at its effective placement."""
         pending = document.pending
         assert pending is not None
-        placed = pending.view_index, pending.component, pending.current_from_new
+        placed = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
+        parts = (placed, *pending.also_placed)
         return self._overlays.get(
-            (document.start_view, document.accepted, *placed),
-            lambda: place(self.part(pending.view_index, pending.component), pending.current_from_new),
+            (document.start_view, document.accepted, parts),
+            lambda: place_all([(self.part(p.view_index, p.component), p.current_from_new) for p in parts]),
         )
 
     def new_points(self, document: Document) -> Bool:
@@ -221,18 +229,13 @@ class Integration(RecordedViews):
     # ---------------------------------------------------------------- the work itself
 
     def _start_view(self, progress: Progress) -> int:
-        areas = self.observed_areas_m2(progress)
-        for view in np.argsort(-areas, kind="stable"):
-            try:
-                folded_share = self.flattening(int(view)).components[0].folded_share
-            except (SurfaceError, FlatteningError):
-                continue
-            if folded_share <= self.config.flattening.max_folded_share:
-                return int(view)
-        raise FlatteningError(
-            f"{self.recording.location}: no view shows enough cloth that can be flattened without folds. "
-            "Check depth and masks."
-        )
+        view = self.algorithm.start_view(progress)
+        if view is None:
+            raise FlatteningError(
+                f"{self.recording.location}: no view shows enough cloth that can be flattened without folds. "
+                "Check depth and masks."
+            )
+        return view
 
     def _planned(self, document: Document, token: int, progress: Progress) -> Event:
         """Propose the planned view; a view that cannot be flattened or aligned is left out."""
@@ -306,6 +309,7 @@ class Integration(RecordedViews):
             proposal.alignment.score.total,
             proposal.component,
             why,
+            proposal.placement.also,
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,16 +164,20 @@ class Teaching:
 
     def __init__(self, integration: Integration) -> None:
         self._session = integration
-        config = integration.config
-        self.defaults = Parameters(
-            sampling_interval_px=int(np.clip(config.flattening.sampling_intervals_px[0], *INTERVALS_PX)),
-            z_angle_limit_deg=float(np.clip(config.planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
-            overlap_area_m2=float(np.clip(config.planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
-        )
         self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
         self._integrations: Cache[_PaperIntegration] = Cache(_INTERVALS_KEPT)
         self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
         self._starts: Cache[int] = Cache(1)
+
+    @cached_property
+    def defaults(self) -> Parameters:
+        """The parameters of the session's configuration."""
+        flattening, planning = self._session.config.flattening, self._session.planning
+        return Parameters(
+            sampling_interval_px=int(np.clip(flattening.sampling_intervals_px[0], *INTERVALS_PX)),
+            z_angle_limit_deg=float(np.clip(planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
+            overlap_area_m2=float(np.clip(planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
+        )
 
     def start_view(self, progress: Progress = no_progress) -> int:
         """Return the paper's start view: the one with the largest area that flattens without folds.
@@ -330,8 +335,12 @@ class _PaperIntegration(Integration):
     """The paper's method beside a session; its flattened views are recorded, and cached for each d."""
 
     def __init__(self, session: Integration, config: Config, flattenings: Cache[Flattening]) -> None:
+        self._beside = session
         super().__init__(_SessionRecording(session), config, PaperMethod.name)
         self._shared = flattenings
+
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        return self._beside.observed_areas_m2(progress)
 
     def flattening(self, view_index: int) -> Flattening:
         def make() -> Flattening:

@@ -97,6 +97,7 @@ class RecordedViews:
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
         self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+        self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = None if segmenter is None else Sides(lambda progress: segmenter(self, progress))
@@ -177,7 +178,11 @@ class RecordedViews:
         return components[component].view
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
-        """Return the observed area of the side of interest in each view (n_views,)."""
+        """Return the observed area of the side of interest in each view (n_views,), cached."""
+        keys = tuple(self._mask_key(n) for n in range(len(self.recording)))
+        return self._areas.get(keys, lambda: self._observed(progress))
+
+    def _observed(self, progress: Progress) -> Float64:
         areas = np.zeros(len(self.recording))
         for n in range(len(areas)):
             progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")

@@ -23,7 +23,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.session.document import Document, Later, Side
+from flatcloth.session.document import Document, Later, PlacedPart, Side
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
@@ -210,7 +210,8 @@ class Placement:
     ``hypotheses`` are those for that component, the best first; ``margin`` is the difference of the best
     score to the second (the score itself, if there is no second); ``cameras`` is the result of the
     registration in a sentence; ``parts`` has one entry for each component of the view. Only
-    ``component`` and ``alignment`` are required of a method.
+    ``component`` and ``alignment`` are required of a method. ``also`` are further components, of this view or
+    of accepted ones, each with a motion of its own, that are placed with it.
     """
 
     component: int
@@ -219,6 +220,7 @@ class Placement:
     margin: float = math.nan
     cameras: str = ""
     parts: tuple[ComponentPlacement, ...] = ()
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,6 +266,10 @@ class Views(Protocol):
         """Return one connected component of a flattened view, the largest being 0."""
         ...
 
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        """Return the observed area of the side of interest in each view (n_views,), cached."""
+        ...
+
 
 class Method(Protocol):
     """A method of integrating views.
@@ -295,6 +301,10 @@ class Method(Protocol):
     @abstractmethod
     def accept_score(self) -> float:
         """Without an operator, a proposal with a lower score is refused."""
+
+    @abstractmethod
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        """Choose the start view; None if no view can be flattened without folds."""
 
     @abstractmethod
     def canonical(self, document: Document) -> Canonical:

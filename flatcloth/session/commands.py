@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.document import Side
+from flatcloth.session.document import PlacedPart, Side
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,10 @@ class Started:
 
 @dataclass(frozen=True)
 class Proposed:
-    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed."""
+    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed.
+
+    ``also`` are further components, of this view or of accepted ones, that are placed with it.
+    """
 
     token: int
     view_index: int
@@ -137,6 +140,7 @@ class Proposed:
     score: float = math.nan
     component: int = 0
     why: str = ""
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,7 @@ class Followed:
     component: int = 0
     holds: bool = True
     why: str = ""
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True)

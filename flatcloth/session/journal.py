@@ -110,7 +110,8 @@ _KINDS: dict[str, type[Any]] = {
 _ADDED: dict[type[Any], set[str]] = {
     session.Accept: {"score"},
     session.Nudge: {"how"},
-    session.Proposed: {"why"},
+    session.Proposed: {"why", "also"},
+    session.Followed: {"also"},
 }
 """Fields that journals of earlier versions lack; they take the default."""
 

@@ -43,7 +43,17 @@ from flatcloth.session.commands import (
     TakePart,
     Undo,
 )
-from flatcloth.session.document import UNSURE, Accepted, Document, Later, Pending, Rejected, Side, Skipped
+from flatcloth.session.document import (
+    UNSURE,
+    Accepted,
+    Document,
+    Later,
+    Pending,
+    PlacedPart,
+    Rejected,
+    Side,
+    Skipped,
+)
 
 __all__ = [
     "UNSURE",
@@ -66,6 +76,7 @@ __all__ = [
     "PaintSpace",
     "Pending",
     "Phase",
+    "PlacedPart",
     "Propose",
     "Proposed",
     "Redo",
@@ -273,7 +284,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case TakePart(view_index=view, component=component, current_from_new=motion):
             assert document.pending is not None
             nudge = motion @ document.pending.proposed.inverse()
-            taken = replace(document.pending, component=component, nudge=nudge)
+            taken = replace(document.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
         case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
             painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
@@ -344,8 +355,8 @@ def _answer(state: SessionState, event: Event) -> SessionState:
             return replace(state, document=edits.propose(document, _pending_of(event)))
         case Followed(holds=False):
             return replace(state, document=edits.propose(document, _pending_of(event)))
-        case Followed(current_from_new=motion, score=score, component=component):
-            return _go_on(replace(state, document=edits.follow(document, motion, score, component)))
+        case Followed(current_from_new=motion, score=score, component=component, also=also):
+            return _go_on(replace(state, document=edits.follow(document, motion, score, component, also)))
         case NothingMore(reason=reason):
             return replace(state, document=replace(document, finished=reason))
         case Failed():
@@ -355,5 +366,11 @@ def _answer(state: SessionState, event: Event) -> SessionState:
 def _pending_of(event: Proposed | Followed) -> Pending:
     side = event.side if isinstance(event, Proposed) else None
     return Pending(
-        event.view_index, event.current_from_new, side, event.score, component=event.component, why=event.why
+        event.view_index,
+        event.current_from_new,
+        side,
+        event.score,
+        component=event.component,
+        why=event.why,
+        also=event.also,
     )

@@ -126,10 +126,15 @@ function showProposal(state, send) {
           )
         : null,
       pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
+      pending.also.length
+        ? make("p", { class: "note" }, `Placed with it: ${pending.also.map(partName).join(", ")}`)
+        : null,
       pending.reason ? make("p", { class: "note" }, pending.reason.replaceAll("cm2", "cm²")) : null,
     ].filter(Boolean),
   );
 }
+
+const partName = (part) => `part ${part.component + 1} of view ${part.view_index}`;
 
 const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
 const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };

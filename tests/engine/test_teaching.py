@@ -65,9 +65,14 @@ def test_a_number_that_cannot_be_shown_is_named(teaching, change, named):
 def test_the_lessons_begin_with_the_numbers_of_the_session():
     config = Config()
     config = replace(config, planning=replace(config.planning, z_angle_limit_deg=40.0))
-    assert Teaching(Integration(Cylinder(), config)).defaults == Parameters(
-        sampling_interval_px=12, z_angle_limit_deg=40.0, overlap_area_m2=0.03
+    session = Integration(Cylinder(), config)
+    assert Teaching(session).defaults == Parameters(
+        sampling_interval_px=12,
+        z_angle_limit_deg=40.0,
+        overlap_area_m2=0.2 * float(session.observed_areas_m2().max()),
     )
+    given = replace(config, planning=replace(config.planning, overlap_area_m2=0.03))
+    assert Teaching(Integration(Cylinder(), given)).defaults.overlap_area_m2 == 0.03
 
 
 def test_the_configuration_is_the_papers_with_the_learners_numbers():

@@ -32,7 +32,7 @@ _SEARCH_POINTS = 700
 """Pixels compared in the coarse search."""
 _COARSE_SMOOTHING_M = 0.006
 """Smoothing of the texture in the coarse search."""
-_FINE_SMOOTHING_M = 0.002
+FINE_SMOOTHING_M = 0.002
 """Smoothing of the texture in the detailed search and in the score."""
 _MISSING_OVERLAP_COST = 0.3
 """Cost of losing all of the overlap that the initial estimate has."""
@@ -52,14 +52,20 @@ _TELLING_TEXTURE = 0.25
 """Texture that disagrees less than this at random counts in proportion."""
 
 _CHANCE_PAIRS = 5000
+_CHANCE_HEIGHT = 0.85
+"""Without texture, heights that agree less than this tell nothing: wrong placements of the shared recordings
+reach 0.82 to 0.93, right ones mostly 0.93 to 1 (``python -m benchmarks paper_steps``)."""
 
 
 class Matcher:
     """Compares two flattened views, laid on each other, by intensity and height.
 
     Each overlapping pixel of the new view disagrees by a robust mean of the two differences,
-    0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps.
+    0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps,
+    and so does the score: fine texture refuses placements that are a few millimetres off.
     """
+
+    score_smoothing_m = _COARSE_SMOOTHING_M
 
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
@@ -69,7 +75,7 @@ class Matcher:
         self._uv = new.uv_from_rc(rc)
         self._fields: dict[float, Float32] = {}
         self._values: dict[float, Float32] = {}
-        for smoothing_m in (_COARSE_SMOOTHING_M, _FINE_SMOOTHING_M):
+        for smoothing_m in (_COARSE_SMOOTHING_M, FINE_SMOOTHING_M):
             texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
             spread = max(_spread(texture), _spread(new_texture), _INTENSITY_FLOOR)
             self._fields[smoothing_m] = attribute_fields(current, axis, texture / spread)
@@ -94,7 +100,7 @@ class Matcher:
         (n, 5) float64
             Mean disagreement, overlap share, its intensity and height parts, rms of height (m).
         """
-        which = _FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
+        which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
         return _compare(
             self._fields[which],
@@ -135,15 +141,17 @@ class Matcher:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
         Each agreement is taken relative to that of pixels paired at random, so that "half the
-        checks match anyway" counts nothing. Texture counts as far as there is any.
+        checks match anyway" counts nothing. Texture counts as far as there is any; as far as there is
+        none, height must agree closely, since it also falls alike along wrong places.
         """
-        result = self.disagreement([current_from_new], 1)[0]
+        result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
         told = min(1.0, self._chance[0] / _TELLING_TEXTURE)
         enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
-        total = by_height * (1.0 - told * (1.0 - by_intensity)) * enough if result[1] > 0 else 0.0
+        by_shape = min(1.0, max(0.0, (by_height - _CHANCE_HEIGHT) / (1.0 - _CHANCE_HEIGHT)))
+        total = self.combined(told, by_intensity, by_height, by_shape) * enough if result[1] > 0 else 0.0
         return AlignmentScore(
             total,
             {
@@ -157,14 +165,17 @@ class Matcher:
             "height_rms_mm",
         )
 
+    def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
+        """Weigh texture, as far as there is any, against height alone."""
+        return told * by_intensity * by_height + (1.0 - told) * by_shape
+
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement, by intensity and by height, of pixels paired at random."""
-        fine = _FINE_SMOOTHING_M
-        current = self._fields[fine]
+        current = self._fields[self.score_smoothing_m]
         current = current[np.isfinite(current[..., 1])]
         random = np.random.default_rng(0)
         a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
-        b = self._values[fine][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
+        b = self._values[self.score_smoothing_m][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
         intensity = np.square(a[:, 0] - b[:, 0])
         height = np.square((a[:, 1] - b[:, 1]) / _HEIGHT_SCALE_M)
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
@@ -188,8 +199,8 @@ class Matcher:
         step: Float64 = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M]) / 2
         best, lowest = start, math.inf
         while step[1] > _SEARCH_FINEST_M:
-            fine = step[1] <= _FINE_SMOOTHING_M
-            smoothing = _FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
+            fine = step[1] <= FINE_SMOOTHING_M
+            smoothing = FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
             points = 4 * _SEARCH_POINTS if fine else _SEARCH_POINTS
             lowest = math.inf
             for _ in range(8):

@@ -209,6 +209,7 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
+        "also": [{"view_index": part.view_index, "component": part.component} for part in pending.also],
         **_placing(overlay),
     }
 
