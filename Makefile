@@ -1,6 +1,7 @@
 # make demo    the operator page on a bundled recording; sets everything up the first time
 # make test    linters, types and all tests, as CI runs them
-# make thorough  the page on further screens, and ten times as many random cases, others each time
+# make thorough  the page on further screens, sessions under torture (kills, damages, full disks; the counts
+#                are printed), and ten times as many random cases, others each time
 # make lint    linters and types only
 # make format  Python, the page's modules and its message types, as the linters want them
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
@@ -33,7 +34,7 @@ test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(BIN)/python -m pytest -m thorough
+	$(BIN)/python -m pytest -m thorough -s
 	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -rl "^from hypothesis import" tests --include="test_*.py")
 
 lint: $(VENV)/.test $(VENV)/.page
@@ -74,7 +75,7 @@ $(VENV)/.python:
 # The stamps make the second run instant; a change of the dependencies installs again.
 $(VENV)/.demo: pyproject.toml | $(VENV)/.python
 	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
-	@$(PIP_INSTALL) .
+	@$(PIP_INSTALL) '.[export]'
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(VENV)/.python

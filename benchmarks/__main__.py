@@ -9,9 +9,13 @@ import os
 from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
-ON_ALL_CORES = ("size", "canvas")
-ON_ONE_CORE = ("flattening", "page", "confidence", "registration", "fused", "growth", "reach", "speed")
-ONLY_BY_NAME = ("paper_steps",)
+ON_ALL_CORES = ("size", "canvas", "batch")
+ASKED_FOR = ("soak", "paper_steps")
+"""Take an hour, so they run by name only."""
+ON_ONE_CORE = (
+    *("flattening", "page", "confidence", "registration", "segmentation"),
+    *("fused", "growth", "reach", "garments", "speed"),
+)
 
 
 def pin_to_one_core() -> None:
@@ -25,21 +29,32 @@ def pin_to_one_core() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
-        "name",
-        nargs="*",
-        choices=[*ON_ALL_CORES, *ON_ONE_CORE, *ONLY_BY_NAME, []],
-        help="which; all by default",
+        "name", nargs="*", choices=[*ON_ALL_CORES, *ON_ONE_CORE, *ASKED_FOR, []], help="which; all by default"
     )
     parser.add_argument(
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     parser.add_argument("--learn", action="store_true", help="confidence: learn and print new weights")
+    parser.add_argument("--copies", type=int, default=200, help="batch: recordings in all (default: 200)")
+    parser.add_argument(
+        "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"
+    )
+    parser.add_argument("--views", type=int, default=0, help="batch: views of each (default: all)")
     arguments = parser.parse_args()
-    options = Options(arguments.recordings, arguments.quick, arguments.learn)
+    options = Options(
+        arguments.recordings,
+        arguments.quick,
+        arguments.learn,
+        copies=arguments.copies,
+        timed=arguments.timed,
+        views=arguments.views,
+    )
     # Imported late: the libraries read their number of threads when they are loaded.
-    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE + ONLY_BY_NAME, pin_to_one_core)):
-        chosen = [name for name in names if name in (arguments.name or ON_ALL_CORES + ON_ONE_CORE)]
+    for name in (name for name in ASKED_FOR if name in arguments.name):
+        importlib.import_module(f"benchmarks.{name}").run(options)
+    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
+        chosen = [name for name in names if name in (arguments.name or names)]
         if chosen and prepare is not None:
             prepare()
         for name in chosen:

@@ -20,12 +20,16 @@ class Options:
     """What the command line asks of a benchmark.
 
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
-    repetition and no result file; ``learn`` for weights that are learned anew.
+    repetition and no result file; ``learn`` for weights that are learned anew. ``copies``, ``timed`` and
+    ``views`` say how large the benchmark ``batch`` is.
     """
 
     recordings: Sequence[str] = ()
     quick: bool = False
     learn: bool = False
+    copies: int = 200
+    timed: int = 200
+    views: int = 0
 
 
 def provenance(recordings: Sequence[str]) -> dict[str, Any]:

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from flatcloth import __version__
-from flatcloth.commands import evaluate, export, import_, record, run, synthesize, view
+from flatcloth.commands import batch, evaluate, export, import_, record, run, segment, synthesize, view
 from flatcloth.core.errors import FlatclothError
 
 COMMANDS: dict[str, ModuleType] = {
-    command.NAME: command for command in (view, run, export, evaluate, import_, record, synthesize)
+    command.NAME: command
+    for command in (view, run, segment, batch, export, evaluate, import_, record, synthesize)
 }
 
 
@@ -27,13 +28,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         options.run(options)
+        sys.stdout.flush()
     except FlatclothError as error:
         print(f"flatcloth: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("flatcloth: stopped; what was decided is in the session folder.", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # Who read the output has gone, as in "flatcloth run ... | head"; the work is done or of no use.
+        _discard_output()
+        return 141
     return 0
+
+
+def _discard_output() -> None:
+    """Let nothing more be written to the closed pipe, also not by Python when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,6 +16,7 @@ import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/sta
 import { Page } from "/static/page/page.js";
 import { showPalette } from "/static/page/palette.js";
 import { loadScene, startScene } from "/static/page/scene.js";
+import { SceneMarks } from "/static/page/scene_marks.js";
 import { StatusLines } from "/static/page/status.js";
 import { applyTheme, toggleTheme } from "/static/page/theme.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
@@ -48,6 +49,7 @@ const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
+page.add(new SceneMarks(page));
 page.add(new StatusLines());
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
@@ -181,6 +183,7 @@ function run(name, large = false) {
     if (name !== "cancel") notify("warning", action.why_not);
     return;
   }
+  if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];

@@ -23,13 +23,14 @@ NAME = "cylinder </script><b>&"
 PICKS = ("middle", "edge <b>", "gone")
 
 
-def write_cylinder(folder: Path, name: str = NAME) -> Path:
-    """Write the cylinder as a recording folder."""
+def write_cylinder(folder: Path, name: str = NAME, cut_rows: slice = slice(0)) -> Path:
+    """Write the cylinder as a recording folder; of ``cut_rows`` of each image nothing is seen."""
     cylinder = Cylinder(angles_deg=ANGLES_DEG)
     folder.mkdir(parents=True)
     for n in range(len(ANGLES_DEG)):
         frame = cylinder[n]
         assert frame.mask is not None
+        frame.mask[cut_rows] = False
         for kind, pixels in (
             ("color", frame.color[..., ::-1]),
             ("depth", np.rint(frame.depth_m * 10_000).astype(np.uint16)),

@@ -14,7 +14,7 @@ from flatcloth.cameras import CameraError, CameraFrame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.live_camera import CameraRecording
+from flatcloth.engine.playing.camera import CameraRecording
 from flatcloth.session.store import SessionFolder
 
 

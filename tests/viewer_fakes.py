@@ -16,7 +16,7 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.live import LiveFrame
+from flatcloth.engine.playing.recording import LiveFrame
 from flatcloth.engine.repair import Reach
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.base import AlignmentScore, Canonical
@@ -111,6 +111,7 @@ class CylinderIntegration:
         self.accept_score = self.config.alignment.accept_score
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
+        self.sides = None
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
@@ -295,6 +296,9 @@ class MemoryFolder:
 
     def delete_pick(self, pick_id: int) -> None:
         self.picks = tuple(p for p in self.picks if p.id != pick_id)
+
+    def reload(self) -> None:
+        """Nothing else keeps the session."""
 
     def close(self) -> None:
         pass

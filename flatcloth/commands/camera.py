@@ -52,7 +52,7 @@ def _serve(options: argparse.Namespace) -> None:
     from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.feed import CameraFeed
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.live_camera import CameraRecording
+    from flatcloth.engine.playing.camera import CameraRecording
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder

@@ -6,11 +6,12 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from flatcloth.methods.registry import method_entry, method_names
 
 if TYPE_CHECKING:
+    from flatcloth.batch.runner import Limits
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import SourceOptions
 
@@ -106,12 +107,66 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
     )
 
 
-def integration_of(source: str, method: str, options: SourceOptions | None = None) -> Integration:
+def integration_of(source: str, method: str | None, options: SourceOptions | None = None) -> Integration:
     """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
+    from flatcloth.engine.segmenting import prepare
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, options), method=method)
+    return Integration(open_recording(source, options), method=method, segmenter=prepare)
+
+
+def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:
+    """Declare what many recordings run on, and within which limits."""
+    where = parser.add_mutually_exclusive_group()
+    default = "all cores" if jobs is None else str(jobs)
+    where.add_argument(
+        "--jobs",
+        type=_count,
+        default=jobs,
+        metavar="N",
+        help=f"recordings at the same time, on this machine (default: {default})",
+    )
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="instead: on the workers of a Dask scheduler, tcp://host:8786"
+    )
+    parser.add_argument(
+        "--memory",
+        type=_positive,
+        default=2.0,
+        metavar="GB",
+        help="memory that a recording may take beyond the libraries (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=_positive,
+        default=1800.0,
+        metavar="S",
+        help="seconds that a recording may take (default: %(default)g)",
+    )
+
+
+def limits_of(options: argparse.Namespace) -> Limits:
+    """Return the limits of a task that the command line gives."""
+    from flatcloth.batch.runner import Limits
+
+    return Limits(memory_bytes=int(options.memory * 1e9), seconds=options.time_limit)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of recordings; give 1 to 1024")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return number
 
 
 class ProgressBar:
@@ -121,7 +176,7 @@ class ProgressBar:
         self._title = title
         self._shown = sys.stderr.isatty()
 
-    def __enter__(self) -> ProgressBar:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

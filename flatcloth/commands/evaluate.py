@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
-import time
+import statistics
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from flatcloth.commands.common import ProgressBar, add_method, integration_of
+from flatcloth.commands.common import ProgressBar, add_engine, add_method, limits_of
 from flatcloth.core.errors import FlatclothError
 
 NAME = "evaluate"
@@ -25,6 +25,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "sources", nargs="+", metavar="SOURCE", help="synthetic recording folders, or bundled names"
     )
     add_method(parser)
+    add_engine(parser, jobs=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR", help="write a picture of each result beside its truth to DIR"
@@ -33,12 +34,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print a row of figures per recording."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     print(_table_head())
-    for source in options.sources:
-        row = _evaluate_one(source, options)
+    for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
         print(_table_row(row), flush=True)
+        if "garment" in row:
+            print(_garment_line(row["garment"]), flush=True)
     if options.json is not None:
         try:
             options.json.parent.mkdir(parents=True, exist_ok=True)
@@ -49,41 +51,61 @@ def run(options: argparse.Namespace) -> None:
             ) from error
 
 
-def _evaluate_one(source: str, options: argparse.Namespace) -> dict[str, Any]:
-    from flatcloth.engine.evaluation import compare
-    from flatcloth.engine.headless import Run
-    from flatcloth.recordings.truth import read_truth
-    from flatcloth.session.machine import MemorySession, SessionState
-
-    integration = integration_of(source, options.method)
-    recording = integration.recording
-    truth = read_truth(recording.location)
-    started = time.perf_counter()
-    with ProgressBar(recording.name) as bar:
-        state = Run(integration, MemorySession(SessionState(len(recording)))).finish(bar.show)
-    view = integration.canonical(state.document).view
-    seconds = time.perf_counter() - started
-    comparison = compare(view, truth, recording)
-    if options.pictures is not None:
-        _write_picture(options.pictures, recording.name, comparison)
-    return {
-        "recording": recording.name,
-        "method": options.method,
-        **dataclasses.asdict(comparison.evaluation),
-        "views": sorted(state.document.used_views),
-        "seconds": round(seconds, 2),
-    }
+def _garment_line(garment: dict[str, Any]) -> str:
+    """Return what was recognised in a line."""
+    if "reason" in garment:
+        return f"  garment: none told, truly {garment['true_kind']}: {garment['reason']}"
+    text = f"  garment: {garment['kind']}, truly {garment['true_kind']} ({garment['probability']:.0%})"
+    for name in ("seen", "unseen"):
+        if errors := garment[f"{name}_mm"].values():
+            text += f"; {len(errors)} points {name}: median {statistics.median(errors):.0f} mm"
+    if sizes := [abs(e) for e in garment["dimension_errors"].values()]:
+        text += f"; dimensions: median {statistics.median(sizes):.1%}"
+    if garment["pieces_mm"]:
+        text += f"; pieces placed: {', '.join(f'{e:.0f}' for e in garment['pieces_mm'])} mm off"
+    return text
 
 
-def _write_picture(folder: Path, name: str, comparison: Any) -> None:
-    import cv2
+def _one_by_one(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    from flatcloth.batch.evaluate import evaluate_one
 
-    from flatcloth.engine.evaluation import picture
+    for source in options.sources:
+        with ProgressBar(Path(source).name) as bar:
+            row = evaluate_one(source, options.method, options.pictures, bar.show)
+        yield row
 
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.png"
-    if not cv2.imwrite(str(file), picture(comparison)[..., ::-1]):
-        raise FlatclothError(f"{file}: cannot be written; choose another folder.")
+
+def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Evaluate on the engine of ``batch``; the rows come in the order in which the sources were given."""
+    from flatcloth.batch.engines import engine_of
+
+    questions = [
+        {
+            "job": "evaluate",
+            "source": str(Path(source).absolute()) if Path(source).exists() else source,
+            "method": options.method,
+            "pictures": None if options.pictures is None else str(options.pictures.absolute()),
+        }
+        for source in options.sources
+    ]
+    found: dict[int, dict[str, Any]] = {}
+    given = 0
+    with engine_of(options.jobs, options.scheduler) as engine, ProgressBar("evaluate") as bar:
+        for number, answer in engine.run(questions, limits_of(options)):
+            found[number] = _figures(options.sources[number], answer)
+            bar.show(len(found) / len(questions), f"{len(found)} of {len(questions)}")
+            while given in found:
+                yield found[given]
+                given += 1
+
+
+def _figures(source: str, answer: Any) -> dict[str, Any]:
+    if isinstance(answer, dict) and "recording" in answer:
+        return answer
+    if isinstance(answer, dict) and "error" in answer:
+        raise FlatclothError(answer["error"])
+    reason = answer["reason"] if isinstance(answer, dict) else str(answer)
+    raise FlatclothError(f"{source}: was not evaluated: {reason}")
 
 
 _COLUMNS: tuple[tuple[str, str, str], ...] = (

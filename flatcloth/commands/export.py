@@ -21,7 +21,7 @@ EXAMPLES = """examples:
   python app.py export result --figures figures --animation growth.gif
   python app.py export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = ("html", "report", "figures", "animation", "grasps", "outline")
+_OUTPUTS = ("html", "report", "figures", "animation", "grasps", "outline", "garment")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +42,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="write the outline in mm as .svg, .dxf or .json (docs/exports.md)",
+    )
+    parser.add_argument(
+        "--garment", type=Path, metavar="FILE", help="write kind, dimensions and named points (garment.json)"
     )
     add_hand_eye(parser)
     parser.add_argument(
@@ -115,14 +118,32 @@ def _write(
 
             write_animation(session, path)
         case "grasps":
+            from flatcloth.engine.garment.recognition import garment_of
             from flatcloth.export.data import grasps_text
+            from flatcloth.export.garment import garment_points
 
             frames = session.frames(base_from_camera, rotation_deg)
-            write_text(path, grasps_text(session.growth.view, session.history.picks, frames))
+            garment = garment_of(session.integration, session.history.document)
+            named = () if isinstance(garment, str) else garment_points(garment, session.view)
+            write_text(path, grasps_text(session.growth.view, session.history.picks, frames, named))
+        case "garment":
+            write_text(path, _garment_text(session))
         case "outline":
             from flatcloth.export.outline import outline_text
 
             write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
+
+
+def _garment_text(session: OpenedSession) -> str:
+    import json
+
+    from flatcloth.engine.garment.recognition import recognised
+    from flatcloth.export.garment import garment_document
+
+    document = session.history.document
+    canonical = session.integration.canonical(document)
+    found = recognised(session.integration, document)
+    return json.dumps(garment_document(found, canonical.view, canonical.floating), indent=1) + "\n"
 
 
 def _rotation(text: str) -> float:

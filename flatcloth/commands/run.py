@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.segment import add_strokes, strokes_of
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
@@ -23,33 +24,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_method(parser)
     add_hand_eye(parser)
+    add_strokes(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
-    from flatcloth.engine.headless import Run
-    from flatcloth.engine.outcome import earlier_scores, outcome_of, told, write_outcome
-    from flatcloth.export.data import export_shape
-    from flatcloth.export.session import frames_of
-    from flatcloth.grasping.grips import read_grips
-    from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.store import SessionFolder
+    from flatcloth.batch.integrate import integrate
+    from flatcloth.engine.outcome import told
+    from flatcloth.export.garment import told as garment_told
 
-    base_from_camera = hand_eye_of(options)
+    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     integration = integration_of(options.source, options.method, source_options_of(options))
-    folder = SessionFolder.open(options.out, integration.recording, integration.config, options.method)
-    try:
-        settle_axis(folder.folder, integration)
-        with ProgressBar(integration.recording.name) as bar:
-            unattended = Run(integration, folder)
-            state = unattended.finish(bar.show)
-        frames = frames_of(integration, state.document, read_grips(options.out), base_from_camera)
-        canonical = integration.canonical(state.document)
-        files = export_shape(canonical.view, folder.picks, options.out, frames, canonical.floating)
-        outcome = outcome_of(integration, unattended, earlier_scores(options.out))
-        files.append(write_outcome(outcome, options.out))
-    finally:
-        folder.close()
-    for line in told(outcome):
+    with ProgressBar(integration.recording.name) as bar:
+        done = integrate(
+            integration,
+            options.out,
+            base_from_camera=base_from_camera,
+            strokes=decisions,
+            progress=bar.show,
+        )
+    for line in (*told(done.outcome), *garment_told(done.garment)):
         print(line)
-    print(f"Written to {options.out}: {', '.join(f.name for f in files)}")
+    print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")

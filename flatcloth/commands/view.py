@@ -14,6 +14,7 @@ from flatcloth.commands.common import (
     integration_of,
     source_options_of,
 )
+from flatcloth.commands.export import add_hand_eye, hand_eye_of
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
@@ -30,6 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_source(parser, DEFAULT_SAMPLE)
     add_method(parser)
+    add_hand_eye(parser)
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
@@ -64,7 +66,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.engine.live import LivePlayer
+    from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
@@ -89,6 +91,7 @@ def run(options: argparse.Namespace) -> None:
             token=not options.no_token,
             player=LivePlayer(integration) if options.live else None,
             fps=options.fps or 30.0,
+            base_from_camera=hand_eye_of(options),
         )
     finally:
         folder.close()

@@ -82,7 +82,10 @@ class RobustConfig:
     accept_confidence: float = 0.5
     """Least confidence of a proposal that is accepted without an operator: right more often than wrong."""
     most_views: int = 14
-    """Most views of a shape: as many as the paper needed for its hardest item (trousers, Fig. 6)."""
+    """Views after which no further one is proposed to an operator; without one, the gain alone decides.
+
+    As many as the paper needed for its hardest item (trousers, Fig. 6).
+    """
     least_new_m2: float = 0.002
     """Least new area for which the item is turned once more: 20 cm2."""
 

@@ -22,10 +22,6 @@ class SurfaceError(FlatclothError):
     """A view shows no usable cloth surface."""
 
 
-class SegmentationError(FlatclothError):
-    """The item or its side of interest cannot be found."""
-
-
 class FlatteningError(FlatclothError):
     """A surface cannot be flattened."""
 
@@ -42,12 +38,24 @@ class IllegalDecisionError(FlatclothError):
     """A decision that the session does not allow in its present state; the message gives the reason."""
 
 
+class OutOfBoundsError(IllegalDecisionError):
+    """A decision with a number that no garment has."""
+
+
 class JournalError(FlatclothError):
     """A session folder cannot be written or read, or belongs to another recording."""
 
 
+class SegmentationError(FlatclothError):
+    """The item, or its side of interest, cannot be told from the views, or a stroke is not valid."""
+
+
 class EvaluationError(FlatclothError):
     """A result cannot be compared with the truth."""
+
+
+class GarmentError(FlatclothError):
+    """A shape says nothing of a garment (too little cloth), or its file cannot be read."""
 
 
 class ServerError(FlatclothError):

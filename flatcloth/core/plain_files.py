@@ -10,6 +10,7 @@ import contextlib
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -71,9 +72,17 @@ def open_new(path: Path, mode: int = 0o644) -> BinaryIO:
 
 
 def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Write a file atomically; its content is on disk when this returns.
+    """Write a file atomically; see :func:`replacing`."""
+    with replacing(path, mode) as file:
+        file.write(data)
 
-    A link of that name is replaced, not followed. After a crash the file is either the old or the new one.
+
+@contextlib.contextmanager
+def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
+    """Open a file to be written atomically; its content is on disk at the end of the context.
+
+    A link of that name is replaced, not followed. After a crash or an error the file is the old one, and
+    after an error nothing of the new one is left.
 
     Raises
     ------
@@ -83,15 +92,34 @@ def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
     draft = path.with_name(f".{path.name}.partial")
     try:
         with open_new(draft, mode) as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
-    except OSError:
+    except Exception:
         with contextlib.suppress(OSError):
             draft.unlink()
         raise
     sync_folder(path.parent)
+
+
+def open_own(path: Path, flags: int) -> int:
+    """Open a file of a folder that this program writes, creating it if it is missing; return its number.
+
+    Raises
+    ------
+    OSError
+        If it is a link, a file that has another name too, no plain file, or cannot be opened.
+    """
+    fd = os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    about = os.fstat(fd)
+    if stat.S_ISREG(about.st_mode) and about.st_nlink == 1:
+        return fd
+    os.close(fd)
+    cause = (
+        "another name of a file elsewhere" if stat.S_ISREG(about.st_mode) else "a pipe or device, not a file"
+    )
+    raise OSError(errno.EINVAL, cause, str(path))
 
 
 def sync_folder(folder: Path) -> None:

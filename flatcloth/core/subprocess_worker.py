@@ -35,6 +35,7 @@ MEMORY_BYTES = 1_200_000_000
 _START_S = 120.0
 """Longest start, in which only libraries are loaded; reading them from a cold disk can be slow."""
 _PATIENCE_S = 6.0
+_MEMORY = "FLATCLOTH_MEMORY_BYTES"
 _BYTES_PER_S = 20e6
 """The timeout is extended for a large file by the time that a slow disk needs to read it."""
 
@@ -45,6 +46,10 @@ class ChildError(Exception):
 
 class ChildLostError(Exception):
     """The worker crashed, timed out or exceeded its memory; the text says which."""
+
+
+class ChildHungError(ChildLostError):
+    """The child did not answer in time."""
 
 
 @dataclass(frozen=True)
@@ -62,31 +67,48 @@ class Child:
     ----------
     module : str
         The module to run; it calls :func:`serve`.
-    file : Path
+    file : Path, optional
         The file it reads; its size extends the timeout.
+    memory_bytes : int
+        Memory it may allocate beyond its libraries.
+    quiet_s : float
+        Time that it may be silent.
+    environment : mapping, optional
+        Environment variables that are set for it.
 
     Notes
     -----
     Starting takes as long as the module's imports. Calls from several threads are serialised.
     """
 
-    def __init__(self, module: str, file: Path) -> None:
-        self._patience_s = _PATIENCE_S + _size_of(file) / _BYTES_PER_S
+    def __init__(
+        self,
+        module: str,
+        file: Path | None = None,
+        *,
+        memory_bytes: int = MEMORY_BYTES,
+        quiet_s: float = _PATIENCE_S,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self._patience_s = quiet_s + (0.0 if file is None else _size_of(file) / _BYTES_PER_S)
         self._lock = threading.Lock()
         path = os.pathsep.join(filter(None, sys.path))
+        own = {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", _MEMORY: str(memory_bytes)}
         self._process = subprocess.Popen(
             [sys.executable, "-m", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+            env={**os.environ, **own, **(environment or {})},
             start_new_session=True,  # only the parent handles Ctrl+C
         )
         self.close = weakref.finalize(self, _end, self._process)
         with self._closing_when_lost():
             self._receive(time.monotonic() + _START_S)
 
-    def ask(self, table: Mapping[str, Any], progress: Progress = no_progress) -> Message:
-        """Send a question and return the answer.
+    def ask(
+        self, table: Mapping[str, Any], progress: Progress = no_progress, limit_s: float = math.inf
+    ) -> Message:
+        """Send a question and return the answer, which may take ``limit_s`` in all.
 
         Raises
         ------
@@ -102,8 +124,9 @@ class Child:
                 _write(self._stdin, Message(table))
             except OSError as error:
                 raise ChildLostError(self._end_of_it()) from error
+            until_s = time.monotonic() + limit_s
             while True:
-                answer = self._receive(time.monotonic() + self._patience_s)
+                answer = self._receive(min(until_s, time.monotonic() + self._patience_s))
                 if "progress" not in answer.table:
                     break
                 progress(*answer.table["progress"])
@@ -126,7 +149,7 @@ class Child:
             pieces, missing = [], count
             while missing:
                 if not select.select([fd], [], [], max(0.0, until_s - time.monotonic()))[0]:
-                    raise ChildLostError("did not answer in time")
+                    raise ChildHungError("did not answer in time")
                 piece = os.read(fd, min(missing, 1 << 20))
                 if not piece:
                     raise ChildLostError(self._end_of_it())
@@ -187,16 +210,21 @@ def _answered(
     except known as error:
         return Message({"error": str(error)})
     except MemoryError:
-        return Message({"lost": f"needs more than {MEMORY_BYTES / 1e9:.1f} GB of memory"})
+        return Message({"lost": f"needs more than {memory_limit_bytes() / 1e9:.1f} GB of memory"})
     except Exception as error:  # noqa: BLE001 - on a damaged file a library may raise anything
         text = "".join(c for c in " ".join(str(error).split()) if c.isprintable())[:200]
         return Message({"lost": f"failed ({type(error).__name__}: {text})"})
 
 
+def memory_limit_bytes() -> int:
+    """Return what this process, a child, may take beyond its libraries."""
+    return int(os.environ.get(_MEMORY, MEMORY_BYTES))
+
+
 def _limit_memory() -> None:
     with open("/proc/self/status") as file:
         used = next(int(line.split()[1]) * 1024 for line in file if line.startswith("VmData"))
-    resource.setrlimit(resource.RLIMIT_DATA, (used + MEMORY_BYTES,) * 2)
+    resource.setrlimit(resource.RLIMIT_DATA, (used + memory_limit_bytes(),) * 2)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

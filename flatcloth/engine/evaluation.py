@@ -120,7 +120,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     EvaluationError
         If no pixel of the result has a true position.
     """
-    looked_up = _look_up(view, truth)
+    looked_up = look_up(view, truth)
     known = np.isfinite(looked_up[:, 0])
     if known.sum() < 3:
         raise EvaluationError(
@@ -270,7 +270,7 @@ def picture(comparison: Comparison, pixels_per_m: float = 400.0) -> Uint8:
     return np.concatenate(panels, axis=1)
 
 
-def _look_up(view: FlattenedView, truth: Truth) -> Float32:
+def look_up(view: FlattenedView, truth: Truth) -> Float32:
     """Return the true plane coordinates (K, 2) of the valid pixels, bilinear; NaN on the wrong side."""
     rc, index = view.source_rc[view.valid], view.view_index[view.valid]
     result = np.full((len(rc), 2), np.nan, dtype=np.float32)

@@ -107,6 +107,7 @@ class Run:
         FlatclothError
             If no start view can be flattened.
         """
+        self.integration.algorithm.is_unattended = True
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:

@@ -117,9 +117,12 @@ class Integration(RecordedViews):
 
     def derive_anew(self) -> None:
         """Forget what was derived from the single views: the axis or the masks are others."""
-        self._proposals: Cache[Proposal] = Cache(16)
+        self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
+        before: Method | None = getattr(self, "algorithm", None)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
+        if before is not None:
+            self.algorithm.is_unattended = before.is_unattended
 
     # ---------------------------------------------------------------- the shape
 

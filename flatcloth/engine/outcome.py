@@ -16,6 +16,7 @@ from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import summary
 from flatcloth.registration.cameras import describe
 
 FORMAT = "flatcloth-outcome/1"
@@ -69,7 +70,14 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         **_sureness(canonical.view),
         **_cameras(integration, run),
+        **_segmentation(integration),
     }
+
+
+def _segmentation(integration: Integration) -> dict[str, Any]:
+    """Return what the segmentation of a recording without masks found."""
+    masks = integration.masks
+    return {} if masks is None else {"segmentation": summary(masks.segmentation)}
 
 
 def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
@@ -123,6 +131,8 @@ def told(outcome: dict[str, Any]) -> list[str]:
         )
     if "cameras" in outcome:
         lines.append(outcome["cameras"]["found"])
+    if "segmentation" in outcome:
+        lines += [outcome["segmentation"]["text"], *outcome["segmentation"]["conflicts"]]
     if outcome["floating_cm2"]:
         areas = ", ".join(f"{area:.0f}" for area in outcome["floating_cm2"])
         lines.append(f"Floating pieces, connected by no view: {areas} cm2.")

@@ -8,44 +8,18 @@ from __future__ import annotations
 
 import threading
 import zlib
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.strokes import Decision
-from flatcloth.core.types import Bool, Float32, Progress, no_progress
+from flatcloth.core.types import Bool, Progress, no_progress
+from flatcloth.segmentation.result import Segmentation
+from flatcloth.segmentation.solver import SideSolver
 
 SOLUTIONS_KEPT = 8
 """Undo and redo of the last strokes need no new solution."""
-
-
-class SideView(Protocol):
-    """The labels of one view: ``side`` int8, 1 of interest, -1 other, 0 undecided, 2 not the item."""
-
-    side: NDArray[np.int8]
-    certainty: Float32
-
-    def mask(self, shape: tuple[int, int]) -> Bool:
-        """Return where the side of interest is, (H, W), in the recorded image."""
-        ...
-
-
-class Segmentation(Protocol):
-    """The labels of all views, and in words how much of the cloth is certain."""
-
-    views: Sequence[SideView]
-    text: str
-
-
-class Solver(Protocol):
-    """Labels the cloth of all views, given decisions; remembers what it needs for the next one."""
-
-    def solve(self, decisions: tuple[Decision, ...]) -> Segmentation:
-        """Return the labels that follow from decisions."""
-        ...
 
 
 class Sides:
@@ -55,11 +29,13 @@ class Sides:
     ----------
     observe : callable
         Looks at all views once (seconds) and returns a solver; is told a progress.
+    n_views : int
+        Number of views of the recording.
     """
 
-    def __init__(self, observe: Callable[[Progress], Solver]) -> None:
-        self._observe = observe
-        self._solver: Solver | None = None
+    def __init__(self, observe: Callable[[Progress], SideSolver], n_views: int) -> None:
+        self._observe, self._n_views = observe, n_views
+        self._solver: SideSolver | None = None
         self._lock = threading.Lock()
         self._solutions: Cache[Masks] = Cache(SOLUTIONS_KEPT)
 
@@ -71,9 +47,19 @@ class Sides:
         SegmentationError
             If the item or its side of interest cannot be found.
         """
-        return self._solutions.get(strokes, lambda: Masks(self._solved(progress).solve(strokes)))
+        return self._solutions.get(strokes, lambda: self._made(strokes, progress))
 
-    def _solved(self, progress: Progress) -> Solver:
+    def _made(self, strokes: tuple[Decision, ...], progress: Progress) -> Masks:
+        return Masks(self.solver(progress).solve(strokes), self._n_views)
+
+    def solver(self, progress: Progress = no_progress) -> SideSolver:
+        """Return the solver; the first call looks at all views.
+
+        Raises
+        ------
+        SegmentationError
+            If no view shows an item, or there are two.
+        """
         with self._lock:
             if self._solver is None:
                 self._solver = self._observe(progress)
@@ -81,12 +67,14 @@ class Sides:
 
 
 class Masks:
-    """A segmentation, with a key a view that tells whether its mask is another."""
+    """A segmentation of a recording, with a key for each view that tells whether its mask is another."""
 
-    def __init__(self, segmentation: Segmentation) -> None:
+    def __init__(self, segmentation: Segmentation, n_views: int) -> None:
         self.segmentation = segmentation
-        self.keys = tuple(zlib.crc32((view.side == 1).tobytes()) for view in segmentation.views)
+        found = [segmentation.mask(view) for view in range(n_views)]
+        self.keys = tuple(0 if mask is None else zlib.crc32(np.packbits(mask).tobytes()) for mask in found)
 
     def of(self, view_index: int, shape: tuple[int, int]) -> Bool:
         """Return the mask (H, W) of a view."""
-        return self.segmentation.views[view_index].mask(shape)
+        mask = self.segmentation.mask(view_index)
+        return np.zeros(shape, dtype=np.bool_) if mask is None else mask

@@ -24,12 +24,13 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.engine.sides import Masks, Sides, Solver
+from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.registration.axis import axis_agreement, resolve_axis
+from flatcloth.segmentation.solver import SideSolver
 
 _MIB = 1 << 20
 
@@ -47,7 +48,7 @@ class ViewCloud:
 class Segmenter(Protocol):
     """Looks at all views once (seconds) and returns what solves for their labels."""
 
-    def __call__(self, views: RecordedViews, progress: Progress) -> Solver:
+    def __call__(self, views: RecordedViews, progress: Progress) -> SideSolver:
         """Look at the views."""
         ...
 
@@ -95,12 +96,17 @@ class RecordedViews:
         No other thread may compute meanwhile.
         """
         self.axis = axis
+        # Unattended, a shape uses up to 36 views: all must fit, or each step flattens them again.
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
         self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
         self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None
         segmenter = self._segmenter
-        self.sides = None if segmenter is None else Sides(lambda progress: segmenter(self, progress))
+        self.sides = (
+            None
+            if segmenter is None
+            else Sides(lambda progress: segmenter(self, progress), len(self.recording))
+        )
         self.derive_anew()
 
     def derive_anew(self) -> None:
@@ -199,7 +205,7 @@ class RecordedViews:
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )
         except (SurfaceError, FlatteningError) as error:
-            return error
+            return type(error)(f"{self.recording.location}: {error}")
 
     def _unusable(self) -> set[int]:
         failed = (

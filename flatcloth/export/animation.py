@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import tempfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replacing
 from flatcloth.core.types import Bool, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
@@ -41,6 +44,25 @@ class Frame:
     duration_ms: int
 
 
+@dataclass(frozen=True)
+class _Packed:
+    """A frame, compressed without loss: a page of flat colors takes a tenth of its pixels."""
+
+    data: bytes
+    size: tuple[int, int]
+    duration_ms: int
+
+    @classmethod
+    def of(cls, frame: Frame) -> _Packed:
+        return cls(zlib.compress(frame.image.tobytes(), 1), frame.image.size, frame.duration_ms)
+
+    @property
+    def image(self) -> PillowImage.Image:
+        from PIL import Image
+
+        return Image.frombytes("RGB", self.size, zlib.decompress(self.data))
+
+
 def write_animation(session: OpenedSession, path: Path) -> None:
     """Write the growth as an animation; the suffix of the name selects GIF or MP4.
 
@@ -53,13 +75,18 @@ def write_animation(session: OpenedSession, path: Path) -> None:
         raise FlatclothError(
             f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
         )
-    shown = list(frames(session))
+    shown = [_Packed.of(frame) for frame in frames(session)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
-            _write_gif(shown, path)
+            with replacing(path) as file:
+                _write_gif(shown, file)
         else:
-            _write_mp4(shown, path)
+            # OpenCV writes to a name only, and would follow a link.
+            with replacing(path) as file, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
+                made = Path(folder) / "growth.mp4"
+                _write_mp4(shown, made)
+                file.write(made.read_bytes())
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
 
@@ -113,6 +140,8 @@ def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
 
 def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) -> PillowImage.Image:
     """Place the two panes side by side, with the step as text and on a timeline."""
+    from PIL import Image
+
     drawing = Drawing(_WIDTH, _HEIGHT)
     pane = _HEIGHT - _FOOT
     alpha = np.full((*scene.shape[:2], 1), 255, dtype=np.uint8)
@@ -130,7 +159,7 @@ def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) ->
     drawing.picture(picture.rgba, left, top, width, height)
     draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
     _draw_foot(drawing, growth, step, order)
-    return drawing.paint(1.0)
+    return Image.fromarray(drawing.paint(1.0))
 
 
 def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None:
@@ -153,7 +182,7 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
     drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
 
 
-def _write_gif(shown: list[Frame], path: Path) -> None:
+def _write_gif(shown: list[_Packed], file: BinaryIO) -> None:
     """Write a GIF with one palette for all frames, so that only changes are stored."""
     from PIL import Image
 
@@ -162,24 +191,23 @@ def _write_gif(shown: list[Frame], path: Path) -> None:
     both.paste(tinted, (0, 0))
     both.paste(last, (0, tinted.height))
     palette = both.quantize(colors=192, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    images = [frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown]
-    images[0].save(
-        path,
+    images = (frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown)
+    next(images).save(
+        file,
         "GIF",
         save_all=True,
-        append_images=images[1:],
+        append_images=images,
         duration=[frame.duration_ms for frame in shown],
         loop=0,
         optimize=False,
     )
 
 
-def _write_mp4(shown: list[Frame], path: Path) -> None:
+def _write_mp4(shown: list[_Packed], path: Path) -> None:
     """Write an MP4: VP9 if OpenCV supports it, because browsers play it, otherwise MPEG-4."""
     import cv2
 
-    path.write_bytes(b"")  # raises OSError with a clear text if the path cannot be written
-    size = shown[0].image.size
+    size = shown[0].size
     for code in ("vp09", "mp4v"):
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), size)
         if writer.isOpened():

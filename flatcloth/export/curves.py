@@ -6,10 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, Floats
 from flatcloth.export.history import Decision
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
@@ -19,6 +16,8 @@ from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SOFT, Drawing
 from flatcloth.session.machine import Side
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from flatcloth.core.config import PlanningConfig
 
 
@@ -77,39 +76,29 @@ def draw_curves(
         left=56, top=top + upper + 44, width=width, height=lower, x_range=u_range,
         y_range=(-limit - 5, limit + 5),
     )  # fmt: skip
-    draw_axes(drawing, count, "", "h(u), pixels per column", ())
-    draw_axes(drawing, angle, "u (mm)", "A_z(u), mean Z-angle (\u00b0)")
-    if side is not None:
-        _shade_overlap(drawing, count, side, config)
-    drawing.line(count.place(u_mm, curves.column_count), BLUE, 1.6)
-    drawing.line(angle.place(u_mm, curves.column_mean_z_angle_deg), ORANGE, 1.6)
+    counted = draw_axes(drawing, count, "", "h(u), pixels per column", ())
+    turned = draw_axes(drawing, angle, "u (mm)", "A_z(u), mean Z-angle (\u00b0)")
+    counted.plot(u_mm, curves.column_count, color=BLUE, linewidth=1.6)
+    turned.plot(u_mm, curves.column_mean_z_angle_deg, color=ORANGE, linewidth=1.6)
     for sign in (-1, 1):
-        drawing.line(angle.place(np.array(u_range), np.full(2, sign * limit)), SOFT, 1.0, dashed=True)
+        turned.axhline(sign * limit, color=SOFT, linewidth=1.0, linestyle="--")
     told = [Run(f"\u00b1A_w = \u00b1{limit:g}\u00b0", SMALL, SOFT)]
+    if side is not None:
+        _shade_overlap(counted, side)
+        overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
+        drawing.text(count.left + width, count.top - 12, overlap, SMALL, BLUE, "end")
     if side is not None and math.isfinite(side.u_b_m) and math.isfinite(side.a_0_deg):
-        column = np.full(2, 1000 * side.u_b_m)
-        drawing.line(count.place(column, np.array(count.y_range)), GREEN, 1.2)
-        drawing.line(angle.place(column, np.array(angle.y_range)), GREEN, 1.2)
-        place = angle.place(column[:1], np.array([side.a_0_deg]))[0]
-        drawing.dot(float(place[0]), float(place[1]), 4.0, PINK)
+        for axes in (counted, turned):
+            axes.axvline(1000 * side.u_b_m, color=GREEN, linewidth=1.2)
+        turned.plot(1000 * side.u_b_m, side.a_0_deg, "o", color=PINK, markersize=8, markeredgewidth=0)
         reached = f"A_0 = {side.a_0_deg:.0f}\u00b0".replace("-", "\u2212")
         told.insert(0, Run(reached, SMALL, PINK))
     drawing.runs(angle.left + width, angle.top - 12, tuple(told), "end")
 
 
-def _shade_overlap(drawing: Drawing, frame: Frame, side: SidePlan, config: PlanningConfig) -> None:
+def _shade_overlap(axes: Axes, side: SidePlan) -> None:
     """Shade the columns of the desirable overlap S_0."""
-    overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
-    drawing.text(frame.left + frame.width, frame.top - 12, overlap, SMALL, BLUE, "end")
     if math.isfinite(side.u_b_m):
         u_m, pixels = side.curves.u_m, side.curves.column_count
         inside = u_m <= side.u_b_m if side.side is Side.LEFT else u_m >= side.u_b_m
-        drawing.area(_below(frame, 1000 * u_m[inside], pixels[inside]), BLUE, 0.22)
-
-
-def _below(frame: Frame, x: Floats, y: Floats) -> Float64:
-    """Return the polygon below a curve."""
-    if len(x) == 0:
-        return np.zeros((0, 2))
-    base = frame.place(np.array([x[-1], x[0]]), np.full(2, frame.y_range[0]))
-    return np.concatenate([frame.place(x, y), base])
+        axes.fill_between(1000 * u_m[inside], pixels[inside], color=BLUE, alpha=0.22, linewidth=0)

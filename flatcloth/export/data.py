@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 import math
-import os
 import struct
 import tokenize
 import zipfile
@@ -13,14 +12,14 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.plain_files import open_plain
+from flatcloth.core.plain_files import open_plain, replacing
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
@@ -85,6 +84,7 @@ def export_shape(
     folder: Path,
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
+    named: Sequence[NamedPoint] = (),
 ) -> list[Path]:
     """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
@@ -96,20 +96,19 @@ def export_shape(
     FlatclothError
         If the folder cannot be written; the message names it.
     """
-    files: dict[str, Callable[[Path], object]] = {
-        "flattened.npz": lambda path: _write_npz(view, path),
-        "flattened.png": lambda path: path.write_bytes(png_bytes(view)),
-        "cloud.ply": lambda path: path.write_bytes(ply_bytes(view)),
-        "grasps.json": lambda path: path.write_text(grasps_text(view, picks, frames)),
+    files: dict[str, Callable[[BinaryIO], object]] = {
+        "flattened.npz": lambda file: _write_npz(view, file),
+        "flattened.png": lambda file: file.write(png_bytes(view)),
+        "cloud.ply": lambda file: file.write(ply_bytes(view)),
+        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames, named).encode()),
     }
     for n, piece in enumerate(floating, start=1):
         files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in files.items():
-            partial = folder / f".{name}.partial"
-            write(partial)
-            os.replace(partial, folder / name)
+            with replacing(folder / name) as file:
+                write(file)
     except OSError as error:
         raise FlatclothError(
             f"{folder}: the export cannot be written ({error}); choose another folder."
@@ -175,25 +174,24 @@ def _shape_of(data: Any) -> FlattenedView:
     )
 
 
-def _write_npz(view: FlattenedView, path: Path) -> None:
+def _write_npz(view: FlattenedView, file: BinaryIO) -> None:
     arrays: dict[str, Any] = {}
     if view.placement_std_m is not None:
         arrays["placement_std_m"] = view.placement_std_m
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            rgb=view.rgb,
-            xyz_m=view.xyz_m,
-            normal=view.normal,
-            z_angle_deg=view.z_angle_deg,
-            valid=view.valid,
-            view_index=view.view_index,
-            source_rc=view.source_rc,
-            pixel_size_m=np.float64(view.pixel_size_m),
-            origin_uv_m=np.array(view.origin_uv_m),
-            format=np.str_(FORMAT),
-            **arrays,
-        )
+    np.savez_compressed(
+        file,
+        rgb=view.rgb,
+        xyz_m=view.xyz_m,
+        normal=view.normal,
+        z_angle_deg=view.z_angle_deg,
+        valid=view.valid,
+        view_index=view.view_index,
+        source_rc=view.source_rc,
+        pixel_size_m=np.float64(view.pixel_size_m),
+        origin_uv_m=np.array(view.origin_uv_m),
+        format=np.str_(FORMAT),
+        **arrays,
+    )
 
 
 def png_bytes(view: FlattenedView) -> bytes:
@@ -225,12 +223,16 @@ def ply_bytes(view: FlattenedView) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
-def grasps_text(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> str:
+def grasps_text(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> str:
     """Return the content of ``grasps.json``."""
-    return json.dumps(grasps_document(view, picks, frames), indent=1, allow_nan=False) + "\n"
+    return json.dumps(grasps_document(view, picks, frames, named), indent=1, allow_nan=False) + "\n"
 
 
-def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames) -> dict[str, Any]:
+def grasps_document(
+    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
     axis, base = frames.axis, frames.base_from_camera
     return {
@@ -241,6 +243,7 @@ def grasps_document(view: FlattenedView, picks: Iterable[NamedPoint], frames: Gr
         "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(view, pick, frames) for pick in picks],
+        "garment_points": [_grasp(view, point, frames) for point in named],
     }
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replace_file
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
@@ -19,7 +20,6 @@ from flatcloth.rendering.charts import (
     SIZE,
     SMALL,
     Frame,
-    bars,
     draw_axes,
     draw_key,
     draw_ramp,
@@ -73,7 +73,7 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
         for figure in all_figures(session):
             for suffix, data in (("png", figure.drawing.png()), ("svg", figure.drawing.svg().encode())):
                 path = folder / f"{figure.name}.{suffix}"
-                path.write_bytes(data)
+                replace_file(path, data)
                 made.append(path)
     except OSError as error:
         raise FlatclothError(
@@ -163,7 +163,7 @@ def map_drawing(
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
     width, height = cols * per_pixel, rows * per_pixel
-    head = 1.25 * (text_width(title, 15) + (text_width(about, SIZE) + 10 if about else 0))
+    head = text_width(title, 15, bold=True) + (text_width(about, SIZE) + 10 if about else 0)
     whole = max(_MARGIN + width + _MARGIN + legend_width, head + 2 * _MARGIN)
     drawing = Drawing(whole, _HEAD + max(height, 240) + _BELOW)
     draw_title(drawing, title, about)
@@ -191,7 +191,7 @@ def _explain(drawing: Drawing, x: float, y: float, explained: dict[str, object])
             draw_ramp(drawing, x, y + 14, 170, colors, low, high)
         case {"kind": "classes", "title": str(title), "classes": list(classes)}:
             drawing.text(x, y, title, SMALL, TEXT)
-            draw_key(drawing, x, y + 24, [(c["color"], c["label"]) for c in classes])
+            draw_key(drawing, x, y + 14, [(c["color"], c["label"]) for c in classes])
 
 
 # --- growth and energy ---------------------------------------------------------------------------
@@ -210,12 +210,15 @@ def growth(session: OpenedSession) -> Figure:
         x_range=(-0.7, len(steps) - 0.3), y_range=(0.0, float(after.max()) * 1.05),
     )  # fmt: skip
     labels = [(step.order, f"{step.view_index}\n{step.angle_deg:g}\u00b0") for step in steps]
-    draw_axes(drawing, frame, "", "cm\u00b2", labels)
-    bars(drawing, frame, order, np.zeros(len(order)), np.minimum(before, after), "#b9c6d6")
-    bars(drawing, frame, order, np.minimum(before, after), np.maximum(before, after), BLUE)
-    for (x, y), step in zip(frame.place(order, np.maximum(before, after)), steps, strict=True):
+    axes = draw_axes(drawing, frame, "", "cm\u00b2", labels)
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    axes.bar(order, low, 0.72, color="#b9c6d6")
+    axes.bar(order, high - low, 0.72, bottom=low, color=BLUE)
+    for x, y, step in zip(order, high, steps, strict=True):
         added = f"{round(1e4 * step.added_m2):+d}".replace("-", "\u2212")
-        drawing.text(x, y - 6, added, SMALL, SOFT, "middle")
+        axes.annotate(
+            added, (x, y), (0, 4), textcoords="offset points", ha="center", color=SOFT, fontsize=SMALL
+        )
     drawing.text(frame.left - 7, frame.top + frame.height + 54, "view, rotation", SMALL, SOFT)
     caption = f"The shape grew from {after[0]:.0f} to {after[-1]:.0f} cm\u00b2 in {len(steps)} views."
     return Figure(name="growth", caption=caption, drawing=drawing)
@@ -239,15 +242,16 @@ def energy(session: OpenedSession) -> Figure:
         left=62, top=84, width=440, height=drawing.height - 140,
         x_range=(0.0, float(max(most, 1))), y_range=(low / 1.5, high * 1.5), log_y=True,
     )  # fmt: skip
-    draw_axes(drawing, frame, "iteration", "H (m\u00b2)")
+    axes = draw_axes(drawing, frame, "iteration", "H (m\u00b2)")
     key = []
     for step, line in zip(steps, lines, strict=True):
         color = "#" + bytes(colors[step.view_index].tolist()).hex()
         start = 0
         for part in line:
-            points = frame.place(np.arange(start, start + len(part)), np.maximum(part, low / 1.5))
-            drawing.line(points, color, 1.6)
-            drawing.dot(float(points[0, 0]), float(points[0, 1]), 2.4, color)
+            axes.plot(
+                np.arange(start, start + len(part)), np.maximum(part, low / 1.5), "o-", markevery=[0],
+                color=color, linewidth=1.6, markersize=4.8, markeredgewidth=0,
+            )  # fmt: skip
             start += len(part)
         key.append((color, f"view {step.view_index} ({step.angle_deg:g}\u00b0)"))
     draw_key(drawing, frame.left + frame.width + 20, frame.top, key)

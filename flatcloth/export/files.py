@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replace_file
 
 
 def write_text(path: Path, text: str) -> None:
@@ -16,10 +16,8 @@ def write_text(path: Path, text: str) -> None:
     FlatclothError
         If it cannot be written; the message names the file.
     """
-    draft = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_text(text, encoding="utf-8")
-        os.replace(draft, path)
+        replace_file(path, text.encode())
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error

@@ -5,16 +5,18 @@ The folder is neither locked nor changed. As on resuming, an incomplete last lin
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
+from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import read_grips
 from flatcloth.session.header import read_header
-from flatcloth.session.journal import JOURNAL, Line, Pick, Replay, read_journal
+from flatcloth.session.journal import JOURNAL, Line, OutOfBoundsLineError, Pick, Replay, read_journal
 from flatcloth.session.machine import (
     Accept,
     Document,
@@ -25,10 +27,11 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     Restart,
-    SessionState,
     Skip,
     Undo,
 )
+
+_log = logging.getLogger(__name__)
 
 ACCEPTED, REJECTED, SKIPPED = "accepted", "rejected", "skipped"
 VERDICTS = (ACCEPTED, REJECTED, SKIPPED)
@@ -149,7 +152,7 @@ def read_history(folder: Path) -> SessionHistory:
         If it is not a session folder or is damaged; the message names the file and the line.
     """
     header = read_header(folder)
-    told = _told(folder / JOURNAL, Replay(SessionState(n_views=header.recording.views)))
+    told = _told(folder / JOURNAL, Replay.of(header))
     standing = told.present().standing
     return SessionHistory(
         folder=folder,
@@ -172,11 +175,13 @@ def _told(path: Path, replay: Replay) -> _Told:
     told = _Told(replay)
     before = told.present()
     try:
-        for line in read_journal(path, replay):
+        for line in read_journal(path, read_plain(path, MOST_JOURNAL_BYTES), replay):
             told.take(line, before)
             before = told.present()
     except FileNotFoundError:
         pass
+    except OutOfBoundsLineError as error:
+        _log.warning("%s It is shown as it was before.", error)
     except OSError as error:
         raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     return told

@@ -107,6 +107,7 @@ def open_session(
         If the session uses a method that this version does not have.
     """
     from flatcloth.engine.integration import Integration
+    from flatcloth.engine.segmenting import prepare
 
     history = read_history(folder)
     place = history.recording_location if recording is None else str(recording)
@@ -125,7 +126,7 @@ def open_session(
             " Give the right one with --recording."
         )
     try:
-        integration = Integration(opened, history.config, history.method)
+        integration = Integration(opened, history.config, history.method, prepare)
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)

@@ -19,6 +19,7 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
+from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 
@@ -137,7 +138,7 @@ def observe_surface(
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
-    steps = _find_steps(inverse_depth, step_limit)
+    steps = cut_small_jumps(inverse_depth, _find_steps(inverse_depth, step_limit))
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
     fit, noise_m = fit_planes(inverse_depth, steps, item, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)

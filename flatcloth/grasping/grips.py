@@ -55,7 +55,7 @@ def read_grips(folder: Path) -> dict[int, Grip]:
     except FileNotFoundError:
         return {}
     except OSError as error:
-        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     except ValueError as error:
         raise FlatclothError(
             f"{path}: is damaged ({error}). Delete it: all grips then follow the outline."

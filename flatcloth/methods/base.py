@@ -1,6 +1,6 @@
-"""What every method of integrating views answers, and the types of its answers.
+"""The interface of methods, and the types of their results.
 
-:class:`Method` is the protocol; :mod:`flatcloth.methods.registry` knows the methods by name.
+:class:`Method` is the protocol; :mod:`flatcloth.methods.registry` lists the methods by name.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class ColumnCurves:
 
 @dataclass(frozen=True, kw_only=True)
 class SidePlan:
-    """What one side of the shape promises.
+    """The plan for one side of the shape.
 
     ``from_view`` is the outermost view accepted on that side, at whose rotation the Z-angles are
-    taken; ``edge_z_angle_deg`` the mean Z-angle of the outermost columns, ``occluding_edge``
-    whether the cloth goes on out of sight there; ``u_b_m`` and ``a_0_deg`` the column where the
-    overlap is reached and its Z-angle; ``rotation_deg`` A, unsigned, before it is held to the views
-    that exist; ``view_index`` the chosen view, None if the side is done; ``reason`` says why.
+    computed; ``edge_z_angle_deg`` is the mean Z-angle of the outermost columns, ``occluding_edge_m``
+    the length of the occluding edge there; ``u_b_m`` and ``a_0_deg`` are the column at which the
+    overlap is reached and its Z-angle; ``rotation_deg`` is A, unsigned, before rounding to an existing
+    view; ``view_index`` is the chosen view, None if the side is complete; ``reason`` explains it.
     """
 
     side: Side
@@ -68,12 +68,12 @@ class SidePlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """A view that may come next, with the areas (m2) it is expected to show.
+    """A candidate for the next view, with its expected areas (m2).
 
-    ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth that was seen only at steep
-    angles so far, ``beyond_m2`` cloth beyond the rim of the shape, ``joining_m2`` cloth of floating
-    pieces that the view may connect, ``unseen_m2`` an allowance for cloth that nothing hints at;
-    ``gap_deg`` is the turn to the nearest view that was looked at.
+    ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth seen only at large incidence
+    angles so far, ``beyond_m2`` cloth beyond the outline of the shape, ``joining_m2`` cloth of floating
+    pieces that the view may connect, ``unseen_m2`` an allowance for cloth without any evidence;
+    ``gap_deg`` is the rotation to the nearest visited view.
     """
 
     view_index: int
@@ -94,7 +94,7 @@ class Candidate:
 class Plan:
     """The next view, or None with the reason.
 
-    ``sides`` holds the plan of each side (``paper``); ``candidates`` the views rated best (``robust``).
+    ``sides`` holds the plan of each side (``paper``); ``candidates`` the best-rated views (``robust``).
     """
 
     view_index: int | None
@@ -107,9 +107,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class AlignmentScore:
-    """How well two views agree: ``total`` in 0..1 and its named parts, units in the names.
+    """How well two views agree: ``total`` in 0..1 and its named parts, with units in their names.
 
-    ``apart_part`` names the part that says how far apart (mm) the placement leaves the cloth.
+    ``apart_part`` names the part that is the distance (mm) between the cloth of the two views.
     """
 
     total: float
@@ -118,7 +118,7 @@ class AlignmentScore:
 
     @property
     def apart_mm(self) -> float | None:
-        """How far apart the placement leaves the cloth, in the method's own measure; None if unknown."""
+        """Distance between the cloth of the two views, in the method's own measure; None if unknown."""
         value = self.parts.get(self.apart_part, math.nan)
         return float(value) if math.isfinite(value) else None
 
@@ -140,10 +140,10 @@ class ZAngleLine:
 
 @dataclass(frozen=True, kw_only=True)
 class Correspondence:
-    """The initial estimate and what it came from (paper, Fig. 4d, e).
+    """The initial estimate and its derivation (paper, Fig. 4d, e).
 
     ``new_curves`` are h^1(u), A_z^1(u) at the new view's rotation; ``common_range_deg`` the
-    Z-angles, before the rotation, seen in both views; ``a_m_deg`` its middle; the two lines and
+    Z-angles, before the rotation, that both views contain; ``a_m_deg`` its middle; the two lines; and
     the height (m, along the axis) of the pair of points.
     """
 
@@ -159,7 +159,7 @@ class Correspondence:
 
 @dataclass(frozen=True, kw_only=True)
 class Alignment:
-    """A new view laid on the current one, with the way there."""
+    """The alignment of a new view to the current one, from the initial estimate to the result."""
 
     current_from_new: Rigid2
     initial: Rigid2
@@ -174,7 +174,7 @@ class Hypothesis:
 
     ``source`` names the estimator of ``initial``, ``current_from_new`` is the placement after
     refinement; ``score`` is that of :func:`flatcloth.methods.robust.scoring.score_placement`;
-    ``std`` (3,) are standard deviations of turn (rad), u and v (m).
+    ``std`` (3,) are standard deviations of rotation (rad), u and v (m).
     """
 
     source: str
@@ -186,7 +186,7 @@ class Hypothesis:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The directions that the cloth in common does not determine."""
+        """The directions that the common cloth does not determine."""
         names = []
         if self.std[0] > math.radians(5.0):
             names.append("turn")
@@ -196,7 +196,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, kw_only=True)
 class ComponentPlacement:
-    """The best hypothesis for one component of a view; None if nothing connects it to the shape yet."""
+    """The best hypothesis for one component of a view; None if the component cannot be placed yet."""
 
     component: int
     area_m2: float
@@ -205,13 +205,13 @@ class ComponentPlacement:
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """Where a method places a view: the ``alignment`` of its ``component``, and what else it considered.
+    """A method's placement of a view: the ``alignment`` of its ``component``, and the alternatives.
 
-    ``hypotheses`` are those for that component, the best first; ``margin`` is the difference of the best
-    score to the second (the score itself, if there is no second); ``cameras`` is the result of the
-    registration in a sentence; ``parts`` has one entry for each component of the view. Only
-    ``component`` and ``alignment`` are required of a method. ``also`` are further components, of this view or
-    of accepted ones, each with a motion of its own, that are placed with it.
+    ``hypotheses`` are those for that component, the best first; ``margin`` is the difference between
+    the best and the second score (the best score itself if there is no second); ``cameras`` is a
+    summary of the registration; ``parts`` has one entry per component of the view. Only ``component``
+    and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
+    ones, each with its own motion, that are placed with it.
     """
 
     component: int
@@ -225,11 +225,11 @@ class Placement:
 
 @dataclass(frozen=True, kw_only=True)
 class Canonical:
-    """The canonical view so far.
+    """The canonical view.
 
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
-    that view's own plane to this plane (by the paper's method the plane of the view added last).
-    ``floating`` are pieces of cloth that nothing seen connects to it, each in a plane of its own.
+    that view's own plane to this plane (in the paper's method, the plane of the view added last).
+    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own.
     """
 
     view: FlattenedView
@@ -239,9 +239,9 @@ class Canonical:
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceEdges:
-    """The edges of Eq. (2) behind a shape, as they lie on its plane now.
+    """The edges of Eq. (2) of a shape at their present position on its plane.
 
-    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, held frame) of the samples, NaN where one has no place;
+    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
     ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth.
     """
 
@@ -252,18 +252,18 @@ class SurfaceEdges:
 
 
 class Views(Protocol):
-    """The single views of a recording, from which methods build shapes."""
+    """The single views of a recording, the input of methods."""
 
     config: Config
     axis: RotationAxis
     held_point_m: Float64
 
     def flattening(self, view_index: int) -> Flattening:
-        """Return the flattened view of a view with its surface (cached)."""
+        """Return the flattening of a view with its surface (cached)."""
         ...
 
     def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one connected component of a flattened view, the largest being 0."""
+        """Return one component of a flattened view; the largest is 0."""
         ...
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
@@ -274,7 +274,7 @@ class Views(Protocol):
 class Method(Protocol):
     """A method of integrating views.
 
-    A method derives everything from a session's document and caches it by the document's prefix, so
+    A method computes everything from a session's document and caches it by the document's prefix, so
     that undo is exact. Subclasses implement the abstract methods; the others have defaults.
 
     Parameters
@@ -286,21 +286,23 @@ class Method(Protocol):
     """
 
     name: ClassVar[str]
-    """As registered."""
+    """The registered name."""
     angles_deg: Sequence[float]
+    is_unattended: bool = False
+    """Set by a run without an operator: what a further view would add decides, not a number of views."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...
 
     @classmethod
     def default_config(cls) -> Config:
-        """Return the configuration that the method uses unless told otherwise."""
+        """Return the method's default configuration."""
         return Config()
 
     @property
     @abstractmethod
     def accept_score(self) -> float:
-        """Without an operator, a proposal with a lower score is refused."""
+        """Smallest score of a proposal that is accepted without an operator."""
 
     @abstractmethod
     def start_view(self, progress: Progress = no_progress) -> int | None:
@@ -324,19 +326,19 @@ class Method(Protocol):
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
     ) -> Placement:
-        """Find where a view lies on the shape.
+        """Find the placement of a view on the shape.
 
         Raises
         ------
         SurfaceError, FlatteningError
-            If the view shows too little.
+            If the view shows too little cloth.
         AlignmentError
-            If nothing of the view can be placed.
+            If no component of the view can be placed.
         """
 
     @abstractmethod
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement, however it was found."""
+        """Score a placement of any origin."""
 
     @abstractmethod
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
@@ -344,14 +346,14 @@ class Method(Protocol):
 
     @abstractmethod
     def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return where a later decision lies on the present plane if it moves along with the shape."""
+        """Return the placement of a later decision on the present plane if it moves with the shape."""
 
     @abstractmethod
     def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of Eq. (2) behind the shape."""
+        """Return the edges of Eq. (2) of the shape."""
 
     def is_contradicted(self, document: Document) -> bool:
-        """Tell whether the other views contradict the view accepted last; False if that is not checked."""
+        """Return whether the other views contradict the view accepted last; False if not checked."""
         return False
 
     def cameras(self, document: Document) -> Registered | None:
@@ -359,13 +361,13 @@ class Method(Protocol):
         return None
 
     def side_of(self, document: Document, view_index: int) -> Side | None:
-        """Return the side that a view chosen by the operator extends; None if sides do not matter."""
+        """Return the side that a view chosen by the operator extends; None if the method has no sides."""
         return None
 
     def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
         """Return the side that a view extends, and the accepted view that it continues there.
 
-        By default the accepted view that is turned least from it.
+        By default this is the accepted view with the smallest rotation to it.
         """
         used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
         angles = np.asarray(self.angles_deg)

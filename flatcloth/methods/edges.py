@@ -1,4 +1,4 @@
-"""The edges of Eq. (2) of single views, as they lie on a plane."""
+"""The edges of Eq. (2) of single views, transformed to a plane."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flatcloth.methods.base import SurfaceEdges, Views
 def edges_of_view(
     views: Views, angle_deg: float, view_index: int, component: int, plane_from_view: Rigid2
 ) -> SurfaceEdges:
-    """Return the edges within one component of a view that was laid on a plane."""
+    """Return the edges within one component of a view that was placed on a plane."""
     flattening = views.flattening(view_index)
     level = flattening.levels[-1]
     own = np.zeros(len(level.points_rc), dtype=bool)

@@ -1,7 +1,7 @@
-"""The methods by name: the only place that knows which there are.
+"""The registry of methods by name; no other module lists them.
 
-A method is added by one :func:`register` call below. What it imports loads when it is first used,
-so that ``flatcloth --help`` stays quick.
+A method is added by one :func:`register` call below. Its modules are imported on first use, so that
+``flatcloth --help`` stays quick.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MethodEntry:
-    """A method's name, what it does in half a sentence, and how its class is loaded."""
+    """A method's name, a short summary, and the function that loads its class."""
 
     name: str
     summary: str
@@ -29,20 +29,20 @@ _ENTRIES: dict[str, MethodEntry] = {}
 
 
 def register(entry: MethodEntry) -> None:
-    """Add a method; the first one registered is the default.
+    """Register a method; the first registered one is the default.
 
     Raises
     ------
     ConfigError
-        If there is a method of that name.
+        If a method of that name exists.
     """
     if entry.name in _ENTRIES:
-        raise ConfigError(f"There is a method {entry.name!r} already; choose another name.")
+        raise ConfigError(f"A method {entry.name!r} exists already; choose another name.")
     _ENTRIES[entry.name] = entry
 
 
 def unregister(name: str) -> None:
-    """Remove a method, as a test that added one does."""
+    """Remove a method, e.g. after a test."""
     del _ENTRIES[name]
 
 
@@ -52,12 +52,12 @@ def method_names() -> tuple[str, ...]:
 
 
 def method_entry(name: str | None = None) -> MethodEntry:
-    """Return a method by its name; without a name, the default.
+    """Return a method by its name, by default the default method.
 
     Raises
     ------
     ConfigError
-        If there is no such method.
+        If the name is unknown.
     """
     chosen = next(iter(_ENTRIES)) if name is None else name
     if chosen not in _ENTRIES:
@@ -78,4 +78,4 @@ def _load_paper() -> type[Method]:
 
 
 register(MethodEntry(name="robust", summary="joint flattening of all views", load=_load_robust))
-register(MethodEntry(name="paper", summary="the article's steps, one view after another", load=_load_paper))
+register(MethodEntry(name="paper", summary="the paper's steps, one view after another", load=_load_paper))

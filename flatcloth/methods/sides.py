@@ -1,4 +1,4 @@
-"""The two sides of a growing shape, by the turns of its views (paper, section 4: occluding edges)."""
+"""The two sides of a growing shape, by the rotations of its views (paper, section 4: occluding edges)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LEAST_COMPONENT_SHARE = 0.2
 
 
 def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:
-    """Return for each side the outermost accepted view and how far it is turned from the start (deg)."""
+    """Return for each side the outermost accepted view and its rotation from the start view (deg)."""
     assert document.start_view is not None
     start = document.start_view
     outer = {Side.LEFT: (start, 0.0), Side.RIGHT: (start, 0.0)}
@@ -25,7 +25,7 @@ def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[
 
 
 def side_of(document: Document, angles_deg: Sequence[float], view_index: int) -> Side:
-    """Return the side that a view chosen by hand extends: the one it is less far beyond."""
+    """Return the side that a view chosen by hand extends: the one whose front is nearer."""
     outer = fronts(document, angles_deg)
     beyond = {
         Side.LEFT: (angles_deg[view_index] - angles_deg[outer[Side.LEFT][0]]) % 360.0,

@@ -99,7 +99,7 @@ def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
         return form.open(path, options)
     try:
         return form.open(path, options)
-    except RecordingError:
+    except (RecordingError, MemoryError):
         raise
     except Exception as error:
         _log.exception("The format %s failed to open %s.", form.name, path)

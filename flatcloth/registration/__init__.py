@@ -1,4 +1,4 @@
-"""The rig: the turning axis and the pose of the camera at each view, refined from the views themselves.
+"""Registration of the rig: the turning axis and the pose of the camera at each view, from the views.
 
-In: recorded views and surfaces. Out: an axis, a held point, and a small motion for each view.
+Input: recorded views and surfaces. Output: an axis, a held point, and a small motion for each view.
 """

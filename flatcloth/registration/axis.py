@@ -1,4 +1,4 @@
-"""The turning axis and the held point of a recording that does not give them."""
+"""The turning axis and the held point of a recording that lacks them."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _VIEWS_FOR_HELD_POINT = 6
 _BLOCKS_FOR_HELD_POINT = 250_000
 _THREADS = 2
 _AROUND_M = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.08), (-0.08, 0.0, 0.04), (0.08, 0.0, 0.04)])
-"""The surface that is seen lies before the axis."""
+"""Start points of the axis: the visible surface lies in front of the axis."""
 _TOP_QUANTILE = 0.75
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hanging:
-    """How the item hangs, camera frame of view 0: the axis, where it is held, and what is to be told."""
+    """How the item hangs, camera frame of view 0: the axis, the held point, and notes for the operator."""
 
     axis: RotationAxis
     held_point_m: Float64
@@ -48,12 +48,12 @@ class Hanging:
 
 
 def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config: SurfaceConfig) -> Hanging:
-    """Return how the item hangs, as recorded or else as the views tell it.
+    """Return how the item hangs, as recorded or as estimated from the views.
 
     Parameters
     ----------
     recording : Recording
-        Where axis and held point are looked up first.
+        Its axis and held point are used if it has them.
     frame : callable
         Reads a view; used only if something is missing, and then by several threads.
     config : SurfaceConfig
@@ -62,9 +62,9 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
     Returns
     -------
     Hanging
-        An axis that is not recorded is estimated from up to 18 views. Where they do not tell it, it is
-        the vertical of a level camera through the held point. A held point that is not recorded is
-        the top of the item.
+        An axis that is not recorded is estimated from up to 18 views. If they do not determine it,
+        it is the vertical of a level camera through the held point. A held point that is not
+        recorded is the top of the item.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
 
     Notes
     -----
-    Takes about 0.6 s for 18 views of 480x848 px on two cores.
+    It takes about 0.6 s for 18 views of 480x848 px on two cores.
     """
     axis, held = recording.rotation_axis, recording.held_point_m
     if axis is not None and held is not None:
@@ -85,8 +85,8 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
     found = estimate_axis(seen, _starts(seen, held))
     if found is not None:
         note = (
-            f"The turning axis is not given. It was estimated from {len(seen)} views, whose surfaces agree "
-            f"about it to {1000 * found.rms_m:.1f} mm."
+            f"The turning axis is not recorded. It was estimated from {len(seen)} views, which agree "
+            f"to {1000 * found.rms_m:.1f} mm."
         )
         top = _found_held_point(recording, frame, found.axis, config) if held is None else held
         return Hanging(axis=_through_height_of(top, found.axis), held_point_m=top, notes=(note,))
@@ -104,19 +104,19 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
 def axis_agreement(
     recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
 ) -> str:
-    """Say in a sentence how well the views agree about an axis."""
+    """Describe in a sentence how well the views agree with an axis."""
     seen = _of_readable(choose_views(recording.angles_deg), lambda view: glimpse(frame(view), config))
     found = agreement(seen, axis)
     if found is None:
-        return "No two views show common surface, which could tell how well it fits."
+        return "No two views show common surface, so the axis cannot be checked."
     return (
-        f"Turned back about it, {found.agreeing_share:.0%} of the surface agrees between views, "
+        f"With this axis {found.agreeing_share:.0%} of the surface agrees between views, "
         f"to {1000 * found.rms_m:.1f} mm."
     )
 
 
 def _of_readable(views: Sequence[int], look: Callable[[int], T | None]) -> list[T]:
-    """Return what is seen in the views that can be read; a damaged one is told when it is asked for."""
+    """Return the results of the readable views; a damaged view is reported when it is requested."""
     errors: list[RecordingError] = []
 
     def looked(view: int) -> T | None:
@@ -134,7 +134,7 @@ def _of_readable(views: Sequence[int], look: Callable[[int], T | None]) -> list[
 
 
 def _starts(seen: Sequence[Glimpse], held_point_m: Float64 | None) -> list[Float64]:
-    """Places the axis may be near: where the item is held, or its top; its middle, and around that."""
+    """Points that the axis may be near: the held point or the top, the middle, and around the middle."""
     if not seen:
         return []
     upright = RotationAxis(point_m=np.zeros(3), direction=UP)
@@ -150,7 +150,7 @@ def _starts(seen: Sequence[Glimpse], held_point_m: Float64 | None) -> list[Float
 def _found_held_point(
     recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
 ) -> Float64:
-    """Return the top of the item in views all around it, held frame."""
+    """Return the top of the item in views all around it, object frame."""
 
     def look(view: int) -> Float64 | None:
         points = _points(frame(view), config, axis)
@@ -160,11 +160,11 @@ def _found_held_point(
 
 
 def _points(frame: RgbdFrame, config: SurfaceConfig, axis: RotationAxis | None = None) -> Float64 | None:
-    """Return the points (N, 3) of the whole item, camera frame; None if there is none.
+    """Return the points (N, 3) of the whole item, camera frame; None if there are none.
 
-    The mask does not count: where the item is held need not be on the side of interest.
+    The mask is ignored, because the held point need not be on the side of interest.
     """
-    # Fine enough for the tip of a sleeve; large images would take long.
+    # Fine enough for the tip of a sleeve; full resolution would take too long.
     small = thinned(replace(frame, mask=None), _BLOCKS_FOR_HELD_POINT)
     try:
         item = foreground_mask(small, axis, config)
@@ -174,9 +174,10 @@ def _points(frame: RgbdFrame, config: SurfaceConfig, axis: RotationAxis | None =
 
 
 def _top(views: Sequence[Float64], axis: RotationAxis) -> Float64:
-    """Return the middle of the uppermost 10 mm of the points (N, 3) of some views; zeros without views.
+    """Return the mean of the uppermost 10 mm of the points (N, 3) of some views; zeros without views.
 
-    The height counts that a quarter of the views exceed: some may not show the top, or an outlier.
+    The top is the height that a quarter of the views exceed, because some views may not show it or
+    contain an outlier.
     """
     if not views:
         return np.zeros(3)
@@ -191,19 +192,19 @@ def _top(views: Sequence[Float64], axis: RotationAxis) -> Float64:
 
 
 def _through_height_of(point_m: Float64, axis: RotationAxis) -> RotationAxis:
-    """Return the same axis, given by its point at the height of another."""
+    """Return the same axis with its point at the height of another point."""
     along = (point_m - axis.point_m) @ axis.direction
     return replace(axis, point_m=axis.point_m + along * axis.direction)
 
 
 def _cannot_tell(recording: Recording, seen: Sequence[Glimpse], held_point_m: Float64) -> str:
-    note = "The turning axis is not given; it is taken as the vertical through the top of the item."
+    note = "The turning axis is not recorded; the vertical through the top of the item is used."
     if len(recording) < 2:
         return note
     backwards = [replace(g, angle_deg=-g.angle_deg) for g in seen]
     if estimate_axis(backwards, _starts(seen, held_point_m)) is not None:
         return (
-            f"{note} The views agree only if the item was turned the other way: open the recording with "
-            "the signs of its angles changed."
+            f"{note} The views agree only for the other direction of rotation: open the recording with "
+            "the signs of its angles reversed."
         )
-    return f"{note} The views do not agree about any axis: check the angles, and set the axis by hand."
+    return f"{note} The views agree with no axis: check the angles, and set the axis by hand."

@@ -1,9 +1,9 @@
-"""The turning axis from the views alone: one axis about which all views, turned back, agree.
+"""Estimation of the turning axis from the views: the axis about which all views, turned back, agree.
 
-Between two views the item turns rigidly by a known angle. Four numbers, place and direction of the
-axis, therefore explain how the surface moves between all pairs of views, and the pairs are registered
-together: points of one view are turned to the other, projected into its image, and drawn to the
-surface there along its normal (point to plane), with robust weights, from coarse to fine.
+Between two views the item rotates rigidly by a known angle. The four parameters of the axis, position and
+direction, therefore explain the motion of the surface between all pairs of views, and all pairs are
+registered together: points of one view are rotated to the other, projected into its image, and fitted to
+the surface there along its normal (point to plane), with robust weights, from coarse to fine.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ _JUMP_M = 0.04
 
 @dataclass(frozen=True, kw_only=True)
 class Glimpse:
-    """A view, thinned to a grid of blocks (H, W, ...), camera frame: what registration needs of it.
+    """A view reduced to a grid of blocks (H, W, ...), camera frame, for registration.
 
     ``xyz_m`` and ``normal`` (towards the camera) are NaN where ``usable`` is False. ``fattening`` is
-    how a point moves if a stereo sensor saw each place as near as the nearest one pixel beside it.
+    the displacement of a point by edge fattening of one pixel, i.e. if a stereo sensor measured each
+    place as near as the nearest place within one pixel.
     """
 
     angle_deg: float
@@ -51,7 +52,7 @@ class Glimpse:
 
 
 def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[int]:
-    """Return views that are spread evenly over the turn, at most so many, in order of their angle."""
+    """Return at most ``most`` views spread evenly over the turn, in order of their angle."""
     turned = np.asarray(angles_deg, dtype=np.float64) % 360.0
     wanted = np.arange(most) * 360.0 / most
     apart = np.abs((turned[None] - wanted[:, None] + 180.0) % 360.0 - 180.0)
@@ -60,7 +61,7 @@ def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[in
 
 
 def glimpse(frame: RgbdFrame, config: SurfaceConfig) -> Glimpse | None:
-    """Thin a view; None if it shows no surface of the item."""
+    """Reduce a view; None if it shows no surface of the item."""
     small = thinned(frame)
     try:
         item = item_mask(small, None, config)
@@ -85,9 +86,9 @@ def glimpse(frame: RgbdFrame, config: SurfaceConfig) -> Glimpse | None:
 
 
 def thinned(frame: RgbdFrame, blocks: int = _GRID_PIXELS) -> RgbdFrame:
-    """Return the frame with blocks of pixels averaged, about so many blocks; its color is left out.
+    """Return the frame averaged over blocks of pixels, with about ``blocks`` blocks, without color.
 
-    A block across a depth jump, or of which little was measured, is 0.
+    A block that contains a depth jump or too little measured depth is 0.
     """
     height, width = frame.depth_m.shape
     size = max(1, round(math.sqrt(height * width / blocks)))
@@ -141,7 +142,7 @@ UP = np.array([0.0, -1.0, 0.0])
 """Up in the camera frame of a level camera."""
 
 _FEW_POINTS, _MANY_POINTS = 250, 1000
-"""Of each view: to choose among the starts, and to settle."""
+"""Points of each view: for the choice among the starts, and for the final estimate."""
 _LARGEST_TURN_DEG = 45.0
 _LARGEST_LONE_TURN_DEG = 65.0
 _SCALES_M = (0.05, 0.02, 0.01, 0.005)
@@ -149,7 +150,7 @@ _STEPS_PER_SCALE = 8
 _SETTLED = 1e-4
 _LARGEST_SHIFT_M, _LARGEST_TILT = 0.05, 0.1
 _USUAL_TILT = 0.17
-"""Cameras look level to about 10 degrees; this decides only what the views leave open."""
+"""Prior: cameras are level to about 10 degrees; it matters only where the views do not decide."""
 _LEAST_COMMON_DIRECTION = 0.7
 _MOST_FATTENING_PX = 2.0
 _LEAST_AGREEING = 0.2
@@ -160,7 +161,7 @@ _FARTHEST_FROM_ITEM_M = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class AxisEstimate:
-    """The axis, the share of points that agree about it, and how well these do (RMS)."""
+    """The axis, the share of points that agree with it, and their deviation (RMS)."""
 
     axis: RotationAxis
     agreeing_share: float
@@ -168,26 +169,26 @@ class AxisEstimate:
 
 
 def estimate_axis(glimpses: Sequence[Glimpse], starts_m: Sequence[Float64]) -> AxisEstimate | None:
-    """Estimate the axis about which the views agree.
+    """Estimate the axis that agrees best with the views.
 
     Parameters
     ----------
     glimpses : sequence of Glimpse
         In order of their angle.
     starts_m : sequence of (3,) float64
-        Points near the axis to begin from, camera frame; the vertical of a level camera is taken for its
-        first direction. The one from which most comes to agree counts.
+        Points near the axis to start from, camera frame; the initial direction is the vertical of
+        a level camera. The start with the best agreement is used.
 
     Returns
     -------
     AxisEstimate or None
-        None if the views do not tell: too few, too far apart, or nothing about which they agree.
+        None if the views do not determine it: too few, too far apart, or without agreement.
 
     Notes
     -----
-    Views up to 45 degrees apart are compared; at first only neighbours, whose surfaces move by a
-    sixth of the error of the axis at 10 degrees, so that a start 10 cm off is near enough. Costs
-    about 0.3 s for 18 views.
+    Views up to 45 degrees apart are compared, at first only neighbours: at 10 degrees their
+    surfaces move by a sixth of the axis' error, so that a start within 10 cm is near enough. It
+    takes about 0.3 s for 18 views.
     """
     pairs = _pairs([g.angle_deg for g in glimpses])
     if not pairs:
@@ -211,7 +212,7 @@ def estimate_axis(glimpses: Sequence[Glimpse], starts_m: Sequence[Float64]) -> A
 
 
 def agreement(glimpses: Sequence[Glimpse], axis: RotationAxis) -> AxisEstimate | None:
-    """Return how well the views agree about a given axis; None if no two show common surface."""
+    """Return how well the views agree with a given axis; None if no two show common surface."""
     pairs = _pairs([g.angle_deg for g in glimpses])
     if not pairs:
         return None
@@ -221,7 +222,7 @@ def agreement(glimpses: Sequence[Glimpse], axis: RotationAxis) -> AxisEstimate |
 
 
 def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int, float]]:
-    """Pair the views that show common surface, with how far the second is turned from the first (deg)."""
+    """Return pairs of views with common surface, and the rotation of the second against the first (deg)."""
     turns = [
         (i, j, (angles_deg[j] - angles_deg[i] + 180.0) % 360.0 - 180.0)
         for i in range(len(angles_deg))
@@ -235,7 +236,7 @@ def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int, float]]:
 
 
 def _neighbours(pairs: list[tuple[int, int, float]]) -> list[tuple[int, int, float]]:
-    """Return the pairs that are no further apart than it takes for every view to have a neighbour."""
+    """Return the closest pairs, up to the distance at which every view has a neighbour."""
     nearest: dict[int, tuple[int, int, float]] = {}
     for pair in sorted(pairs, key=lambda p: abs(p[2])):
         for view in pair[:2]:
@@ -245,7 +246,7 @@ def _neighbours(pairs: list[tuple[int, int, float]]) -> list[tuple[int, int, flo
 
 
 def _plausible(state: _State, glimpses: Sequence[Glimpse]) -> bool:
-    """Whether the axis is about vertical and passes through or near the item."""
+    """Return whether the axis is about vertical and passes through or near the item."""
     if state.direction @ UP < _LEAST_VERTICAL:
         return False
     offset = np.concatenate([g.points_m for g in glimpses]) - state.point_m
@@ -255,7 +256,7 @@ def _plausible(state: _State, glimpses: Sequence[Glimpse]) -> bool:
 
 @dataclass(frozen=True)
 class _State:
-    """An axis, and how many pixels the sensor fattens what is near."""
+    """An axis, and the edge fattening in pixels."""
 
     point_m: Float64
     direction: Float64
@@ -264,7 +265,7 @@ class _State:
 
 @dataclass(frozen=True, kw_only=True)
 class _Equations:
-    """Normal equations of a Gauss-Newton step, and how well the state agrees."""
+    """Normal equations of a Gauss-Newton step, and the agreement at the present state."""
 
     matrix: Float64
     right: Float64
@@ -273,7 +274,7 @@ class _Equations:
 
     @property
     def uncertainty_m(self) -> float:
-        """Standard deviation of the place, if points erred independently."""
+        """Standard deviation of the position if the errors of points were independent."""
         scale = np.trace(self.matrix[:4, :4])
         if scale <= 0:
             return math.inf
@@ -282,7 +283,7 @@ class _Equations:
 
 
 class _Problem:
-    """The registration of all views about one axis."""
+    """The joint registration of all views about one axis."""
 
     def __init__(self, glimpses: Sequence[Glimpse], points_per_view: int) -> None:
         self._glimpses = glimpses
@@ -341,7 +342,7 @@ class _Problem:
     def _compare(
         self, state: _State, source: int, target: int, turned: _Turned, scale_m: float
     ) -> tuple[Float64, Float64, int]:
-        """Return Jacobian (N, 5) and residual (N,) of what corresponds, and how many points hit the image."""
+        """Return Jacobian (N, 5), residual (N,), and the number of points that fall on the image."""
         rotation = turned.rotation
         points, normals, fattening = self._sources[source]
         offset = points + state.fattening_px * fattening - state.point_m
@@ -362,7 +363,7 @@ class _Problem:
 
 
 def _project(points_m: Float64, there: Glimpse) -> tuple[NDArray[np.intp], int]:
-    """Return the usable block (N,) each point falls on, -1 if none, and how many points hit the image."""
+    """Return the usable block (N,) of each point, -1 if none, and the number of points in the image."""
     k = there.intrinsics
     depth = np.maximum(points_m[:, 2], 1e-6)
     col = np.rint(k.fx * points_m[:, 0] / depth + k.cx).astype(np.intp)
@@ -373,7 +374,7 @@ def _project(points_m: Float64, there: Glimpse) -> tuple[NDArray[np.intp], int]:
 
 
 def _across(direction: Float64) -> tuple[Float64, Float64]:
-    """Return two unit vectors across the axis: sideways, and the one across both."""
+    """Return two unit vectors perpendicular to the axis: sideways, and perpendicular to both."""
     side = np.cross(direction, (0.0, 0.0, 1.0))
     side /= np.linalg.norm(side)
     return side, np.cross(direction, side)
@@ -381,7 +382,7 @@ def _across(direction: Float64) -> tuple[Float64, Float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Turned:
-    """A turn about the axis, and how a moved point changes with the axis: its place and its tilts."""
+    """A rotation about the axis, and the derivatives of a moved point by the axis' position and tilt."""
 
     rotation: Float64
     by_side: Float64
@@ -403,7 +404,7 @@ def _turned(
 
 
 def _stepped(state: _State, equations: _Equations, with_fattening: bool) -> tuple[_State, float]:
-    """Take a Gauss-Newton step, bounded; return how large it was."""
+    """Take a bounded Gauss-Newton step; also return its size."""
     n = 5 if with_fattening else 4
     matrix = (
         equations.matrix[:n, :n] + 1e-9 * np.trace(equations.matrix[:4, :4]) * np.eye(n) + 1e-15 * np.eye(n)

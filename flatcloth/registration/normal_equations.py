@@ -1,7 +1,7 @@
-"""What the points of one view tell about its motion against another, summed over all of them.
+"""Normal equations of one view's motion against another, summed over all points.
 
-The loops of :func:`flatcloth.registration.view_features.compare`, compiled: each point is moved to the
-other camera, projected, and compared with the surface and the texture there.
+These are the compiled loops of :func:`flatcloth.registration.view_features.compare`: each point is moved
+to the other camera, projected, and compared with the surface and the texture there.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def accumulate(
     limits: Float64, spread: Float64, matrix: Float64, gradient: Float64, scores: Float64,
     products: Float64, parts: Float64, moments: Float64, found: Float64,
 ) -> None:  # fmt: skip
-    """Add what the source's points tell; ``found`` receives the differences.
+    """Add the contributions of the source's points; ``found`` receives the differences.
 
-    ``sign`` is 1 if the source is the view that moves, -1 if it is the other. Parts of the image
+    ``sign`` is 1 if the source is the view that moves, -1 if it is the other. Blocks of the image
     are always those of the view that moves.
     """
     reach, same_normal, least, full, blocks_per_px = limits
@@ -55,7 +55,7 @@ def accumulate(
         own_fat = source_fat[r_own, c_own]
         alike = 0.0
         for a in range(3):
-            # Without fattening each point lies deeper by the slope, along its ray.
+            # Without fattening each point lies deeper along its ray, by the slope.
             g[a] = (
                 rotation[a, 0] * points[i, 0] + rotation[a, 1] * points[i, 1] + rotation[a, 2] * points[i, 2]
             )
@@ -82,7 +82,7 @@ def accumulate(
             alike += m[a] * n[a]
         if not (abs(distance) < reach and alike > same_normal):
             continue
-        # How squarely either camera looks at either surface; the source's camera is at `translation`.
+        # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
         s = points[i]
         weight = _facing(s[0], s[1], s[2], normal[i], least, full) * _facing(q[0], q[1], q[2], n, least, full)
         weight *= _facing(p[0], p[1], p[2], m, least, full)
@@ -121,7 +121,7 @@ def _add_texture(
     g: Float64, row: Float64, matrix: Float64, gradient: Float64, scores: Float64, products: Float64,
     found: Float64,
 ) -> None:  # fmt: skip
-    """Add what the texture of the source's point ``i`` tells, seen at ``p`` in the target's camera."""
+    """Add the contribution of the texture of source point ``i``, which is at ``p`` in the target's camera."""
     r0, c0 = int(at_rc[0]), int(at_rc[1])
     fr, fc = at_rc[0] - r0, at_rc[1] - c0
     for h in range(3):
@@ -150,7 +150,7 @@ def _add_texture(
 
 @njit(cache=True, nogil=True)
 def _row(x: Float64, direction: Float64, held: Float64, sign: float, row: Float64) -> None:
-    """Fill in the derivative of a displacement along a direction of the target's camera by the motion."""
+    """Write the derivative of a displacement along a direction of the target's camera by the motion."""
     d0, d1, d2 = direction
     h0 = held[0, 0] * d0 + held[0, 1] * d1 + held[0, 2] * d2
     h1 = held[1, 0] * d0 + held[1, 1] * d1 + held[1, 2] * d2

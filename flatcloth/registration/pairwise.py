@@ -1,8 +1,8 @@
-"""How one view lies against another: the small motion on which their surfaces and textures agree.
+"""Pairwise registration: the small motion between two views at which their surfaces and textures agree.
 
-What a pair tells is kept as a quadratic form about that motion, with an honest weight: neighbouring
-points share their errors, so the weight comes from how much the parts of the image contradict each
-other, not from the number of points.
+The result of a pair is kept as a quadratic form about that motion. Neighbouring points share their errors,
+so the weight of the form is estimated from the contradictions between blocks of the image, not from the
+number of points.
 """
 
 from __future__ import annotations
@@ -18,45 +18,45 @@ from flatcloth.registration.pose_prior import motion
 from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, ViewFeatures, compare
 
 _SEARCH_RADIUS_M = 0.02
-"""Points farther from the other surface than this are no pair; less from round to round, ..."""
+"""Points farther from the other surface than this are not paired; the radius decreases each round, ..."""
 _LEAST_SEARCH_RADIUS_M = 0.005
-"""... but not less than this."""
+"""... down to this."""
 _ROUNDS = 6
-"""Steps with half of the points to register a pair of views, ..."""
+"""Rounds with half of the points to register a pair of views, ..."""
 _FINE_ROUNDS = 3
-"""... and with all of them; these alone to register it anew nearby."""
+"""... and with all points; only these to register a pair again."""
 LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared."""
 _MOST_SURPRISE = 40.0
-"""A motion of a pair that is so unlikely beforehand (chi-square of 6) is not believed."""
+"""A motion less probable beforehand than this (chi-square of 6) is rejected."""
 _DISTANCE_STD_M = 0.0003
-"""Distance of equal cloth in two views without noise."""
+"""Standard deviation of the distance of equal cloth in two views, without noise."""
 _SHADING_STD = 0.15
-"""By this share the brightness may differ between views besides: folds are shaded by the lamp."""
+"""Relative deviation of the brightness between views, because folds are shaded by the lamp."""
 _NOISE_INFLATION = 2.0
-"""... and their variance is so many times larger than that tells."""
+"""Factor on the estimated variance of the correlated errors."""
 _PART_STD_M = 0.0001
-"""Over that size, cloth may lie this far off its place in another view, systematically, ..."""
+"""Standard deviation of systematic errors of a block of the image, ..."""
 _PART_NOISE = 0.4
-"""... and this share of the noise more."""
+"""... plus this share of the noise."""
 
 _REACH_SHRINKS = 0.75
 _STILL = 2e-5
-"""A smaller step (rad, m) is none."""
+"""A smaller step (rad, m) counts as zero."""
 _LEAST_TEXTURE_SPREAD = 1e-3
 _SAME_SCALE = 1e-3
-"""Directions that tell less than this share of the best one do not count for the weight."""
+"""Directions with less than this share of the best one's information do not count for the weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairFit:
-    """What two views tell about the motion of the first against the second.
+    """Information from two views about the motion of the first against the second.
 
-    ``twist`` (6,) (turn about ``center_m`` as a rotation vector, then shift; held frame) is the
-    motion to be applied to the first at its known place, at ``fattening_px``. About both,
-    ``matrix`` (7, 7) and ``gradient`` (7,) are those of minus the logarithm of the likelihood.
-    ``spread`` (4,) the usual differences; ``count`` points; ``distance_m`` typical distance, before
-    and after; ``likeness`` (3,) of the texture.
+    ``twist`` (6,) (rotation about ``center_m`` as a rotation vector, then shift; object frame) is the
+    motion to be applied to the first view at its known pose, at ``fattening_px``. About both,
+    ``matrix`` (7, 7) and ``gradient`` (7,) are those of the negative log likelihood. ``spread`` (4,)
+    are the typical differences; ``count`` the number of points; ``distance_m`` their typical
+    distance, before and after; ``likeness`` (3,) the correlation of the texture.
     """
 
     first: int
@@ -87,27 +87,27 @@ def fit_pair(
 
     Parameters
     ----------
-    scans : (Scan, Scan)
-        The view that is moved, and the other.
+    features : (ViewFeatures, ViewFeatures)
+        The view that is moved, and the other one.
     held : (Rigid3, Rigid3)
-        Where they are known to stand.
+        Their known poses.
     numbers : (int, int)
-        What they are called.
+        Their view indices.
     covariance : (6, 6) float64
-        Of the motion, before anything is compared.
+        Prior covariance of the motion.
     center_m : (3,) float64
-        About it the motion turns, held frame.
+        Centre of the rotation, object frame.
     fattening_px : float
-        What is known of it.
+        The present estimate of the fattening.
     twist : (6,) float64
-        Where to begin.
+        Initial motion.
     before : PairFit, optional
-        What was found at another fattening: it is near the end already.
+        The result at another fattening, which is close to the solution.
 
     Returns
     -------
     PairFit or None
-        None if they have too little in common, or agree only where they cannot stand.
+        None if the views have too little in common, or agree only at an impossible motion.
     """
     precision = np.linalg.inv(covariance)
     noise_m = max(seen.surface.noise_m for seen in features)
@@ -130,7 +130,7 @@ def fit_pair(
             break
         twist = twist + step
     if float(twist @ precision @ twist) > _MOST_SURPRISE:
-        return None  # other cloth that happens to fit
+        return None  # different cloth that fits by chance
     return PairFit(
         first=numbers[0],
         second=numbers[1],
@@ -147,7 +147,7 @@ def fit_pair(
 
 
 def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
-    """Return reach and thinning of each round, and which differences (4,) are usual at first."""
+    """Return search radius and thinning of each round, and the initial typical differences (4,)."""
     fine = [(_LEAST_SEARCH_RADIUS_M, 1)] * _FINE_ROUNDS
     if before is not None:
         return fine, before.spread
@@ -158,7 +158,7 @@ def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
 
 
 def _usual(found: Float64) -> Float64:
-    """Return which differences (4,) are usual, given those found; 0 where there were none."""
+    """Return the typical differences (4,) from those found; 0 where there were none."""
     least = np.array([_DISTANCE_STD_M, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
     usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
     usual[1] = math.hypot(usual[1], _SHADING_STD) if usual[1] > 0 else 0.0
@@ -166,30 +166,30 @@ def _usual(found: Float64) -> Float64:
 
 
 def _weighed(found: Agreement, spread: Float64, noise_m: float) -> tuple[Float64, Float64]:
-    """Sum the terms, each with the weight that its errors deserve.
+    """Sum the terms, each with the weight that its errors allow.
 
-    A texture of correlation r is signal by the share r only, and so is its slope: what looks like
-    a steep valley of the sum of squares is noise against noise, by 1 - r. And what a sensor gets
-    wrong systematically, differently from part to part, sets a limit to what all terms tell.
+    In a texture of correlation r only the share r is signal, and the same holds for its slope: of
+    the curvature of the sum of squares the share 1 - r comes from noise. Systematic errors of the
+    sensor, which differ between blocks, limit the information of all terms.
     """
     parts = float(found.parts.sum()) ** 2 / float(np.square(found.parts).sum())
     used = np.flatnonzero(spread > 0)
     share = np.append(1.0, np.maximum(found.likeness, 0.0))[used]
     precision = 1.0 / np.square(spread[used])
     inflation = _inflation(found.matrix[used, :6, :6], found.scores[used, :, :6], precision)
-    # The scores of 6 unknowns that were fitted to few parts scatter too little.
+    # The scores of 6 unknowns fitted to few blocks scatter too little.
     inflation *= _NOISE_INFLATION * parts / max(parts - 6.0, 1.0)
     matrix = np.tensordot(share**2 * precision / inflation, found.matrix[used], axes=1)
     gradient = share * precision / inflation @ found.gradient[used]
     off_m = _PART_STD_M + _PART_NOISE * noise_m
     limit = parts / found.count / off_m**2 * found.inertia
-    # The motion may be off by an error of precision L: the form is minimised over that.
+    # The motion may have an error of precision L: the form is minimised over it.
     gain = np.linalg.solve(matrix[:6, :6] + limit, np.column_stack([matrix[:6], gradient[:6]]))
     return matrix - matrix[:, :6] @ gain[:, :-1], gradient - matrix[:, :6] @ gain[:, -1]
 
 
 def _inflation(matrix: Float64, scores: Float64, precision: Float64) -> Float64:
-    """By how much the gradients (T, B, 6) scatter more, part by part, than of independent errors."""
+    """Return the factor by which the gradients (T, B, 6) of blocks scatter more than independent errors."""
     scale = np.sqrt(np.maximum(np.einsum("tii->ti", matrix), 1e-30))
     normed = matrix / (scale[:, :, None] * scale[:, None, :]) + _SAME_SCALE * np.eye(6)
     own = scores / scale[:, None, :]

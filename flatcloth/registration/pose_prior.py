@@ -1,8 +1,8 @@
-"""How a recording may be off its known rotation: what can move, and how far it is likely to.
+"""Prior of the errors of a recording's rotation: what can move, and by how much.
 
-The axis is shifted and tilted, all views with it; each view is turned about it a little more or less
-than recorded, and swings about the held point. All are small, so their effects on a view's motion
-add; they are given as twists (turn as a rotation vector, then shift; held frame).
+The axis is shifted and tilted, together with all views; each view is turned about it slightly more or less
+than recorded, and swings about the held point. All these are small, so their effects on a view's motion
+add up; they are given as twists (rotation vector, then shift; object frame).
 """
 
 from __future__ import annotations
@@ -17,45 +17,45 @@ from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 
 COMMON, OWN = 5, 3
-"""Unknowns: shift (2) and tilt (2) of the axis and the fattening; turn and swing (2) of each view."""
+"""Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosePrior:
-    """How far recordings may be off, before anything is compared.
+    """Expected errors of recordings, before any comparison.
 
-    The levels are a grid of hypotheses, from what a turntable with a calibrated axis reaches to what the
-    recordings ``*-loose`` and hand-turned items show; ``python -m benchmarks registration`` measures the
-    poses that come of it.
+    The levels are a grid of hypotheses, from the accuracy of a turntable with a calibrated axis to that
+    of the recordings ``*-loose`` and of hand-turned items; ``python -m benchmarks registration``
+    measures the resulting poses.
     """
 
     turn_stds_deg: tuple[float, ...] = (0.03, 0.2, 0.6, 1.5)
-    """Standard deviations of the recorded angles that are considered."""
+    """Possible standard deviations of the recorded angles."""
     axis_stds_m: tuple[float, ...] = (0.0001, 0.001, 0.006)
-    """Those of the axis's place."""
+    """Possible standard deviations of the axis' position."""
     swing_stds_deg: tuple[float, ...] = (0.02, 0.15, 0.8)
-    """Those of the item's swing about the held point, from view to view."""
+    """Possible standard deviations of the item's swing about the held point, from view to view."""
     axis_length_m: float = 0.35
-    """The axis may be tilted by its error in place over this length: about half a garment."""
+    """The tilt of the axis is its error of position over this length, about half a garment."""
     exact_chance: float = 0.5
-    """Prior probability that all three are the least."""
+    """Prior probability that all three are at their smallest level."""
     fattening_std_px: float = 1.0
     """Standard deviation of the edge fattening, by which a stereo sensor makes near surfaces larger."""
     any_turn_std_deg: float = 0.02
-    """Rotation of a pair of views that none of the above explains: the cloth deforms a little, ..."""
+    """Rotation between two views that nothing above explains, because the cloth deforms slightly, ..."""
     any_shift_std_m: float = 0.0001
-    """... and its shift."""
+    """... and the corresponding shift."""
 
 
 def motion(twist: Float64, center_m: Float64) -> Rigid3:
-    """Return the motion that turns about a center by a rotation vector, and then shifts."""
+    """Return the motion that first rotates about a center by a rotation vector and then shifts."""
     angle = float(np.linalg.norm(twist[:3]))
     turn = rotation_about(twist[:3] / angle, angle) if angle > 0 else np.eye(3)
     return Rigid3(turn, center_m - turn @ center_m + twist[3:])
 
 
 def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
-    """Return the inverse of :func:`motion`, for turns below a right angle."""
+    """Return the inverse of :func:`motion`, for rotations below 90 degrees."""
     r = moved.rotation
     axis = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine = float(np.linalg.norm(axis))
@@ -77,7 +77,7 @@ def moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
 def poses(
     axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
 ) -> tuple[Rigid3, ...]:
-    """Return ``held_from_camera`` of views, given the unknowns of all (5,) and of each (N, 3)."""
+    """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
     side, front = _across(axis)
     turned = moved_axis(axis, common)
     found = []
@@ -88,9 +88,9 @@ def poses(
 
 
 def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
-    """Return the derivative (6, 7) of a view's twist about the origin of the held frame.
+    """Return the derivative (6, 7) of a view's twist about the origin of the object frame.
 
-    Columns: its turn and swing (both ways), shift and tilt of the axis (both ways).
+    Columns: its turn and swing (two directions), shift and tilt of the axis (two directions).
     """
     back = held_from_camera(axis, angle_deg).rotation
     columns = [_about(-axis.direction, axis.point_m)]
@@ -103,16 +103,16 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 
 
 def at_center(derivative: Float64, center_m: Float64) -> Float64:
-    """Return the derivative (6, N) of a twist about the origin as that of the twist about a center."""
+    """Transform the derivative (6, N) of a twist about the origin to that of a twist about a center."""
     there = derivative.copy()
     there[3:] -= _cross(center_m) @ derivative[:3]
     return there
 
 
 def grades(prior: PosePrior) -> Float64:
-    """Return how loose recordings may be (G, 3): deviations of turn (rad), axis (m) and swing (rad).
+    """Return the grades of error (G, 3): standard deviations of turn (rad), axis (m) and swing (rad).
 
-    The first is exact, the last the loosest.
+    The first is the smallest, the last the largest.
     """
     levels = [
         np.radians(prior.turn_stds_deg),
@@ -123,7 +123,7 @@ def grades(prior: PosePrior) -> Float64:
 
 
 def chances(prior: PosePrior) -> Float64:
-    """Return how likely (G,) each grade is, before anything is compared."""
+    """Return the prior probability (G,) of each grade."""
     chance = np.ones(len(grades(prior)))
     if len(chance) > 1:
         chance *= (1.0 - prior.exact_chance) / (len(chance) - 1)
@@ -132,7 +132,7 @@ def chances(prior: PosePrior) -> Float64:
 
 
 def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
-    """Return the variances (5 + 3 n,) of the unknowns beforehand, at a grade (3,) of looseness."""
+    """Return the prior variances (5 + 3 n,) of the unknowns at a grade (3,)."""
     turn, axis, swing = np.square(grade)
     tilt = axis / prior.axis_length_m**2
     common = [axis, axis, tilt, tilt, prior.fattening_std_px**2]
@@ -140,7 +140,7 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
 
 
 def pair_covariance(one: Float64, other: Float64, center_m: Float64, prior: PosePrior) -> Float64:
-    """Return the covariance (6, 6) of a pair's twist beforehand, in the loosest recording.
+    """Return the prior covariance (6, 6) of a pair's twist at the largest grade.
 
     ``one``, ``other`` (6, 7) are the two views' derivatives.
     """
@@ -154,7 +154,7 @@ def pair_covariance(one: Float64, other: Float64, center_m: Float64, prior: Pose
 
 
 def _across(axis: RotationAxis) -> tuple[Float64, Float64]:
-    """Two unit vectors across the axis: sideways, and (if the camera is level) towards the camera."""
+    """Two unit vectors perpendicular to the axis: sideways, and (for a level camera) towards the camera."""
     forward = np.array([0.0, 0.0, 1.0]) if abs(axis.direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     side = _cross(axis.direction) @ forward
     side /= np.linalg.norm(side)
@@ -162,11 +162,11 @@ def _across(axis: RotationAxis) -> tuple[Float64, Float64]:
 
 
 def _cross(a: Float64) -> Float64:
-    """Return the matrix (3, 3) of the cross product with a."""
+    """Return the matrix (3, 3) of the cross product with a vector."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _about(turn: Float64, point_m: Float64) -> Float64:
-    """Twist about the origin of a small turn about a point."""
+    """Return the twist about the origin of a small rotation about a point."""
     return np.concatenate([turn, _cross(point_m) @ turn])

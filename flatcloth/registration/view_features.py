@@ -1,9 +1,9 @@
-"""A view, prepared for comparison with others, and how well two of them agree about common cloth.
+"""Features of a view for registration, and the agreement of two views about common cloth.
 
-Points of either view are moved to the other, projected into its image, and compared with the
-surface there along its normal (point to plane), and with its texture. What is compared is weighed
-by how squarely both cameras look at it: near the horizon of a surface, points that the other
-camera cannot see fall on what hides them, always behind it, and would pull the views together.
+Points of either view are moved to the other, projected into its image, and compared with the surface there
+along its normal (point to plane), and with its texture. Comparisons are weighted by the incidence angles of
+both cameras: near the horizon of a surface, points hidden from the other camera are projected onto the layer
+in front of them, always behind it, and would pull the views together.
 """
 
 from __future__ import annotations
@@ -20,38 +20,38 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import accumulate
 
 POINTS_PER_VIEW = 1200
-"""About so many points of a view are compared."""
+"""Approximate number of compared points of a view."""
 _NORMAL_SMOOTHING_PX = 2.0
 """Smoothing of the normals where the depth is noisy."""
 _SAME_NORMAL_COS = 0.9
 """Points correspond if their normals differ by at most the angle of this cosine."""
 _LEAST_FACING_COS = 0.45
-"""Surface that either camera sees more steeply than this does not count, ..."""
+"""Surface at a smaller cosine of incidence for either camera does not count, ..."""
 _FULL_FACING_COS = 0.8
-"""... less steeply than this fully."""
+"""... at a larger one than this it counts fully."""
 _TEXTURE_SIZE_M = 0.007
-"""Texture is the color less its mean over this size."""
+"""Texture is the color minus its mean over this size."""
 _BLOCK_SIZE_M = 0.080
-"""Errors are taken as independent over this size only, ..."""
+"""Errors count as independent only beyond this size."""
 
 CHANNELS = 3
-"""Texture: brightness and two differences of color, logarithmic, each without its local mean."""
+"""Channels of texture: brightness and two color differences, logarithmic, without their local means."""
 TERMS = 1 + CHANNELS
 UNKNOWNS = 7
-"""The motion of one view against the other (turn about x, y, z; shift), and the fattening."""
+"""The motion of one view against the other (rotation about x, y, z; shift), and the fattening."""
 _DARKEST = 8
 _LEAST_FACING = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewFeatures:
-    """What registration needs of one view, camera frame.
+    """The data of one view for registration, camera frame.
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
-    median size of a pixel on the surface. Images (H, W, ...)
-    float32: ``normals`` (smoothed where the depth is noisy), ``fattening`` the share by which the
-    depth changes over a pixel; ``texture`` (3, H, W), ``slope`` (2, 3, H, W) its derivative along
-    rows and columns, ``inner`` (H, W) where it does not touch the rim.
+    median size of a pixel on the surface. Images (H, W, ...) float32: ``normals`` (smoothed if the
+    depth is noisy), ``fattening`` the relative change of depth per pixel; ``texture`` (3, H, W),
+    ``slope`` (2, 3, H, W) its derivative along rows and columns, ``inner`` (H, W) whether the texture
+    is unaffected by the outline.
     """
 
     surface: Surface
@@ -67,24 +67,24 @@ class ViewFeatures:
 
     @property
     def view_index(self) -> int:
-        """The view of the recording."""
+        """Index of the view in the recording."""
         return self.surface.frame.view_index
 
     @property
     def angle_deg(self) -> float:
-        """How far the item was turned, as recorded."""
+        """The recorded rotation of the item."""
         return self.surface.frame.angle_deg
 
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How two views agree: the terms are the distance (m) and the channels of the texture.
+    """The agreement of two views: the terms are the distance (m) and the channels of the texture.
 
-    Of each term: ``matrix`` (4, 7, 7) and ``gradient`` (4, 7) of half the weighted sum of squares,
-    unscaled; ``scores`` (4, B, 7) the gradient by parts of the image; ``spread`` (4,) of the
+    For each term: ``matrix`` (4, 7, 7) and ``gradient`` (4, 7) of half the weighted sum of squares,
+    unscaled; ``scores`` (4, B, 7) the gradient by blocks of the image; ``spread`` (4,) of the
     differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
-    points compared (both ways), ``parts`` (B,) by part; ``inertia`` (6, 6) the sum of what their
-    displacements in all directions would tell about the motion.
+    compared points (both directions), ``parts`` (B,) by block; ``inertia`` (6, 6) the information
+    about the motion if displacements were observed in all directions.
     """
 
     matrix: Float64
@@ -98,7 +98,7 @@ class Agreement:
 
 
 def extract_features(surface: Surface) -> ViewFeatures:
-    """Prepare a view for registration.
+    """Compute the features of a view for registration.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def extract_features(surface: Surface) -> ViewFeatures:
 
     Notes
     -----
-    Takes 5 ms for a garment of 40 000 pixels.
+    It takes 5 ms for a garment of 40 000 pixels.
     """
     k = surface.frame.intrinsics
     normals = _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else surface.normal
@@ -122,7 +122,7 @@ def extract_features(surface: Surface) -> ViewFeatures:
     grid[::stride, ::stride] = True
     pixel = np.argwhere(grid & surface.usable).astype(np.int32)
     if not len(pixel):
-        pixel = np.argwhere(surface.usable).astype(np.int32)  # a scrap between the grid's points
+        pixel = np.argwhere(surface.usable).astype(np.int32)  # a small surface between the grid points
     at = pixel[:, 0], pixel[:, 1]
     return ViewFeatures(
         surface=surface,
@@ -153,7 +153,7 @@ def _smoothed(surface: Surface, sigma_px: float) -> Float32:
 
 
 def _fattening(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float32:
-    """Share (H, W) by which the depth changes over a pixel, up the slope; 0 off the surface.
+    """Relative change of depth (H, W) per pixel, up the slope; 0 off the surface.
 
     The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
     """
@@ -168,10 +168,10 @@ def _fattening(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float3
 
 
 def _texture(surface: Surface, size_px: float) -> Float32:
-    """Texture (3, H, W), smoothed a little, without its mean over that size; 0 off the surface.
+    """Texture (3, H, W), slightly smoothed, minus its mean over that size; 0 off the surface.
 
-    Logarithms: what shades the cloth then adds to the first channel, over the size of the folds,
-    and leaves the differences of color alone.
+    It is logarithmic, so that shading adds to the first channel only, over the size of the folds, and
+    does not change the color differences.
     """
     log = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)
     inside = surface.usable.astype(np.float32)
@@ -189,7 +189,7 @@ def _texture(surface: Surface, size_px: float) -> Float32:
 
 
 def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
-    """By what a blurred image must be multiplied, of which only a part is known."""
+    """Factor that normalises a blurred image of which only a part is known."""
     blurred = np.maximum(cv2.GaussianBlur(inside, (0, 0), sigma_px), np.float32(0.05))
     share: Float32 = np.reciprocal(blurred).astype(np.float32)
     return share
@@ -206,25 +206,25 @@ def compare(
     spread: Float64,
     every: int = 1,
 ) -> Agreement:
-    """Compare two views, either way.
+    """Compare two views in both directions.
 
     Parameters
     ----------
-    one, other : Scan
+    one, other : ViewFeatures
         The views.
     one_held, other_held : Rigid3
-        Where their cameras stand, ``held_from_camera``.
+        Their camera poses, ``held_from_camera``.
     center_m : (3,) float64
-        Held frame; about it the motion of ``one`` against ``other`` turns.
+        Object frame; centre of the rotation of ``one`` against ``other``.
     fattening_px : float
-        By how many pixels the sensor makes what is near larger.
+        Edge fattening of the sensor in pixels.
     reach_m : float
         Points farther from the other surface than this are not compared.
     spread : (4,) float64
-        Differences of this size are usual; of a few times the size, they count little. 0: the
-        term is left out.
+        Typical size of the differences; differences of several times this size have little
+        weight. 0: the term is left out.
     every : int
-        Only every so many points are compared.
+        Step between the compared points.
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.surface.usable.shape)
@@ -267,7 +267,7 @@ def compare(
 
 
 def _usual(differences: Float64) -> float:
-    """Return the standard deviation of absolute differences by their median; NaN without any."""
+    """Return the standard deviation of absolute differences from their median; NaN without any."""
     middle = differences.size // 2
     return 1.4826 * float(np.partition(differences, middle)[middle]) if differences.size else math.nan
 

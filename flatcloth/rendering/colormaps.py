@@ -39,6 +39,21 @@ _LOSS_STOPS = (
 _SIZE = 256
 
 
+_PIECE_STOPS = (
+    (0.62, 0.13, 0.10),
+    (0.58, -0.10, 0.02),
+    (0.56, 0.10, -0.14),
+    (0.72, 0.01, 0.14),
+    (0.62, -0.06, -0.10),
+)
+"""Colours of floating pieces, far apart in hue; they repeat."""
+
+
+def piece_color(piece: int) -> Uint8:
+    """Return the colour (3,) of a floating piece, numbered from 1."""
+    return rgb_from_oklab(np.array(_PIECE_STOPS[(piece - 1) % len(_PIECE_STOPS)]))
+
+
 def rgb_from_oklab(lab: Floats) -> Uint8:
     """Return sRGB (..., 3) uint8 of Oklab colours (..., 3); out-of-gamut values are clipped."""
     to_lms = np.array(

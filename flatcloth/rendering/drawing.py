@@ -1,52 +1,47 @@
-"""A drawing of lines, text and pictures that can be written as SVG or PNG with the same result.
+"""A page of lines, areas, text, pictures and charts that is written as SVG or PNG, by matplotlib.
 
-The few plots need no plotting library: they are part of the report and the exported page as SVG, in every
-installation, with reproducible bytes. PNG is drawn by Pillow, which viser installs, with its built-in
-font; that font has no exponents and few typographic characters, which are therefore drawn specially.
+Only matplotlib's objects are used, never pyplot, which keeps figures in global state and would leak them in
+a server. The same drawing gives the same bytes: its ids are salted with its description, and no date is
+written. matplotlib is part of the ``export`` extra and loads with the first drawing.
 """
 
 from __future__ import annotations
 
 import base64
-import functools
 import io
+import re
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Uint8
 
 if TYPE_CHECKING:
-    from PIL import Image as PillowImage
-    from PIL import ImageDraw, ImageFont
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 TEXT, SOFT, LINE, GRID, PAPER = "#1a1f26", "#55606d", "#9aa4af", "#e3e7eb", "#ffffff"
 BLUE, ORANGE, GREEN, RED, PINK = "#1766c2", "#d9822b", "#1f7a4d", "#b3261e", "#d81b72"
 
-FONTS = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'DejaVu Sans', sans-serif"
-_SMOOTHING = 2
-"""PNG is drawn at this scale and then reduced."""
+FONT = "DejaVu Sans"
+"""matplotlib brings this font along, so a text has the same width on every machine."""
 _GAP = 10
-"""Space between two parts of a line of text."""
-_MINUS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00d7": "x", "\u2026": "..."})
-_SQUARED = "\u00b2"
-
-
-@dataclass(frozen=True)
-class _Line:
-    points: tuple[tuple[float, float], ...]
-    color: str
-    width: float
-    dashed: bool
-
-
-@dataclass(frozen=True)
-class _Area:
-    points: tuple[tuple[float, float], ...]
-    color: str
-    opacity: float
+"""Space between two parts of a line of text, in points."""
+_POINTS_PER_INCH = 72.0
+_PROLOG = re.compile(r"^.*?<svg\b[^>]*>", re.DOTALL)
+_STYLE = re.compile(r"\s*<defs>\s*<style\b.*?</style>\s*</defs>", re.DOTALL)
+_GROUP_ID = re.compile(r'<g id="[^"]*"')
+_RENDERING = threading.RLock()
+"""Held while matplotlib's settings, which are global, are those of a drawing."""
 
 
 @dataclass(frozen=True)
@@ -59,46 +54,57 @@ class Run:
     bold: bool = False
 
 
-@dataclass(frozen=True)
-class _Text:
-    x: float
-    y: float
-    runs: tuple[Run, ...]
-    anchor: str
-
-
-@dataclass(frozen=True)
-class _Picture:
-    rgba: Uint8 = field(repr=False)
-    x: float
-    y: float
-    width: float
-    height: float
-
-
 @dataclass
 class Drawing:
-    """Items drawn one over the other; lengths in points, x to the right, y down.
+    """Items drawn one over the other on a page; lengths in points, x to the right, y down.
 
     ``about`` is the description for readers who cannot see the drawing.
+
+    Raises
+    ------
+    FlatclothError
+        If matplotlib is not installed.
     """
 
     width: float
     height: float
     about: str = ""
-    _items: list[_Line | _Area | _Text | _Picture] = field(default_factory=list)
+    figure: Figure = field(init=False, repr=False)
+    page: Axes = field(init=False, repr=False)
+    _pictures: list[AxesImage] = field(init=False, repr=False, default_factory=list)
+    _count: int = field(init=False, repr=False, default=0)
 
-    def line(self, points: Floats, color: str = TEXT, width: float = 1.5, dashed: bool = False) -> None:
+    def __post_init__(self) -> None:
+        with _settings(""):
+            from matplotlib.figure import Figure
+
+            size = (self.width / _POINTS_PER_INCH, self.height / _POINTS_PER_INCH)
+            self.figure = Figure(figsize=size, dpi=_POINTS_PER_INCH)
+            # The page lies above the charts, which stand in axes of their own.
+            self.page = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=1)
+            self.page.set(xlim=(0.0, self.width), ylim=(self.height, 0.0), autoscale_on=False)
+            self.page.set_axis_off()
+
+    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
+        """Add axes for a chart: the plot's rectangle in points."""
+        bottom = self.height - top - height
+        share = (left / self.width, bottom / self.height, width / self.width, height / self.height)
+        with _settings(""):
+            return self.figure.add_axes(share)
+
+    def line(self, points: Floats, color: str = TEXT, width: float = 1.5) -> None:
         """Draw a polyline through points (N, 2); it is broken where they are not finite."""
-        known = np.isfinite(np.asarray(points, dtype=np.float64)).all(axis=1)
-        breaks = np.flatnonzero(np.diff(known.astype(int))) + 1
-        for part, kept in zip(np.split(np.asarray(points), breaks), np.split(known, breaks), strict=True):
-            if len(part) > 1 and kept[0]:
-                self._items.append(_Line(_pairs(part), color, width, dashed))
+        from matplotlib.lines import Line2D
+
+        x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2).T
+        self._add(Line2D(x, y, color=color, linewidth=width, solid_capstyle="butt"))
 
     def area(self, points: Floats, color: str, opacity: float = 1.0) -> None:
         """Fill a polygon (N, 2)."""
-        self._items.append(_Area(_pairs(points), color, opacity))
+        from matplotlib.patches import Polygon
+
+        corners = np.asarray(points, dtype=np.float64)
+        self._add(Polygon(corners, closed=True, facecolor=color, edgecolor="none", alpha=opacity))
 
     def box(self, x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0) -> None:
         """Fill a rectangle."""
@@ -107,8 +113,9 @@ class Drawing:
 
     def dot(self, x: float, y: float, radius: float, color: str) -> None:
         """Fill a circle."""
-        turn = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
-        self.area(np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=1), color)
+        from matplotlib.patches import Circle
+
+        self._add(Circle((x, y), radius, facecolor=color, edgecolor="none"))
 
     def text(
         self,
@@ -121,56 +128,102 @@ class Drawing:
         bold: bool = False,
     ) -> None:
         """Write a line of text; ``y`` is its base line, ``anchor`` is ``start``, ``middle`` or ``end``."""
-        self.runs(x, y, (Run(text, size, color, bold),), anchor)
+        from matplotlib.text import Text
+
+        side: Any = {"start": "left", "middle": "center", "end": "right"}[anchor]
+        weight = "bold" if bold else "normal"
+        written = Text(
+            x, y, " ".join(text.split()), color=color, fontsize=size, fontweight=weight, fontfamily=FONT,
+            horizontalalignment=side, verticalalignment="baseline", parse_math=False,
+        )  # fmt: skip
+        self._add(written)
 
     def runs(self, x: float, y: float, runs: tuple[Run, ...], anchor: str = "start") -> None:
         """Write several parts of text in one line, with gaps between them."""
-        self._items.append(_Text(x, y, runs, anchor))
+        widths = [text_width(run.text, run.size, run.bold) for run in runs]
+        x -= {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * (sum(widths) + _GAP * (len(runs) - 1))
+        for run, width in zip(runs, widths, strict=True):
+            self.text(x, y, run.text, run.size, run.color, bold=run.bold)
+            x += width + _GAP
 
     def picture(self, rgba: Uint8, x: float, y: float, width: float, height: float) -> None:
         """Draw a picture (H, W, 4) uint8."""
-        self._items.append(_Picture(rgba, x, y, width, height))
+        from matplotlib.image import AxesImage
+
+        picture = AxesImage(self.page, extent=(x, x + width, y + height, y), origin="upper")
+        picture.set_data(rgba)
+        self._pictures.append(picture)
+        self._add(picture)
 
     def svg(self, paper: str | None = PAPER) -> str:
-        """Return the drawing as SVG text; ``paper`` None leaves the background transparent."""
+        """Return the drawing as SVG text; ``paper`` None leaves the background transparent.
+
+        The text has no document type, no style sheet and no ids of groups, so that several drawings can
+        be parts of one HTML page.
+        """
+        for picture in self._pictures:
+            picture.set_interpolation("none")  # its own pixels, not those of a screen
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        file = io.StringIO()
+        with _settings(self.about):
+            self.figure.savefig(
+                file, format="svg", dpi=_POINTS_PER_INCH, facecolor=paper or "none", metadata=nothing
+            )
+        size = f"{self.width:.6g}", f"{self.height:.6g}"
         head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_n(self.width)} {_n(self.height)}"'
-            f' width="{_n(self.width)}" height="{_n(self.height)}" role="img"'
-            f' aria-label="{escape(self.about)}" font-family="{FONTS}">'
+            '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+            f' viewBox="0 0 {size[0]} {size[1]}" width="{size[0]}" height="{size[1]}" role="img"'
+            f' aria-label="{escape(self.about)}" stroke-linejoin="round" stroke-linecap="butt">'
         )
-        ground = [] if paper is None else [f'<rect width="100%" height="100%" fill="{paper}"/>']
-        return "\n".join([head, *ground, *(_svg(item) for item in self._items), "</svg>"]) + "\n"
+        body = _PROLOG.sub("", _STYLE.sub("", file.getvalue(), count=1), count=1)
+        return head + _GROUP_ID.sub("<g", body)
 
     def png(self, scale: float = 2.0) -> bytes:
         """Return the drawing as PNG on white, with ``scale`` pixels per point."""
-        file = io.BytesIO()
-        self.paint(scale).save(file, "PNG", optimize=False)
-        return file.getvalue()
+        return png_of(self.paint(scale))
 
-    def paint(self, scale: float) -> PillowImage.Image:
-        """Return the drawing as a Pillow image (RGB), with ``scale`` pixels per point."""
-        from PIL import Image, ImageDraw
+    def paint(self, scale: float) -> Uint8:
+        """Return the drawing as pixels (H, W, 3) on white, with ``scale`` pixels per point."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-        size = (round(self.width * scale), round(self.height * scale))
-        large = scale * _SMOOTHING
-        image = Image.new("RGB", (size[0] * _SMOOTHING, size[1] * _SMOOTHING), PAPER)
-        pen = ImageDraw.Draw(image, "RGBA")
-        for item in self._items:
-            _paint(item, image, pen, large)
-        return image.resize(size, Image.Resampling.LANCZOS)
+        for picture in self._pictures:
+            left, right, _, _ = picture.get_extent()
+            shape = picture.get_array()
+            grown = shape is not None and (right - left) * scale >= shape.shape[1]
+            picture.set_interpolation("nearest" if grown else "antialiased")
+        with _settings(self.about):
+            self.figure.set_facecolor(PAPER)
+            self.figure.set_dpi(_POINTS_PER_INCH * scale)
+            canvas: Any = FigureCanvasAgg(self.figure)
+            canvas.draw()
+            painted: Uint8 = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+            self.figure.set_dpi(_POINTS_PER_INCH)
+        return painted
+
+    def _add(self, item: Artist) -> None:
+        """Lay an item over those before it."""
+        self._count += 1
+        item.set_zorder(self._count)
+        self.page.add_artist(item).set_clip_on(False)
 
 
-def text_width(text: str, size: float) -> float:
-    """Return the approximate width of a text."""
-    return float(_font(100.0).getlength(text.translate(_MINUS).replace(_SQUARED, ""))) * size / 100.0
+def text_width(text: str, size: float, bold: bool = False) -> float:
+    """Return the width of a text, in points."""
+    with _settings(""):
+        from matplotlib.font_manager import FontProperties
+        from matplotlib.textpath import text_to_path
+
+        font = FontProperties(family=FONT, size=size, weight="bold" if bold else "normal")
+        width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
+    return float(width)
 
 
-def png_of(rgba: Uint8) -> bytes:
+def png_of(pixels: Uint8) -> bytes:
     """Return a picture (H, W, 3 or 4) uint8 as PNG."""
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(rgba).save(file, "PNG", optimize=False)
+    Image.fromarray(pixels).save(file, "PNG", optimize=False)
     return file.getvalue()
 
 
@@ -179,109 +232,21 @@ def data_url(data: bytes, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def _pairs(points: Floats) -> tuple[tuple[float, float], ...]:
-    return tuple((float(x), float(y)) for x, y in np.asarray(points))
-
-
-def _n(value: float) -> str:
-    """Return a number with at most two decimals."""
-    return f"{value:.2f}".rstrip("0").rstrip(".")
-
-
-def _path(points: tuple[tuple[float, float], ...]) -> str:
-    return " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
-
-
-def _svg(item: _Line | _Area | _Text | _Picture) -> str:
-    match item:
-        case _Line():
-            dashes = ' stroke-dasharray="5 4"' if item.dashed else ""
-            return (
-                f'<polyline points="{_path(item.points)}" fill="none" stroke="{item.color}"'
-                f' stroke-width="{_n(item.width)}" stroke-linejoin="round"{dashes}/>'
-            )
-        case _Area():
-            opacity = "" if item.opacity >= 1 else f' fill-opacity="{_n(item.opacity)}"'
-            return f'<polygon points="{_path(item.points)}" fill="{item.color}"{opacity}/>'
-        case _Text():
-            pieces = "".join(_svg_run(run, n > 0) for n, run in enumerate(item.runs))
-            return f'<text x="{_n(item.x)}" y="{_n(item.y)}" text-anchor="{item.anchor}">{pieces}</text>'
-        case _Picture():
-            place = f'x="{_n(item.x)}" y="{_n(item.y)}" width="{_n(item.width)}" height="{_n(item.height)}"'
-            address = data_url(png_of(item.rgba), "image/png")
-            return f'<image {place} preserveAspectRatio="none" href="{address}"/>'
-
-
-def _paint(
-    item: _Line | _Area | _Text | _Picture,
-    image: PillowImage.Image,
-    pen: ImageDraw.ImageDraw,
-    scale: float,
-) -> None:
-    match item:
-        case _Line():
-            points = [(x * scale, y * scale) for x, y in item.points]
-            width = max(1, round(item.width * scale))
-            for stroke in _dashes(points, 5 * scale, 4 * scale) if item.dashed else [points]:
-                pen.line(stroke, fill=item.color, width=width, joint="curve")
-        case _Area():
-            alpha = f"{round(255 * item.opacity):02x}"
-            pen.polygon([(x * scale, y * scale) for x, y in item.points], fill=item.color + alpha)
-        case _Text():
-            _write(item, pen, scale)
-        case _Picture():
-            from PIL import Image
-
-            size = (max(1, round(item.width * scale)), max(1, round(item.height * scale)))
-            grown = size[0] >= item.rgba.shape[1]
-            way = Image.Resampling.NEAREST if grown else Image.Resampling.BOX
-            picture = Image.fromarray(item.rgba).convert("RGBa").resize(size, way).convert("RGBA")
-            image.paste(picture, (round(item.x * scale), round(item.y * scale)), picture)
-
-
-def _svg_run(run: Run, gap: bool) -> str:
-    more = ' font-weight="600"' if run.bold else ""
-    more += f' dx="{_GAP}"' if gap else ""
-    return f'<tspan font-size="{_n(run.size)}" fill="{run.color}"{more}>{escape(run.text)}</tspan>'
-
-
-def _write(item: _Text, pen: ImageDraw.ImageDraw, scale: float) -> None:
-    """Write a line part by part; exponents are small raised figures."""
-    pieces: list[tuple[str, float, float, Run]] = []
-    gaps: list[float] = []
-    for run in item.runs:
-        size = run.size * scale
-        gap = _GAP * scale if pieces else 0.0
-        for n, part in enumerate(run.text.translate(_MINUS).split(_SQUARED)):
-            for text, size_px, raised in [("2", 0.65 * size, 0.35 * size)] * (n > 0) + [(part, size, 0.0)]:
-                pieces.append((text, size_px, raised, run))
-                gaps.append(gap)
-                gap = 0.0
-    widths = [float(_font(size_px).getlength(text)) for text, size_px, _, _ in pieces]
-    whole = sum(widths) + sum(gaps)
-    x = item.x * scale - {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor] * whole
-    for (text, size_px, raised, run), width, gap in zip(pieces, widths, gaps, strict=True):
-        x += gap
-        stroke = max(1, round(0.015 * size_px)) if run.bold else 0
-        place = (x, item.y * scale - raised)
-        pen.text(place, text, fill=run.color, font=_font(size_px), anchor="ls", stroke_width=stroke)
-        x += width
-
-
-@functools.lru_cache(maxsize=64)
-def _font(size_px: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    from PIL import ImageFont
-
-    return ImageFont.load_default(size_px)
-
-
-def _dashes(points: list[tuple[float, float]], on: float, off: float) -> list[list[tuple[float, float]]]:
-    """Cut a polyline into dashes."""
-    path = np.array(points)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    strokes = []
-    for start in np.arange(0.0, along[-1], on + off):
-        at = np.array([start, min(start + on, along[-1])])
-        ends = np.stack([np.interp(at, along, path[:, k]) for k in (0, 1)], axis=1)
-        strokes.append([(float(x), float(y)) for x, y in ends])
-    return strokes
+@contextmanager
+def _settings(salt: str) -> Iterator[None]:
+    """Set matplotlib's settings to those of a drawing."""
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
+    ours: Any = {
+        "font.family": [FONT],
+        "svg.fonttype": "none",
+        "svg.hashsalt": f"flatcloth {salt}",
+        "svg.image_inline": True,
+        "image.composite_image": False,
+    }
+    with _RENDERING, warnings.catch_warnings(), mpl.rc_context(ours):
+        # In SVG the reader's fonts have the signs that this font lacks.
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+        yield

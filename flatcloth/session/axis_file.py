@@ -57,6 +57,20 @@ def settle_axis(folder: Path, integration: TurnsAbout) -> None:
         write_axis(folder, integration.axis)
 
 
+def check_axis(axis: RotationAxis) -> None:
+    """Refuse an axis that no turntable has.
+
+    Raises
+    ------
+    JournalError
+        If its numbers are not finite, its direction is not a unit vector, or it lies over 100 m away.
+    """
+    point, direction = np.asarray(axis.point_m), np.asarray(axis.direction)
+    near = bool(np.all(np.abs(point) <= 100.0))  # also false where something is not a number
+    if not near or not abs(float(np.linalg.norm(direction)) - 1.0) <= 1e-6:
+        raise JournalError("The axis needs finite numbers, and a place within 100 m. Set it again.")
+
+
 def read_axis(folder: Path) -> RotationAxis | None:
     """Return the axis saved in a session folder, object frame; None if there is none.
 
@@ -93,6 +107,7 @@ def write_axis(folder: Path, axis: RotationAxis) -> None:
     JournalError
         If it cannot be written; the previous file then stays.
     """
+    check_axis(axis)
     table = {
         "format": FORMAT,
         "point_m": axis.point_m.tolist(),

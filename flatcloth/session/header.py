@@ -7,6 +7,8 @@ import importlib.metadata
 import json
 import os
 import re
+import secrets
+import zlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -42,6 +44,13 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     method: str
     config: dict[str, Any]
     versions: Mapping[str, str]
+    id: str = ""
+    """Different for every session; the journal's checksums begin with it. Earlier versions have none."""
+
+    @property
+    def seed(self) -> int:
+        """The checksum before the journal's first line."""
+        return zlib.crc32(self.id.encode())
 
     @property
     def effective_config(self) -> Config:
@@ -100,7 +109,7 @@ def read_header(folder: Path) -> Header:
     return header
 
 
-def settle_header(folder: Path, recording: Recording, config: Config, method: str) -> None:
+def settle_header(folder: Path, recording: Recording, config: Config, method: str) -> Header:
     """Write ``session.json``, or check that the existing one describes the same session.
 
     Raises
@@ -112,8 +121,9 @@ def settle_header(folder: Path, recording: Recording, config: Config, method: st
     """
     path = folder / HEADER
     if path.exists():
-        _check(path, read_header(folder), recording, config, method)
-        return
+        kept = read_header(folder)
+        _check(path, kept, recording, config, method)
+        return kept
     if (folder / "journal.jsonl").exists():
         raise JournalError(f"{path}: missing beside its journal. Restore it, or use another folder.")
     header = Header(
@@ -128,8 +138,15 @@ def settle_header(folder: Path, recording: Recording, config: Config, method: st
         method=method,
         config=config.to_dict(),
         versions={name: _version(name) for name in ("flatcloth", "numpy", "scipy", "viser")},
+        id=secrets.token_hex(8),
     )
-    replace_file(path, json.dumps(msgspec.to_builtins(header), indent=1).encode() + b"\n")
+    write_header(folder, header)
+    return header
+
+
+def write_header(folder: Path, header: Header) -> None:
+    """Write ``session.json``; raises ``OSError``."""
+    replace_file(folder / HEADER, json.dumps(msgspec.to_builtins(header), indent=1).encode() + b"\n")
 
 
 def _check(path: Path, kept: Header, recording: Recording, config: Config, method: str) -> None:

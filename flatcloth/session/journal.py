@@ -22,10 +22,10 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import fitted
-from flatcloth.core.errors import IllegalDecisionError, JournalError
-from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
+from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.types import Float64
 from flatcloth.session import machine as session
+from flatcloth.session.header import Header
 from flatcloth.session.machine import Command, Event, SessionState, apply
 
 JOURNAL = "journal.jsonl"
@@ -217,6 +217,12 @@ class Replay:
     link: int = 0
     sealed: bool = False
 
+    @classmethod
+    def of(cls, header: Header) -> Replay:
+        """Return the session of a header, before its first line."""
+        state = SessionState(n_views=header.recording.views)
+        return cls(state, link=header.seed, sealed=bool(header.id))
+
     def read(self, number: int, line: bytes) -> Line:
         """Return the content of the next line after comparing its checksum.
 
@@ -272,25 +278,41 @@ def _pick(added: PickAdded) -> Pick:
     )
 
 
-def read_journal(path: Path, replay: Replay) -> Iterator[Line]:
-    """Replay the complete lines of a journal; each is yielded after it has been applied.
+class OutOfBoundsLineError(JournalError):
+    """A line of a journal is whole, but has a number that no garment has; ``start`` is its first byte."""
+
+    def __init__(self, path: Path, number: int, start: int, cause: str) -> None:
+        super().__init__(
+            f"{path}: line {number} cannot be applied ({cause}) Open the session with flatcloth view:"
+            " it continues at the decision before that line."
+        )
+        self.number, self.start, self.cause = number, start, cause
+
+
+def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[Line]:
+    """Replay the complete lines of a journal; each is yielded once it is applied.
+
+    ``data`` is the content of the file ``path``.
 
     Raises
     ------
     JournalError
-        If a line is damaged; the message names it.
-    OSError
-        If the file cannot be read.
+        If a line is damaged; the message names it. As :class:`OutOfBoundsLineError` if it is whole.
     """
-    data = read_plain(path, MOST_JOURNAL_BYTES)
+    start = 0
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
+        before = replay.link, replay.sealed
         try:
             line = replay.read(number, text)
             replay.take(line.entry)
+        except OutOfBoundsError as error:
+            replay.link, replay.sealed = before
+            raise OutOfBoundsLineError(path, number, start, str(error)) from error
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"
                 " cut the file before that line to continue from there, or use another folder."
             ) from error
         replay.lines = number
+        start += len(text) + 1
         yield line

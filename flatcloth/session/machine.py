@@ -16,8 +16,9 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol
 
-from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
+from flatcloth.core.types import Rigid2
 from flatcloth.session import document as edits
 from flatcloth.session.commands import (
     Accept,
@@ -44,6 +45,7 @@ from flatcloth.session.commands import (
     Undo,
 )
 from flatcloth.session.document import (
+    MAX_EXTENT_M,
     UNSURE,
     Accepted,
     Document,
@@ -258,7 +260,26 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
     reason = why_illegal(state, command)
     if reason is not None:
         raise IllegalDecisionError(reason)
+    _check_bounds(state.document, command)
     return _decide(state, command)
+
+
+def _check_bounds(document: Document, command: Command) -> None:
+    """Refuse to move a view to where no garment reaches; many steps lead there as well as one."""
+    pending = document.pending
+    match command:
+        case Nudge(by=by) if pending is not None:
+            placed = by @ pending.current_from_new
+        case TakePart(current_from_new=placed):
+            pass
+        case _:
+            return
+    apart_m = math.hypot(placed.u_m, placed.v_m)
+    if not apart_m <= MAX_EXTENT_M:
+        raise OutOfBoundsError(
+            f"View {command.view_index} would lie {apart_m:.3g} m away; a garment's plane reaches"
+            f" {MAX_EXTENT_M:g} m. Move it by less."
+        )
 
 
 def _decide(state: SessionState, command: Command) -> SessionState:
@@ -283,7 +304,9 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             return _edit(state, f"{how} view {view}", replace(document, pending=moved))
         case TakePart(view_index=view, component=component, current_from_new=motion):
             assert document.pending is not None
-            nudge = motion @ document.pending.proposed.inverse()
+            proposed = document.pending.proposed
+            # Chosen back, it lies where it was proposed, exactly: not moved by hand.
+            nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
         case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):

@@ -7,7 +7,7 @@ A session folder contains ``session.json`` (the subject of the session), ``journ
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import itertools
 import logging
 import os
 from collections.abc import Mapping
@@ -17,15 +17,16 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
-from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain, sync_folder
+from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.recordings.base import Recording
 from flatcloth.session.axis_file import write_axis
-from flatcloth.session.header import settle_header
+from flatcloth.session.header import Header, settle_header, write_header
 from flatcloth.session.journal import (
     JOURNAL,
     Coordinate,
     Entry,
+    OutOfBoundsLineError,
     Pick,
     PickAdded,
     PickChange,
@@ -35,6 +36,7 @@ from flatcloth.session.journal import (
     encode,
     read_journal,
 )
+from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
 from flatcloth.session.machine import Cancel, Command, Event, SessionState, apply
 
 _log = logging.getLogger(__name__)
@@ -46,18 +48,20 @@ class SessionFolder:
     Not thread-safe: only the thread that owns the session may write.
     """
 
-    def __init__(self, folder: Path, lock_fd: int, state: SessionState) -> None:
+    def __init__(self, folder: Path, header: Header, lock_fd: int, journal: JournalFile) -> None:
         self._folder = folder
+        self._header = header
         self._lock_fd: int | None = lock_fd
-        self._journal_fd: int | None = None
-        self._kept = Replay(state)
+        self._journal = journal
+        self._kept = Replay.of(header)
+        self._notices: list[str] = []
 
     @classmethod
     def open(cls, folder: Path, recording: Recording, config: Config, method: str) -> SessionFolder:
         """Create a session folder, or resume the session in it.
 
-        A computation that was running when the process was killed is cancelled; an incomplete last
-        line is dropped, with a warning in the log.
+        A computation that ran when the process was killed is lost. An incomplete last line, and what
+        follows a line with a number that no garment has, is dropped, with a notice.
 
         Raises
         ------
@@ -65,21 +69,28 @@ class SessionFolder:
             If the folder cannot be written, is in use by another process, belongs to another
             recording, method or configuration, or its journal is damaged before its last line.
         """
+        lock_fd: int | None = None
         opened: SessionFolder | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            opened = cls(folder, _lock(folder / "session.lock"), SessionState(n_views=len(recording)))
-            settle_header(folder, recording, config, method)
+            lock_fd = _lock(folder)
+            header = settle_header(folder, recording, config, method)
+            opened = cls(folder, header, lock_fd, JournalFile(folder / JOURNAL))
+            sync_folder(folder)
+            opened._check_owner()
             opened._resume()
+        except LockedError as error:
+            _close(opened, lock_fd)
+            raise _in_use(folder, error.owner or "unknown") from error
         except OSError as error:
-            if opened is not None:
-                opened.close()
+            _close(opened, lock_fd)
+            name = "" if error.filename is None else f"{Path(os.fsdecode(error.filename)).name}: "
             raise JournalError(
-                f"{folder}: cannot be used as session folder ({error.strerror}). Choose a writable folder."
+                f"{folder}: cannot be used as session folder ({name}{error.strerror})."
+                " Choose a writable folder."
             ) from error
         except BaseException:
-            if opened is not None:
-                opened.close()
+            _close(opened, lock_fd)
             raise
         return opened
 
@@ -171,12 +182,30 @@ class SessionFolder:
         """
         write_axis(self._folder, axis)
 
+    def reload(self) -> None:
+        """Take the session anew from the journal.
+
+        Raises
+        ------
+        JournalError
+            If the journal is damaged.
+        """
+        kept = Replay.of(self._header)
+        for _ in read_journal(self._folder / JOURNAL, self._journal.data, kept):
+            pass
+        self._kept = kept
+
+    def take_notices(self) -> tuple[str, ...]:
+        """Return what the user must be told, once: sentences on where the session is kept."""
+        notices, self._notices = tuple(self._notices), []
+        return notices
+
     def close(self) -> None:
-        """Release the folder for other processes; may be called repeatedly."""
-        for fd in (self._journal_fd, self._lock_fd):
-            if fd is not None:
-                os.close(fd)
-        self._journal_fd = self._lock_fd = None
+        """Let another process have the folder; harmless when repeated."""
+        self._journal.close()
+        if self._lock_fd is not None:
+            os.close(self._lock_fd)
+        self._lock_fd = None
 
     def _change_picks(self, change: PickChange) -> None:
         if not isinstance(change, PickAdded) and change.id not in self._kept.picks:
@@ -184,28 +213,46 @@ class SessionFolder:
         self._append(change)
         self._kept.take(change)
 
+    def _notice(self, text: str) -> None:
+        _log.warning("%s", text)
+        self._notices.append(text)
+
+    def _check_owner(self) -> None:
+        owner = self._folder.stat().st_uid
+        if owner != os.geteuid():
+            self._notice(
+                f"{self._folder}: the session folder belongs to another user (number {owner}), who can"
+                " change what is decided here. Use a folder of your own unless that is meant."
+            )
+
     def _resume(self) -> None:
-        path = self._folder / JOURNAL
-        self._journal_fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        sync_folder(self._folder)
-        for _ in read_journal(path, self._kept):
-            pass
-        self._drop_torn_line(path)
+        path, data = self._folder / JOURNAL, self._journal.data
+        try:
+            for _ in read_journal(path, data, self._kept):
+                pass
+        except OutOfBoundsLineError as error:
+            aside = self._set_aside(data)
+            self._journal.cut(error.start)
+            self._notice(
+                f"{path}: line {error.number} cannot be applied ({error.cause}) The session continues at the"
+                f" decision before it; the whole journal is kept in {aside.name}."
+            )
+        else:
+            complete = data.rfind(b"\n") + 1
+            if complete < len(data):
+                self._notice(f"{path}: the last line is incomplete after a crash and is dropped.")
+                self._journal.cut(complete)
         if self.state.request is not None:
             # The computation is lost. Recording its end in the journal keeps the later lines legal.
             self.record(Cancel())
 
-    def _drop_torn_line(self, path: Path) -> None:
-        assert self._journal_fd is not None
-        data = read_plain(path, MOST_JOURNAL_BYTES)
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            _log.warning("%s: the last line is incomplete after a crash and is dropped.", path)
-            os.ftruncate(self._journal_fd, whole)
-            os.fsync(self._journal_fd)
+    def _set_aside(self, data: bytes) -> Path:
+        path = _unused(self._folder / f"{JOURNAL}.set-aside")
+        replace_file(path, data)
+        return path
 
     def _append(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
-        if self._journal_fd is None:
+        if not self._journal.is_open:
             raise JournalError(f"{self._folder}: the session is closed. Open it again.")
         try:
             line, link = encode(self._kept.lines + 1, entry, score_parts, self._kept.link)
@@ -213,40 +260,73 @@ class SessionFolder:
             raise JournalError(
                 f"The decision has numbers that are not finite, or text that is not Unicode ({entry!r:.200})."
             ) from error
-        before = os.fstat(self._journal_fd).st_size
         try:
-            written = 0
-            while written < len(line):
-                written += os.write(self._journal_fd, line[written:])
-            os.fsync(self._journal_fd)
+            if not self._journal.is_in_place():
+                self._move()
+            self._journal.append(line)
         except OSError as error:
-            with contextlib.suppress(OSError):  # half a line must not precede the next one
-                os.ftruncate(self._journal_fd, before)
             raise JournalError(
-                f"{self._folder / 'journal.jsonl'}: cannot be written ({error.strerror}). "
+                f"{self._folder / JOURNAL}: cannot be written ({error.strerror}). "
                 "The decision was not made. Free disk space and repeat it."
             ) from error
         self._kept.lines += 1
         self._kept.link, self._kept.sealed = link, True
 
+    def _move(self) -> None:
+        """Continue in a fresh folder, since somebody removed or replaced the journal, or wrote into it."""
+        was, fresh = self._folder, _unused(self._folder.with_name(f"{self._folder.name}-continued"))
+        fresh.mkdir(parents=True)
+        lock_fd = _lock(fresh)
+        try:
+            write_header(fresh, self._header)
+            for name in _BESIDE:
+                with contextlib.suppress(OSError):
+                    replace_file(fresh / name, read_plain(was / name))
+            journal = JournalFile(fresh / JOURNAL)
+            journal.append(self._journal.data)
+        except BaseException:
+            os.close(lock_fd)
+            raise
+        self.close()
+        self._folder, self._lock_fd, self._journal = fresh, lock_fd, journal
+        self._notice(
+            f"{was / JOURNAL}: was removed, replaced or changed by another program. All decisions are kept"
+            f" and the session continues in {fresh}; give --session {fresh} next time."
+        )
 
-def _lock(path: Path) -> int:
-    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        owner = os.read(fd, 20).decode(errors="replace").strip()
-        os.close(fd)
-        raise JournalError(
-            f"{path.parent}: the session is open in another flatcloth (process {owner}). "
-            "Use that one, end it, or choose another session folder."
-        ) from error
-    except OSError:
-        os.close(fd)
-        raise
+
+_BESIDE = ("axis.json", "grips.json", "settings.json")
+"""What else belongs to a session."""
+
+
+def _unused(path: Path) -> Path:
+    """Return the path, or the first with a number behind it that is free."""
+    return next(
+        free
+        for n in itertools.count(1)
+        if not os.path.lexists(free := path if n == 1 else path.with_name(f"{path.name}-{n}"))
+    )
+
+
+def _lock(folder: Path) -> int:
+    fd = open_locked(folder / "session.lock")
     os.ftruncate(fd, 0)
     os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
     return fd
+
+
+def _in_use(folder: Path, owner: str) -> JournalError:
+    return JournalError(
+        f"{folder}: the session is open in another flatcloth (process {owner}). "
+        "Use that one, end it, or choose another session folder."
+    )
+
+
+def _close(opened: SessionFolder | None, lock_fd: int | None) -> None:
+    if opened is not None:
+        opened.close()
+    elif lock_fd is not None:
+        os.close(lock_fd)
 
 
 def _coordinates(values: Floats) -> tuple[Coordinate, Coordinate, Coordinate]:

@@ -16,7 +16,8 @@ MOST_PANELS = 15
 def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
     """Return the name and the triangles (K,) of each panel, panel 1 first.
 
-    Groups named front and back are panels 1 and 2; other groups follow. Without such groups the
+    Groups named front and back are panels 1 and 2; other groups follow. A mesh of a front alone is cloth
+    of a single layer, as a towel: its other side is the panel's inner face. Without such groups the
     panels are the pieces into which the texture coordinates cut the mesh, the largest first. Without
     texture coordinates, or if they cut it into too many pieces, the connected components are used.
     """
@@ -25,7 +26,8 @@ def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:
     back = [i for i, n in enumerate(names) if "back" in n and "front" not in n]
     panels: list[tuple[str, Int32]] = []
     if front or back:
-        for name, groups in (("front", front), ("back", back)):
+        single = bool(front) and len(front) == len(names)
+        for name, groups in (("front", front),) if single else (("front", front), ("back", back)):
             panels.append((name, np.flatnonzero(np.isin(mesh.group, groups)).astype(np.int32)))
         rest = np.setdiff1d(mesh.group, front + back)
         panels += [(mesh.group_names[i], np.flatnonzero(mesh.group == i).astype(np.int32)) for i in rest]

@@ -1,7 +1,7 @@
 """The operator page: one web server for the page, its messages and viser's 3D scene.
 
-This package is the only place that knows viser and the web server. Nothing heavy is imported until
-:func:`serve` or :class:`PageServer` is asked for.
+Only this package uses viser and the web server. Nothing heavy is imported before :func:`serve` or
+:class:`PageServer` is used.
 """
 
 from __future__ import annotations

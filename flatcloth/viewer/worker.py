@@ -1,32 +1,47 @@
-"""One thread for the heavy work; what comes out goes back to the application thread."""
+"""A thread for heavy work; its results go back to the application thread."""
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Callable
+
+_log = logging.getLogger(__name__)
 
 Job = Callable[[], None]
 
 
 class Worker:
-    """Runs jobs one after the other on a daemon thread; jobs report their own errors."""
+    """Runs jobs one after the other on a daemon thread.
 
-    def __init__(self, name: str) -> None:
+    Jobs report their own errors; for one that fails nevertheless, ``on_fault`` is called on the thread,
+    which goes on with the next job.
+    """
+
+    def __init__(self, name: str, on_fault: Callable[[BaseException], None] = lambda _: None) -> None:
+        self._on_fault = on_fault
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def put(self, job: Job) -> None:
-        """Add a job; returns at once."""
+        """Add a job; returns immediately."""
         self._jobs.put(job)
 
     def stop(self, timeout_s: float) -> None:
-        """Let the thread end after the job it is at; a job that does not end is left to the daemon."""
+        """Stop the thread after the current job; a job that does not end is abandoned with the daemon."""
         self._jobs.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
-            job()
+            try:
+                job()
+            except BaseException as error:  # noqa: BLE001 - the thread must not die of a job
+                _log.exception("a job of the thread %s failed", self._thread.name)
+                try:
+                    self._on_fault(error)
+                except Exception:  # noqa: BLE001 - nobody else would hear of it
+                    _log.exception("the thread %s could not recover", self._thread.name)

@@ -132,6 +132,14 @@ export class FlatCanvas {
     this.redraw();
   }
 
+  /** Bring a place of the plane to the middle. */
+  centerOn(u, v) {
+    this.fitted = false;
+    const { x, y } = this.transform.toPane(u, v);
+    this.transform.pan(this.width / 2 - x, this.height / 2 - y);
+    this.redraw();
+  }
+
   /** Turn and flip what is seen; the data stay as they are. */
   turnTo(angle, flipped) {
     this.transform.turn(angle, flipped, this.width / 2, this.height / 2);

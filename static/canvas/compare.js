@@ -1,4 +1,4 @@
-// A, the shape, and B, the proposal laid on it: both, each alone, wiped, blinking, or their difference.
+// A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { degrees, hex, number, vector } from "/static/page/format.js";

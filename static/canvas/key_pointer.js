@@ -1,4 +1,4 @@
-// A pointer for those who use no mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
+// A pointer for use without a mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
 // and lets go.
 
 import { byId, make } from "/static/page/dom.js";
@@ -7,7 +7,7 @@ const STEP_PX = 4;
 const FAST = 10;
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** What it does reaches the canvas as events of a pointer. It has no button: who can press one has a pointer. */
+/** Its actions reach the canvas as pointer events. It needs no button, because a button would need a pointer. */
 export class KeyPointer {
   constructor() {
     this.on = false;

@@ -5,7 +5,7 @@ import { Pyramid } from "/static/canvas/pyramid.js";
 
 const OUTLINE = [230, 126, 0];
 
-/** One picture with its place on the plane; `onReady(anew)` when it is shown, anew if its revision is. */
+/** One picture with its position on the plane; `onReady(anew)`: it is shown, `anew` if its revision is new. */
 export class Picture {
   constructor(onReady) {
     this.onReady = onReady;

@@ -1,4 +1,4 @@
-// A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; what is marked is drawn over it in 2D.
+// A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
 const CLICK_PX = 4;
 const TURN_MS = 450;

@@ -1,4 +1,4 @@
-// What the exported page carries with it: unpacked from the page itself, nothing is loaded.
+// The data of the exported page, unpacked from the page itself; nothing is loaded.
 
 import { boxOf } from "/static/canvas/geometry.js";
 

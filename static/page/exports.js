@@ -1,4 +1,4 @@
-// The sheet of what can be taken away: each is made by the server when it is asked for, and then saved.
+// The sheet of exports: each is made by the server on request, and then saved.
 
 import { make, setText } from "/static/page/dom.js";
 
@@ -21,7 +21,7 @@ const KINDS = [
 
 let sheet = null;
 
-/** Open the sheet; `notify` tells what went wrong, `name` is that of the recording. */
+/** Open the sheet; `notify` reports errors, `name` is that of the recording. */
 export function showExports(notify, name) {
   sheet ??= build();
   sheet.buttons.forEach((button, i) => (button.onclick = () => save(button, KINDS[i], notify, name)));

@@ -2,10 +2,17 @@
 
 import { count, number } from "/static/page/format.js";
 
+/** How large the shape is, and what floats beside it. */
+function shapeOf({ step, layers }) {
+  const floating = layers.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+  const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(layers.pieces.length, "piece")}.` : "";
+  return ` Shape: ${count(step, "view")}, ${number(layers.area_cm2, 0)} cm².${beside}`;
+}
+
 /** What to do next, in a line. */
 export function hint(state) {
   const angle = (i, word = "view") => `${word} ${i} (${number(state.views[i].angle_deg, 0)}°)`;
-  const area = state.layers ? ` Shape: ${count(state.step, "view")}, ${number(state.layers.area_cm2, 0)} cm².` : "";
+  const area = state.layers ? shapeOf(state) : "";
   const waiting = state.n_later
     ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.`
     : "";
@@ -37,6 +44,6 @@ export function hint(state) {
         : state.n_later
           ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow.` +
             ` Press Step (S) to go on.${area}`
-          : `Press Step (S): the next view is chosen, flattened and laid on the shape.${area}`;
+          : `Press Step (S): the next view is chosen, flattened and placed on the shape.${area}`;
   }
 }

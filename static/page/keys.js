@@ -1,4 +1,4 @@
-// What a key means: looked up in the table of actions, in the mode that is open.
+// The action of a key in the current mode, from the table of actions.
 
 import { isMove } from "/static/canvas/nudges.js";
 

@@ -40,6 +40,12 @@ export interface Refine {
   view_index: number;
 }
 
+/** Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies. */
+export interface PlacePiece {
+  type: "place_piece";
+  label: string;
+}
+
 /** Place another connected part of the pending view, the largest being 0. */
 export interface TakePart {
   type: "take_part";
@@ -64,6 +70,20 @@ export interface Hover {
   u_m: number;
   v_m: number;
   view?: number | null;
+}
+
+/** Ask what a ray of the eye (object frame) hits first in 3D, and where that lies on the plane. */
+export interface HoverRay {
+  type: "hover_ray";
+  id: number;
+  origin_m: [number, number, number];
+  direction: [number, number, number];
+}
+
+/** Let the 3D camera look from where the real camera stood at a view. */
+export interface TurnTo {
+  type: "turn_to";
+  view_index: number;
 }
 
 /** Ask for the distance between two places of the plane; ``id`` comes back with the answer. */
@@ -118,13 +138,14 @@ export interface SetAuto {
   running: boolean;
 }
 
-/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before. */
+/** Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults. */
 export interface Set {
   type: "set";
   reset?: boolean;
   auto_threshold?: number | null;
   advance?: boolean | null;
   follow?: boolean | null;
+  turn_to_pick?: boolean | null;
   step_mm?: number | null;
   step_deg?: number | null;
 }
@@ -158,15 +179,54 @@ export interface Capture {
   angle_deg?: number | null;
 }
 
+/** Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth. */
+export interface StrokeImage {
+  type: "stroke_image";
+  side: "other" | "this";
+  view_index: number;
+  points_rc: [number, number][];
+  radius_m: number;
+}
+
+/** Say which side the cloth under a stroke on the flattened shape is. */
+export interface StrokeShape {
+  type: "stroke_shape";
+  side: "other" | "this";
+  points_uv_m: [number, number][];
+  radius_m: number;
+}
+
+/** Say that the cloth beyond a line on the flattened shape is not of interest. */
+export interface CutShape {
+  type: "cut_shape";
+  points_uv_m: [number, number][];
+  beyond_uv_m: [number, number];
+}
+
+/** Paint by clicks in the 3D scene as well, or (``side`` None) pick there again. */
+export interface Brush {
+  type: "brush";
+  side?: "other" | "this" | null;
+  radius_m?: number;
+}
+
+/** Ask where the next stroke tells most. */
+export interface WhereToStroke {
+  type: "where_to_stroke";
+}
+
 /** All that the page may say to the server. */
 export type ClientMessage = Do
   | Move
   | Choose
   | Preview
   | Refine
+  | PlacePiece
   | TakePart
   | Pairs
   | Hover
+  | HoverRay
+  | TurnTo
   | Measure
   | PickAt
   | ShowPick
@@ -178,4 +238,9 @@ export type ClientMessage = Do
   | ShowEdges
   | Play
   | Ready
-  | Capture;
+  | Capture
+  | StrokeImage
+  | StrokeShape
+  | CutShape
+  | Brush
+  | WhereToStroke;

@@ -1,4 +1,4 @@
-// What the operator is told: toasts that can be dismissed, and the log that keeps them all.
+// Notifications: toasts that can be dismissed, and the log of all of them.
 
 import { byId, make } from "/static/page/dom.js";
 
@@ -44,7 +44,7 @@ export function takeServerLog(log) {
   lastServerNote = Math.max(lastServerNote ?? 0, ...log.map((n) => n.id));
 }
 
-/** Another server process counts its notes anew. */
+/** Another server process numbers its notes from the start. */
 export function forgetServerLog() {
   lastServerNote = null;
   kept.length = 0;

@@ -11,13 +11,15 @@
  * @property {(u_m: number, v_m: number) => boolean} [click] a click on the flattened view; true: it is taken
  * @property {(at: {u_m: number, v_m: number} | null) => void} [hover] the pointer on the flattened view
  * @property {(answer: any) => void} [hovered] the values under the pointer, null: none
- * @property {() => object} [asksHover] what it wants to know besides of what is under the pointer
+ * @property {() => object} [asksHover] its additional request about the point under the pointer
  * @property {() => boolean} [escape] Escape was pressed; true: there was something to close
  * @property {(by: {theta: number, u: number, v: number}) => void} [moving] the proposal is being moved by so much
  * @property {() => void} [placed] the proposal is drawn where the server has put it
- * @property {() => void} [disconnected] the connection is lost: what was asked is not answered any more
+ * @property {() => void} [disconnected] the connection is lost: pending requests stay unanswered
  * @property {() => void} [reconnected] another server process may answer from now on
+ * @property {(view: number, rc: [number, number]) => void} [lookAt] show a pixel of a view
  * @property {Record<string, boolean>} [pressed] which of its actions are on, for their buttons
+ * @property {(state: any) => boolean} [mayAccept] false: Accept waits, as its button now says
  * @property {any} [status] for tests
  */
 
@@ -38,6 +40,8 @@ export class Page {
     this.looking = null;
     /** @type {any} */
     this.ruler = null;
+    /** @type {any} the brush of the side of interest, for panels that can be painted on */
+    this.brush = null;
     /** @type {Panel[]} */
     this.panels = [];
   }

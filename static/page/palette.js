@@ -3,7 +3,7 @@
 import { byId, make } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
-/** Open it; `run(name)` performs what is chosen, once the palette is closed. */
+/** Open it; `run(name)` performs the chosen command after the palette has closed. */
 export function showPalette(actions, run) {
   const dialog = byId("palette");
   const box = byId("palette-box");

@@ -1,4 +1,4 @@
-// The lines above the canvas: what is shown, what can be done next, how far the work is, notes about the session.
+// The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { count } from "/static/page/format.js";

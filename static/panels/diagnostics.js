@@ -95,7 +95,7 @@ export class Diagnostics {
     if (!answer?.ok) {
       this.known = null;
       setText(this.trouble, (await answer?.text()) ?? "There is no connection.");
-      if (answer?.status === 404) this.asked = null; // the next state asks again
+      if (answer?.status === 410) this.asked = null; // the next state asks again
     } else {
       this.known = await answer.json();
       this.known.angles_deg = state.views.map((v) => v.angle_deg);

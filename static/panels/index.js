@@ -3,10 +3,22 @@
 import { CapturePanel } from "/static/panels/capture.js";
 import { Diagnostics } from "/static/panels/diagnostics.js";
 import { PicksPanel } from "/static/panels/picks.js";
+import { PiecesPanel } from "/static/panels/pieces.js";
 import { ProposalPanel } from "/static/panels/proposal.js";
 import { Readout } from "/static/panels/readout.js";
+import { SidesPanel } from "/static/panels/sides.js";
 import { SettingsSheet } from "/static/panels/settings.js";
 import { SourcePanel } from "/static/panels/sources.js";
 
 /** Each is made with the page (page/page.js: Page) and may have what its typedef Panel names. */
-export const PANELS = [CapturePanel, ProposalPanel, PicksPanel, SettingsSheet, SourcePanel, Diagnostics, Readout];
+export const PANELS = [
+  CapturePanel,
+  ProposalPanel,
+  PiecesPanel,
+  PicksPanel,
+  SidesPanel,
+  SettingsSheet,
+  SourcePanel,
+  Diagnostics,
+  Readout,
+];

@@ -16,11 +16,57 @@ export class ProposalPanel {
   }
 
   update(state) {
-    showProposal(state, (message) => this.page.send(message));
+    this.tellAdded(state);
+    const show = ([u, v]) => this.page.canvas.centerOn(u, v);
+    showProposal(state, (message) => this.page.send(message), show);
+    const accept = document.querySelector('[data-action="accept"]');
+    const waits = Boolean(this.armed) && this.armed === this.placeOf(state);
+    if (!waits) this.armed = null;
+    accept?.classList.toggle("caution", waits);
+  }
+
+  /** Where the proposal lies: another place is another question. */
+  placeOf({ pending }) {
+    return pending && JSON.stringify([pending.view_index, pending.nudge, pending.score]);
+  }
+
+  /** Whether Accept may go ahead: a place below the limit asks for a second press, and says why. */
+  mayAccept(state) {
+    const { pending, settings } = state;
+    const limit = settings.auto_threshold.value;
+    const place = this.placeOf(state);
+    if (!pending || pending.score === null || pending.score >= limit || this.armed === place) return true;
+    this.armed = place;
+    const failed = pending.checks.filter((check) => check.passed === false);
+    const why = failed.map((check) => `${check.title.toLowerCase()} ${number(check.value)} ${check.unit}`).join(", ");
+    this.page.notify(
+      "warning",
+      `The score here is ${number(pending.score, 2)}, below ${number(limit, 2)}${why ? `: ${why}` : ""}.` +
+        " Press Accept again to accept it all the same; the view stays flagged.",
+    );
+    this.page.changed();
+    return false;
+  }
+
+  /** After an acceptance: what it really added, beside what was foreseen. */
+  tellAdded(state) {
+    const { pending, layers } = state;
+    const area = layers && layers.area_cm2 + layers.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+    const before = this.before;
+    if (before && !pending && state.step === before.step + 1 && layers.revision !== before.revision) {
+      const added = `View ${before.view} added ${number(area - before.area, 0)} cm²`;
+      this.page.notify("info", `${added}; ${number(before.foreseen.added_cm2, 0)} cm² were foreseen.`);
+      this.before = null;
+    } else if (pending?.foreseen?.added_cm2 !== undefined && layers) {
+      const { view_index: view, foreseen: expected } = pending;
+      this.before = { view, area, step: state.step, revision: layers.revision, foreseen: expected };
+    } else if (state.step !== before?.step && layers?.revision !== before?.revision) {
+      this.before = null;
+    }
   }
 }
 
-function showProposal(state, send) {
+function showProposal(state, send, show) {
   const section = byId("proposal");
   const pending = state.pending;
   section.hidden = !pending;
@@ -34,6 +80,14 @@ function showProposal(state, send) {
         {},
         `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`,
       ),
+      pending.extends === null || pending.extends === "A"
+        ? null
+        : make(
+            "p",
+            { class: "extends", id: "extends" },
+            `Extends the floating piece ${pending.extends}, beside the shape.` +
+              " It joins the shape once a view connects them.",
+          ),
       make(
         "div",
         {
@@ -86,13 +140,9 @@ function showProposal(state, send) {
         ),
         make("dd", {}, `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`),
       ),
-      pending.margin === null
-        ? null
-        : make(
-            "p",
-            { data: { tip: "How much more sure this place is than the second best" } },
-            `Margin to the second best: ${number(pending.margin, 2)}`,
-          ),
+      foreseen(pending.foreseen),
+      checkList(pending.checks, show),
+      pending.hypotheses.length === 1 ? make("p", { class: "note" }, "No other place was found.") : null,
       pending.undetermined.length
         ? make("p", { class: "note" }, `Not determined: ${pending.undetermined.join(", ")}`)
         : null,
@@ -129,12 +179,78 @@ function showProposal(state, send) {
       pending.also.length
         ? make("p", { class: "note" }, `Placed with it: ${pending.also.map(partName).join(", ")}`)
         : null,
-      pending.reason ? make("p", { class: "note" }, pending.reason.replaceAll("cm2", "cm²")) : null,
+      pending.reason
+        ? make(
+            "p",
+            {
+              class: "note",
+              data: { tip: "What the planner expected of this view, before it was laid on the shape" },
+            },
+            `Planned for: ${pending.reason.replaceAll("cm2", "cm²")}`,
+          )
+        : null,
     ].filter(Boolean),
   );
 }
 
 const partName = (part) => `part ${part.component + 1} of view ${part.view_index}`;
 
+/** What accepting would do. */
+function foreseen(told) {
+  if (told?.added_cm2 === undefined) return null;
+  const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
+  return make(
+    "dl",
+    { class: "values", id: "foreseen" },
+    ...row(
+      "adds",
+      `${number(told.added_cm2, 0)} cm²`,
+      "Cloth of the proposal that lies beyond the shape and its pieces",
+    ),
+    ...row(
+      "measures again",
+      `${number(told.again_cm2, 0)} cm²`,
+      "Cloth of the proposal that lies on cloth that is there",
+    ),
+    ...(told.joins.length
+      ? row("joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)")
+      : []),
+  );
+}
+
+/** The checks with their limits; a click shows the place. */
+function checkList(checks, show) {
+  const known = checks.filter((check) => check.value !== null);
+  if (!known.length) return null;
+  const sign = (check) => (check.passed ? "✓" : "✕");
+  return make(
+    "ul",
+    { class: "checks", id: "checks" },
+    ...known.map((check) =>
+      make(
+        "li",
+        { class: check.passed ? "passed" : "failed" },
+        make(
+          "button",
+          {
+            type: "button",
+            "aria-label": `${check.title}: ${number(check.value)} ${check.unit}, ${check.passed ? "passed" : "failed"}`,
+            data: { id: `check-${check.name}`, tip: `${CHECKS[check.name]}\nClick: show the place.` },
+            on: { click: () => check.place_uv_m && show(check.place_uv_m) },
+          },
+          make("b", { "aria-hidden": "true" }, sign(check)),
+          make("span", {}, check.title),
+          make("span", {}, `${number(check.value)} of ${number(check.limit, 0)} ${check.unit}`),
+        ),
+      ),
+    ),
+  );
+}
+
+const CHECKS = {
+  apart: "Median distance in space between proposal and shape where both have cloth",
+  twice: "Share of the cloth in common that comes to lie 15 mm or more from itself",
+  outline: "Share of the cloth in common that comes to lie beyond the outline of the shape",
+};
 const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
 const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };

@@ -5,6 +5,7 @@ import { number } from "/static/page/format.js";
 
 const REACH_PX = 11;
 const SEEN_EVERY_MS = 60;
+const FAR_BELOW = 0.2; // of the score: so much below the best place is far from it
 const LEAST_GAIN = 0.005; // of the score
 
 export class Repair {
@@ -19,6 +20,10 @@ export class Repair {
       fit_pairs: () => {
         nudges.flush();
         this.sendPairs(true);
+      },
+      back_to_best: () => {
+        nudges.flush();
+        this.backToBest();
       },
       refine: () => {
         nudges.flush();
@@ -56,8 +61,16 @@ export class Repair {
         .querySelector(`[data-action="${name}"]`)
         .setAttribute("aria-pressed", String(name === "pairs" && this.picking));
     }
+    rebuild(byId("back-to-best"), ["best"], () => [this.page.button("back_to_best")]);
     this.showPieces(state.pending);
     this.showPairs();
+  }
+
+  backToBest() {
+    const { hypotheses, view_index, nudge } = this.pending;
+    if (hypotheses.length) return this.page.send({ type: "choose", view_index, index: 0 });
+    const back = { theta_rad: (-nudge.theta_deg * Math.PI) / 180, u_m: -nudge.u_mm / 1000, v_m: -nudge.v_mm / 1000 };
+    this.page.send({ type: "move", view_index, ...back });
   }
 
   /** The connected parts of the view, if it has several: which one is placed. */
@@ -137,14 +150,16 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const reached = fit(message.reached_score, message.reached_apart_mm);
-    setText(
-      byId("fit-here"),
-      message.why ??
-        `Here ${here}. ` +
-          (message.reached_score - message.score < LEAST_GAIN
-            ? "Refining gains nothing."
-            : `Refined from here: ${reached}.`),
-    );
+    const best = this.pending.hypotheses[0]?.score ?? this.pending.proposed_score;
+    const gains = message.reached_score - message.score >= LEAST_GAIN;
+    const far = best !== null && Math.max(message.score, message.reached_score) < best - FAR_BELOW;
+    const more = gains
+      ? `Refined from here: ${reached}.`
+      : far
+        ? "You are far from the best place: back to it?"
+        : "Refining gains nothing.";
+    setText(byId("fit-here"), message.why ?? `Here ${here}. ${more}`);
+    byId("back-to-best").hidden = !far;
   }
 
   /** After a lost connection nobody answers any more. */

@@ -76,7 +76,7 @@ export class SettingsSheet {
       description,
       field,
       value !== setting.default,
-      `as at first: ${told(setting.default)}`,
+      `default: ${told(setting.default)}`,
       () => set(setting.default),
     );
   }

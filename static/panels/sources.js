@@ -1,5 +1,6 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
+import { strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
 
@@ -32,6 +33,9 @@ export class SourcePanel {
     this.at = null; // what is under the pointer on the flattened view
     this.images = new Map(); // by address
     this.canvas = make("canvas", { id: "source-canvas", role: "img" });
+    this.stroke = null; // pixels (row, col) of the stroke that is being drawn
+    this.aim = null; // {view, rc}: where a stroke is suggested
+    this.listen();
     new ResizeObserver(() => this.draw()).observe(this.panel.parentElement);
   }
 
@@ -60,6 +64,83 @@ export class SourcePanel {
     this.draw();
   }
 
+  /** Show a pixel of a view, and mark it until something is painted. */
+  lookAt(view, rc) {
+    this.aim = { view, rc };
+    this.folded = false;
+    this.pin(view);
+  }
+
+  // --- painting --------------------------------------------------------------------------------
+
+  listen() {
+    const canvas = this.canvas;
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || !this.page.brush?.paintsImages || !this.drawn) return;
+      event.preventDefault();
+      canvas.setPointerCapture(event.pointerId);
+      this.stroke = [this.pixelAt(event)];
+      this.draw();
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!this.stroke) return;
+      this.stroke.push(this.pixelAt(event));
+      this.draw();
+    });
+    canvas.addEventListener("pointerup", () => {
+      const stroke = this.stroke;
+      this.stroke = null;
+      if (!stroke) return;
+      this.aim = null;
+      this.page.brush.paintImage(this.drawn.view, stroke);
+      this.draw();
+    });
+    canvas.addEventListener("pointercancel", () => {
+      this.stroke = null;
+      this.draw();
+    });
+    canvas.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** The pixel (row, col) of the recorded image under a pointer. */
+  pixelAt(event) {
+    const at = this.canvas.getBoundingClientRect();
+    const { box, scale } = this.drawn;
+    return [(event.clientY - at.top) / scale + box.top - 0.5, (event.clientX - at.left) / scale + box.left - 0.5];
+  }
+
+  /** With a brush the arrow keys move a mark over the image (Shift: tenfold), Enter paints a dab there. */
+  key(event) {
+    if (!this.page.brush?.paintsImages || !this.drawn || event.ctrlKey || event.altKey || event.metaKey) return;
+    const { box, view } = this.drawn;
+    const step = event.shiftKey ? 10 : 1;
+    const ways = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
+    const here = this.aim?.view === view ? this.aim.rc : [box.top + box.height / 2, box.left + box.width / 2];
+    if (event.key in ways) {
+      const [row, col] = ways[event.key].map((way, i) => here[i] + way * step);
+      const within = (value, least, size) => Math.min(Math.max(value, least), least + size - 1);
+      this.aim = { view, rc: [within(row, box.top, box.height), within(col, box.left, box.width)] };
+    } else if (event.key === "Enter") {
+      this.page.brush.paintImage(view, [here]);
+    } else return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.draw();
+  }
+
+  drawStroke(context) {
+    const { box, scale } = this.drawn;
+    const brush = this.page.brush;
+    const at = ([row, col]) => ({ x: (col + 0.5 - box.left) * scale, y: (row + 0.5 - box.top) * scale });
+    context.save();
+    context.globalAlpha = 0.6;
+    context.lineCap = context.lineJoin = "round";
+    // How wide the brush is on the cloth depends on its distance; here it is drawn as at the middle of the item.
+    const width = Math.max(3, 2 * brush.radius_m * (this.page.state.sides?.pixels_per_m ?? 500) * scale);
+    strokeLine(context, [this.stroke[0], ...this.stroke].map(at), brush.color(this.canvas), width);
+    context.restore();
+  }
+
   fold() {
     this.folded = !this.folded;
     localStorage.setItem(FOLDED, this.folded ? "yes" : "no");
@@ -72,7 +153,9 @@ export class SourcePanel {
     this.show();
   }
 
+  /** Look at another view: its image here, the item in 3D from where it was taken. */
   pin(view) {
+    this.page.send({ type: "turn_to", view_index: view });
     this.pinned = view === this.present ? null : view;
     this.show();
   }
@@ -167,7 +250,9 @@ export class SourcePanel {
         "aria-pressed": String(one.view_index === this.view),
         data: {
           id: `thumb-${one.view_index}`,
-          tip: `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\nClick: show its image`,
+          tip:
+            `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\n` +
+            "Click: show its image, and turn the item to it",
         },
         on: { click: () => this.pin(one.view_index) },
       },
@@ -187,7 +272,7 @@ export class SourcePanel {
       if (!answer.ok) throw new Error(await answer.text());
       /** @type {any} */
       const image = await createImageBitmap(await answer.blob());
-      if (address.endsWith(".png")) image.box = boxOfItem(image);
+      if (address.endsWith("/mask.png")) image.box = boxOfItem(image);
       this.images.set(address, image);
       this.draw();
     };
@@ -203,6 +288,10 @@ export class SourcePanel {
       `Source image of view ${this.view}${this.masked ? ", what is not the item shaded" : ""}`,
     );
     const mask = this.image(`/source/${this.view}/mask.png`);
+    const sides = this.page.brush?.addressOf(this.view);
+    const labels = sides && this.masked ? this.image(sides) : null;
+    this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
+    this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     if (!color || !mask) return;
     const box = mask.box;
     const scene = this.panel.parentElement;
@@ -220,7 +309,7 @@ export class SourcePanel {
     const context = this.canvas.getContext("2d");
     context.scale(ratio, ratio);
     context.imageSmoothingQuality = "high";
-    for (const image of this.masked ? [color, mask] : [color]) {
+    for (const image of this.masked ? [color, labels ?? mask] : [color]) {
       context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
     }
     const style = getComputedStyle(this.canvas);
@@ -228,6 +317,7 @@ export class SourcePanel {
     for (const [rc, name] of [
       [pick, "--pick"],
       [pointer, "--accent"],
+      [this.aim?.view === this.view ? this.aim.rc : null, "--warn"],
     ]) {
       if (rc)
         cross(
@@ -237,7 +327,8 @@ export class SourcePanel {
           style.getPropertyValue(name),
         );
     }
-    this.drawn = { view: this.view, masked: this.masked, box, scale, pick, pointer };
+    this.drawn = { labels: Boolean(labels), view: this.view, masked: this.masked, box, scale, pick, pointer };
+    if (this.stroke) this.drawStroke(context);
   }
 
   /** Where the current pick lies in the image shown; null if that view did not see it. */

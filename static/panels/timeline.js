@@ -18,7 +18,8 @@ export function showTimeline(state, choose) {
   const live = state.mode === "live";
   rebuild(byId("timeline"), state.views, () =>
     state.views.map((view) => {
-      const [sign, word] = STATES[view.state];
+      const [sign, state_word] = STATES[view.state];
+      const word = view.flagged ? `${state_word}, flagged: its score was below the limit` : state_word;
       const detail = view.detail ? ` (${view.detail})` : "";
       const kept = ["start", "pending"].includes(view.state);
       const decided = !kept && view.state !== "unused";
@@ -38,13 +39,13 @@ export function showTimeline(state, choose) {
         "button",
         {
           type: "button",
-          class: `view ${view.state}`,
+          class: `view ${view.state}${view.flagged ? " flagged" : ""}`,
           "aria-disabled": String(view.why_not !== null && !decided),
           "aria-label": about,
           data: { id: `view-${view.index}`, tip: about + act },
           on: { click: () => choose(view) },
         },
-        make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : sign),
+        make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
         make("span", { class: "angle" }, number(view.angle_deg, 0)),
       );
     }),

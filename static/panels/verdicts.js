@@ -63,7 +63,10 @@ export class Verdicts {
   lowestScore(state) {
     const scored = state.views.filter((v) => ACCEPTED.includes(v.state) && v.score !== null);
     if (!scored.length) return this.page.notify("info", "No accepted view has a known score.");
-    this.goTo(scored.reduce((least, v) => (v.score < least.score ? v : least)));
+    const flagged = scored.filter((v) => v.flagged);
+    // Flagged ones in turn, so that each can be looked at; without any, the lowest score.
+    const next = flagged.find((v) => v.index > (this.chosen ?? -1)) ?? flagged[0];
+    this.goTo(next ?? scored.reduce((least, v) => (v.score < least.score ? v : least)));
   }
 
   goTo(view) {

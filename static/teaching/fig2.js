@@ -333,8 +333,8 @@ export const FLATTENING_STAGES = [
     text: [
       "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
         "there is no triangle.",
-      "A place inside a triangle is a mixture of the three corners; the same mixture of their pixels tells " +
-        "where to look in the image.",
+      "A point inside a triangle is a weighted mean of the three corners; the same mean of their pixels " +
+        "is its position in the image.",
     ],
     math: () => [
       equation(

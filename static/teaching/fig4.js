@@ -1,4 +1,4 @@
-// The stages of Fig. 4: the next rotation, the new view, and how it is laid on.
+// The stages of Fig. 4: the next rotation, the new view, and its alignment.
 
 import { degrees, number } from "/static/page/format.js";
 import {
@@ -77,8 +77,8 @@ export const EXTENDING_STAGES = [
     start: angleStart,
     text: [
       "Column by column: h(u) counts the pixels within the limit, A_z(u) is their mean Z-angle.",
-      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z tells where around " +
-        "the item a column lies.",
+      "Hanging cloth is curved mainly sideways, so a column has nearly one Z-angle, and A_z gives the position " +
+        "of a column around the item.",
     ],
     math: () => [
       equation("h", "(", "u", ")", "=", "#", "{", "v", ":", "|", a(), "|", "<", A("w"), "}"),
@@ -162,7 +162,7 @@ export const EXTENDING_STAGES = [
             : "–",
         ],
         ["Area", cm2(a.new_cm2)],
-        a.planned_view === a.view_index ? null : ["Passed over", `view ${a.planned_view}: it could not be laid on`],
+        a.planned_view === a.view_index ? null : ["Left out", `view ${a.planned_view}: it could not be aligned`],
       ].filter(Boolean),
     draw: drawNewView,
   },

@@ -2,7 +2,7 @@
 
 const ARRAYS = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, int32: Int32Array, float32: Float32Array };
 
-/** What keeps a lesson from being made; its message is for the learner. */
+/** The reason why a lesson cannot be made; its message is for the learner. */
 export class LessonError extends Error {}
 
 /**

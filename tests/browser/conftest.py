@@ -120,11 +120,24 @@ class Program:
 
 
 @pytest.fixture
-def program(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Program]:
-    arguments = getattr(request, "param", "recordings/shirt-sleeve-clean")
-    running = Program(arguments, tmp_path / "session")
-    yield running
-    running.stop()
+def program_of() -> Iterator[Callable[[str, Path], Program]]:
+    """Start programs, each with its arguments and its session; they end with the test."""
+    running: list[Program] = []
+
+    def start(arguments: str, session: Path) -> Program:
+        running.append(Program(arguments, session))
+        return running[-1]
+
+    yield start
+    for program in running:
+        program.stop()
+
+
+@pytest.fixture
+def program(
+    request: pytest.FixtureRequest, program_of: Callable[[str, Path], Program], tmp_path: Path
+) -> Program:
+    return program_of(getattr(request, "param", "recordings/shirt-sleeve-clean"), tmp_path / "session")
 
 
 class Tab:

@@ -69,7 +69,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program, tmp_path):
     sheet.get_by_label("Arrow key, mm").fill("7")
     keys.press("Tab")
     sheet.get_by_role("button", name="Reset Arrow key, mm").wait_for()
-    sheet.get_by_role("checkbox", name="Go on after a verdict").check()
+    sheet.get_by_role("checkbox", name="Continue after a verdict").check()
     tab.until("flatcloth.state.settings.advance.value")
     assert '"step_mm": 7' in (tmp_path / "session" / "settings.json").read_text()
     sheet.get_by_text("Numbers of the method").click()

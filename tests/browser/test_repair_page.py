@@ -164,5 +164,9 @@ def test_a_piece_that_floats_is_placed_by_hand(open_tab):
     tab.page.keyboard.press("ArrowRight")
     tab.until(f"flatcloth.state.undo === 'move view {view}'")
     tab.shoot("floating-piece")
+    # Nothing there speaks for the place: Accept asks for a second press.
+    tab.page.keyboard.press("a")
+    tab.page.wait_for_selector('[data-action="accept"].caution')
     tab.accept()
+    assert tab.state()["views"][view]["flagged"]
     assert tab.state()["views"][view]["state"] == "fixed"

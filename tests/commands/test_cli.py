@@ -46,7 +46,7 @@ def test_run_integrates_a_bundled_recording_and_evaluate_agrees(
     assert row["relative_median_mm"] < 1.0
     assert row["coverage"] > 0.75
     assert row["wrong_side_share"] < 0.001
-    assert 6 <= len(row["views"]) <= 14
+    assert len(row["views"]) >= 6
     assert (pictures / "shirt-sleeve-clean.png").is_file()
     assert "shirt-sleeve-clean" in capsys.readouterr().out
 

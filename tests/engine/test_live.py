@@ -8,7 +8,7 @@ from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.live import LivePlayer
+from flatcloth.engine.playing.recording import LivePlayer
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_item
 

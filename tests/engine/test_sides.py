@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.sides import Segmentation
+from flatcloth.segmentation.result import Segmentation
+from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.machine import Document
 
 ANGLES = (0.0, 20.0)
@@ -20,25 +22,16 @@ LEFT_HALF = ImageStroke(side="other", view_index=0, points_rc=((0.0, 0.0),))
 
 
 @dataclass
-class Halves:
-    """A view of which the whole item, or only the right half of the image, is of interest."""
-
-    side: np.ndarray
-    certainty: np.ndarray
-
-    def mask(self, shape: tuple[int, int]) -> Bool:
-        assert shape == self.side.shape
-        return self.side == 1
-
-
-@dataclass
 class Labels:
-    views: list[Halves]
+    masks: list[Bool]
     text: str = "all of it"
+
+    def mask(self, view_index: int) -> Bool:
+        return self.masks[view_index]
 
 
 class HalfSolver:
-    """One stroke takes the left half of view 0 away."""
+    """All of the item is of interest; a stroke takes the left half of view 0 away."""
 
     def __init__(self, item: list[Bool]) -> None:
         self.item = item
@@ -46,20 +39,17 @@ class HalfSolver:
 
     def solve(self, decisions: tuple[Decision, ...]) -> Segmentation:
         self.solved += 1
-        views = []
-        for n, item in enumerate(self.item):
-            side = np.where(item, 1, 2).astype(np.int8)
-            if n == 0 and decisions:
-                side[:, : side.shape[1] // 2] = 2
-            views.append(Halves(side, np.ones(side.shape, np.float32)))
-        return Labels(views)
+        masks = [item.copy() for item in self.item]
+        if decisions:
+            masks[0][:, : masks[0].shape[1] // 2] = False
+        return cast("Segmentation", Labels(masks))
 
 
 def made() -> tuple[Integration, HalfSolver]:
     masked, bare = Cylinder(angles_deg=ANGLES), Cylinder(angles_deg=ANGLES, masks=False)
     items = [masked[n].mask for n in range(len(ANGLES))]
     solver = HalfSolver([item for item in items if item is not None])
-    return Integration(bare, segmenter=lambda _views, _progress: solver), solver
+    return Integration(bare, segmenter=lambda _views, _progress: cast("SideSolver", solver)), solver
 
 
 def test_masks_that_are_found_count_as_recorded_ones() -> None:

@@ -202,7 +202,7 @@ def test_an_overlap_that_leads_to_the_same_view_needs_no_new_search(teaching):
 
 def test_a_recording_with_nothing_to_add_says_so():
     lessons = Teaching(Integration(Cylinder()))
-    with pytest.raises(AlignmentError, match="no view is left"):
+    with pytest.raises(AlignmentError, match="no view remains"):
         lessons.alignment(0, lessons.defaults)
 
 

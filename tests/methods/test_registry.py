@@ -126,5 +126,5 @@ def test_an_unknown_name_tells_which_there_are() -> None:
 
 
 def test_a_name_is_given_once(toy: str) -> None:
-    with pytest.raises(ConfigError, match="a method 'side-by-side' already"):
+    with pytest.raises(ConfigError, match="'side-by-side' exists already"):
         register(MethodEntry(name=toy, summary="another", load=lambda: SideBySide))

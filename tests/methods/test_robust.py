@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import Cylinder
 
+from flatcloth.core.config import Config, RobustConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.resources import sample_recordings
 from flatcloth.core.types import FlattenedView, Rigid2
@@ -122,7 +123,7 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     assert pending.score > 0.9
     assert 0 < placement.margin <= 1
     assert placement.hypotheses[0].undetermined == ()
-    assert placement.cameras.startswith("Angles and axis hold as recorded")
+    assert placement.cameras.startswith("Recorded angles and axis are confirmed")
     assert {"place_agreement", "color_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
             "twice_share", "other_cloth_share"} <= set(placement.alignment.score.parts)  # fmt: skip
 
@@ -172,9 +173,16 @@ def test_the_plan_promises_new_cloth_and_says_so() -> None:
     assert "cm2 new" in plan.reason
 
 
-def test_the_shape_is_made_of_few_views(finished: tuple[Integration, SessionState, Run]) -> None:
-    _, state, _ = finished
-    assert len(state.document.used_views) <= 14
+def test_unattended_what_a_further_view_promises_decides_with_an_operator_their_number() -> None:
+    made = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=2)))  # type: ignore[arg-type]
+    state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
+    assert len(state.document.used_views) > 2
+    assert state.document.finished is not None
+    assert state.document.finished.startswith(("The best remaining view", "No view is left"))
+    short = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=1)))  # type: ignore[arg-type]
+    plan = short.plan(stepped(short, SessionState(len(STEPS)), Start(0)).document)
+    assert plan.view_index is None
+    assert plan.reason.startswith("The limit of 1 views is reached;")
 
 
 def test_a_proposal_event_carries_the_confidence() -> None:

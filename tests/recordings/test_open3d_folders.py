@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from foreign_folders import HEIGHT, MATRIX, WIDTH, depth_m, rgb, write, write_ex
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.files import exr
 
 
 def read(folder: Path, **options: Any) -> Any:
@@ -265,3 +267,29 @@ def test_the_opencv_writer_of_tiff_compresses_and_is_read(tmp_path: Path) -> Non
     path = str(folder / "depth" / "00000.tif")
     assert cv2.imwrite(path, noise, [cv2.IMWRITE_TIFF_COMPRESSION, 8])
     np.testing.assert_allclose(read(folder)[0].depth_m, noise * np.float32(0.001), rtol=1e-6)
+
+
+def test_an_exr_that_announces_more_than_an_image_is_never_decoded(tmp_path: Path) -> None:
+    """2.5 MB of it took 5 GB and 26 s."""
+    folder = write_open3d(tmp_path / "scan", 1, suffix=".exr", dtype=np.float32)
+    file = folder / "depth" / "00000.exr"
+    plane = np.zeros((HEIGHT, WIDTH), dtype=np.float32)
+    write_exr(file, {"Z": plane, **{f"c{n:03d}": plane for n in range(60)}})
+    refused(folder, "61 channels, more than 32. Export the depth alone")
+    large = np.zeros((2400, 2400), dtype=np.float32)
+    write_exr(file, {"Z": large, "M": large, "N": large})
+    assert file.stat().st_size < 1_000_000
+    refused(folder, "2400x2400 px in 3 channels, more than 16 million values")
+    # The reader of the refused file reads the next one.
+    write_exr(file, {"Z": depth_m(0).astype(np.float32), "M": plane})
+    assert read(folder)[0].depth_m.shape == (HEIGHT, WIDTH)
+
+
+def test_exr_files_are_read_in_another_process(tmp_path: Path) -> None:
+    folder = write_open3d(tmp_path / "scan", 1, suffix=".exr", dtype=np.float32)
+    assert read(folder)[0].depth_m.any()
+    (child,) = exr._kept
+    assert child._process.pid != os.getpid()
+    child.close()  # as if it had crashed
+    refused(folder, r"00000\.exr: .*Copy or export")
+    assert read(folder)[0].depth_m.any()

@@ -179,7 +179,7 @@ def test_one_view_gives_the_vertical_through_the_top() -> None:
 def test_views_turned_the_other_way_are_recognised() -> None:
     angles = tuple(20.0 * n for n in range(18))
     found = hanging(Spheres(axis(), angles, tuple(-a for a in angles)))
-    assert "turned the other way" in found.notes[0]
+    assert "other direction of rotation" in found.notes[0]
     np.testing.assert_array_equal(found.axis.direction, [0.0, -1.0, 0.0])
 
 

@@ -70,8 +70,11 @@ def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
     assert folder.picks == ()
 
 
-def unsealed(lines: list[bytes]) -> list[bytes]:
-    """The lines as earlier versions wrote them."""
+def unsealed(place: Path, lines: list[bytes]) -> list[bytes]:
+    """The lines as earlier versions wrote them, which also gave sessions no id."""
+    header = json.loads((place / "session.json").read_text())
+    header.pop("id", None)
+    (place / "session.json").write_text(json.dumps(header))
     return [re.sub(rb',"crc":"[0-9a-f]{8}"', b"", line) for line in lines]
 
 
@@ -80,7 +83,7 @@ def test_a_journal_of_an_earlier_version_opens_and_is_sealed_from_there_on(
 ) -> None:
     played.close()
     journal = place / "journal.jsonl"
-    old = b"".join(line + b"\n" for line in unsealed(journal.read_bytes().splitlines()))
+    old = b"".join(line + b"\n" for line in unsealed(place, journal.read_bytes().splitlines()))
     assert b"crc" not in old
     journal.write_bytes(old)
     folder = opened(place)
@@ -131,7 +134,7 @@ def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_m
     assert folder.picks == ()
     folder.add_pick("hem \U0001f455", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
     folder.close()
-    (line,) = unsealed((place / "journal.jsonl").read_bytes().splitlines())
+    (line,) = unsealed(place, (place / "journal.jsonl").read_bytes().splitlines())
     old = json.dumps(json.loads(line) | {"name": "hem \ud800 \U0001f455"}).encode() + b"\n"
     (place / "journal.jsonl").write_bytes(old)
     folder = opened(place)
@@ -203,7 +206,7 @@ def test_a_journal_cut_at_any_byte_resumes_to_what_was_whole(
     for end in range(len(data) + 1):
         (place / "journal.jsonl").write_bytes(data[:end])
         whole = data[:end].count(b"\n")
-        with caplog.at_level(logging.WARNING, "flatcloth.session.journal"):
+        with caplog.at_level(logging.WARNING, "flatcloth.session.store"):
             caplog.clear()
             folder = opened(place)
         assert folder.state == idle(known[whole])
@@ -251,7 +254,7 @@ def test_damage_before_the_end_is_named_by_its_line(
     if sealed:
         cause = cause.replace("nothing to undo", "checksum")
     else:
-        lines = unsealed(lines)
+        lines = unsealed(place, lines)
     damaged = b"".join(line + b"\n" for line in change(lines))  # type: ignore[operator]
     (place / "journal.jsonl").write_bytes(damaged)
     with pytest.raises(JournalError, match=cause):
@@ -331,7 +334,8 @@ def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
 def test_further_parts_of_a_proposal_come_back_from_the_journal(place: Path) -> None:
     also = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
     folder = opened(place)
-    for step in (Start(), Started(1, 0), Propose(), Proposed(2, 1, Rigid2(), score=0.9, also=also), Accept(1)):
+    proposed = Proposed(2, 1, Rigid2(), score=0.9, also=also)
+    for step in (Start(), Started(1, 0), Propose(), proposed, Accept(1)):
         folder.record(step)
     folder.close()
     resumed = opened(place)

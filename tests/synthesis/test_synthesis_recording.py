@@ -360,10 +360,31 @@ def test_wrong_requests(tmp_path: Path, more: dict[str, object], said: str) -> N
     assert not (tmp_path / "made").exists()
 
 
-def test_only_one_side_named(tmp_path: Path) -> None:
-    mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
-    with pytest.raises(SynthesisError, match=r"sheet.obj: The mesh has no group named back"):
+def test_only_the_back_named(tmp_path: Path) -> None:
+    mesh = sheet_obj(tmp_path, groups={"back": np.arange(576)})
+    with pytest.raises(SynthesisError, match=r"sheet.obj: The mesh has no group named front"):
         synthesize(request(tmp_path, mesh))
+
+
+def test_a_front_alone_is_a_single_layer_whose_other_side_is_its_inner_face(tmp_path: Path) -> None:
+    mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
+    recording = made(tmp_path, mesh, step_deg=90.0)
+    truth = read_truth(recording.location)
+    outer = [(truth[n].outer_face & (truth[n].panel == 1)).sum() for n in range(4)]
+    inner = [(~truth[n].outer_face & (truth[n].panel == 1)).sum() for n in range(4)]
+    assert max(outer) > 100
+    assert max(inner) > 100
+    assert all((truth[n].panel <= 1).all() for n in range(4))
+    for n in range(4):
+        mask = recording[n].mask
+        assert mask is not None
+        assert (truth[n].outer_face[mask] & (truth[n].panel[mask] == 1)).all()
+
+
+def test_a_single_layer_has_no_second_panel(tmp_path: Path) -> None:
+    mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
+    with pytest.raises(SynthesisError, match=r"--panel 2: not a side of this mesh. Choose 1 \(front\)"):
+        synthesize(request(tmp_path, mesh, panel="2"))
 
 
 def test_a_flat_panel_too_large_for_the_format(tmp_path: Path) -> None:

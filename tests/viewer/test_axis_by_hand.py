@@ -179,7 +179,7 @@ def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
         server.application.receive(1, json.dumps({"type": "do", "action": "step"}))
         wait_until(lambda: server.application.last_snapshot["phase"] == "computing")
         server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
-        wait_until(lambda: any("while something is computed" in text for text in logged(server)))
+        wait_until(lambda: any("during a computation" in text for text in logged(server)))
         server.application.receive(1, json.dumps({"type": "do", "action": "cancel"}))
         wait_until(lambda: server.application.last_snapshot["phase"] == "ready")
         integration.gate.set()

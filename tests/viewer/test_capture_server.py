@@ -125,8 +125,8 @@ def test_an_announced_view_may_wait_for_the_operator(server: PageServer, tmp_pat
         ("angle", b'{"angle_deg": 1' + b"0" * 5000 + b"}", 400, "angle_deg must be a number"),
         ("angle", b'{"keep": ' + b"[" * 9000, 400, "keep true or false"),
         ("angle", b" " * 10_001, 400, "longer than 10000 bytes"),
-        ("dance", {}, 404, "There is no /capture/dance"),
-        ("finish", {}, 409, "No capture has begun"),
+        ("dance", {}, 404, "Unknown address /capture/dance"),
+        ("finish", {}, 409, "No capture is running"),
     ],
 )
 def test_what_is_not_understood_is_refused_with_the_reason(
@@ -245,11 +245,11 @@ def test_picks_are_made_on_the_frame_that_was_clicked(server: PageServer) -> Non
 @pytest.mark.parametrize(
     ("message", "told"),
     [
-        ({"type": "capture", "action": "keep"}, "No capture has begun"),
+        ({"type": "capture", "action": "keep"}, "No capture is running"),
         ({"type": "capture", "action": "dance"}, "action is 'dance'; expected one of: aim, begin, finish"),
         ({"type": "capture", "action": "aim"}, "only aiming has an angle"),
         ({"type": "capture", "action": "keep", "angle_deg": 4}, "only aiming has an angle"),
-        ({"type": "play", "frame": 3}, "there are no frames to go to"),
+        ({"type": "play", "frame": 3}, "has no frames to go to"),
         ({"type": "do", "action": "step"}, "live mode"),
     ],
 )
@@ -310,8 +310,8 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
         (["--camera", "--live"], "give only one of them"),
         (["--camera", "--step", "0"], "step of 0"),
         (["--camera", "--frames", "2"], "2 frames per view"),
-        (["--out", "x"], "--out belongs to --camera"),
-        (["--resume"], "--resume belongs to --camera"),
+        (["--out", "x"], "--out needs --camera"),
+        (["--resume"], "--resume needs --camera"),
     ],
 )
 def test_bad_options_are_one_line(

@@ -175,7 +175,7 @@ def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -
     with PageServer(integration, folder, port=0) as running:  # type: ignore[arg-type]
         unknown = get(running, "/export/shirt.exe", timeout=120)
         assert unknown.status_code == 404
-        assert "known are page.html" in unknown.text
+        assert "choose one of page.html" in unknown.text
         in_memory = get(running, "/export/page.html", timeout=120)
         assert in_memory.status_code == 409
         assert "not saved on disk" in in_memory.text
@@ -208,7 +208,7 @@ class SlowExport:
             while not self.gate.wait(0.02):
                 session.progress(0.5, "drawing")
         except CancelledError:
-            self.ended = "given up"
+            self.ended = "was cancelled"
             raise
         self.ended = "made"
         return b"<svg/>"
@@ -221,7 +221,7 @@ def test_a_second_export_is_refused_while_one_is_made(unchanged: PageServer, slo
         for _ in range(50):
             second = get(unchanged, "/export/outline.json")
             assert second.status_code == 429
-            assert "Another export is being made" in second.text
+            assert "Another export is running" in second.text
         # Nothing else waits for it.
         assert get(unchanged, "/colormaps.json").status_code == 200
         slow_export.gate.set()
@@ -237,7 +237,7 @@ def test_an_export_is_given_up_when_its_client_leaves(unchanged: PageServer, slo
     while not slow_export.ended:
         assert time.monotonic() < until
         time.sleep(0.02)
-    assert slow_export.ended == "given up"
+    assert slow_export.ended == "was cancelled"
     answer = get(unchanged, "/export/outline.json", timeout=120)
     while answer.status_code == 429:
         answer = get(unchanged, "/export/outline.json", timeout=120)

@@ -208,10 +208,10 @@ def test_the_sliders_reach_the_sessions_own_values():
 @pytest.mark.parametrize(
     ("address", "status", "told"),
     [
-        ("/teaching/magic", 404, "There is no part 'magic'; known are flattening, planning, alignment."),
-        ("/teaching/planning?color=1", 400, "There is no parameter 'color'"),
-        ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a number"),
-        ("/teaching/planning?z_angle_limit_deg=nan", 400, "z_angle_limit_deg: 'nan' is not a number"),
+        ("/teaching/magic", 404, "Unknown part 'magic'; choose one of flattening, planning, alignment."),
+        ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
+        ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),
+        ("/teaching/planning?z_angle_limit_deg=nan", 400, "z_angle_limit_deg: 'nan' is not a valid number"),
         ("/teaching/planning?start_view=36", 400, "the recording has 36 views, none numbered 36"),
         ("/teaching/planning?start_view=-1", 400, "none numbered -1"),
     ],

@@ -31,7 +31,8 @@ def held():
     jobs: list[Any] = []
     hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
     proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
-    overlay = SimpleNamespace(revision=7, proposal=proposal)
+    sheet = SimpleNamespace(shown=lambda motion, _center: motion)
+    overlay = SimpleNamespace(revision=7, proposal=proposal, own_center_uv_m=(0.0, 0.0), sheet=sheet)
     document = proposed(1)
     held = SimpleNamespace(
         picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
@@ -78,9 +79,9 @@ def test_what_cannot_be_computed_is_told_in_one_line(held):
     ],
 )
 def test_what_is_no_longer_shown_is_not_there(held, path):
-    assert held.get(f"/{path}").status_code == 404
+    assert held.get(path).status_code == 410
     held.held.picture = None
-    assert held.get(f"/{path}").status_code == 404
+    assert held.get(path).status_code == 410
 
 
 def test_the_hypotheses_are_pictures_of_where_each_would_lie(held):

@@ -146,7 +146,7 @@ def test_without_a_token_this_computer_is_let_in_and_nobody_else():
     with PageServer(CylinderIntegration(), MemoryFolder(), port=0, token=False) as server:
         assert "token" not in server.url
         assert status(ask(server, request(server, token=False))) == 200
-    with pytest.raises(ServerError, match=r"would let everybody in"):
+    with pytest.raises(ServerError, match=r"would admit everybody"):
         PageServer(CylinderIntegration(), MemoryFolder(), host="0.0.0.0", port=0, token=False)
 
 

@@ -163,7 +163,7 @@ def test_the_range_of_stretch_and_incidence_is_the_same_in_every_view():
 
 
 def test_there_are_no_other_layers():
-    with pytest.raises(FlatclothError, match="no layer 'x'"):
+    with pytest.raises(FlatclothError, match="Unknown layer 'x'"):
         rgba(cylinder_view({0: 0.0}), "x", AXIS, 12)
 
 

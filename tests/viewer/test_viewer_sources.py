@@ -66,7 +66,7 @@ def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
 
 def test_a_view_that_does_not_exist_is_said(server: PageServer) -> None:
     answer = get(server, "/source/6/color.jpg")
-    assert (answer.status_code, answer.text) == (404, "There is no view 6.")
+    assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")
     assert get(server, "/source/-1/color.jpg").status_code == 404
 
 

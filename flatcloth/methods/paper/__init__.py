@@ -1,4 +1,4 @@
-"""The method ``paper``: sections 4.1 to 4.3 as they stand, one rigid placement a view; start at ``method``.
+"""The method ``paper``: sections 4.1 to 4.3 of the paper with one rigid placement per view.
 
-In: flattened views and decisions. Out: plans, placements and canonical views.
+Start at ``method``. Input: flattened views and decisions. Output: plans, placements and canonical views.
 """

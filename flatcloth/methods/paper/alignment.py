@@ -1,7 +1,7 @@
-"""Laying a new flattened view on the current one (paper, section 4.2).
+"""Alignment of a new flattened view to the current one (paper, section 4.2).
 
-The initial estimate comes from lines of equal Z-angle, the final one from a search around it that
-compares intensity and height. Height is measured along the turning axis, so it does not change
+The initial estimate comes from lines of equal Z-angle, the final placement from a search around it
+that compares intensity and height. Height is measured along the turning axis, so it does not change
 while the item turns.
 """
 
@@ -20,9 +20,9 @@ from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
-"""Half widths of the band of Z-angles that makes a line; the first with enough pixels is used."""
+"""Half widths of the band of Z-angles of a line; the first band with enough pixels is used."""
 _LINE_MIN_AREA_M2 = 0.0003
-"""Pixels of the common Z-angle must cover this area."""
+"""The pixels of the common Z-angle must cover this area."""
 
 
 def align_by_z_angle(
@@ -40,14 +40,14 @@ def align_by_z_angle(
     Parameters
     ----------
     current, new : FlattenedView
-        The current canonical view and the view to add, attributes in the held frame.
+        The current canonical view and the view to add, attributes in the object frame.
     axis : RotationAxis
         Axis of the recording.
     angles_deg : (float, float)
         Rotation of the accepted view that the new one continues, and of the new view; their
         difference is the paper's A (signed).
     frame_from_current : Rigid2
-        Motion from the current plane to the plane of the accepted view that is continued.
+        Motion from the current plane to the plane of the continued view.
     z_angle_limit_deg : float
         A_w.
 
@@ -138,7 +138,7 @@ def correspond(
 
 
 def from_lines(correspondence: Correspondence) -> Rigid2:
-    """Return the motion under which both lines and both points coincide (the initial estimate)."""
+    """Return the motion that makes both lines and both points coincide (the initial estimate)."""
     d0, d1 = correspondence.current.direction, correspondence.new.direction
     theta = math.atan2(d1[0] * d0[1] - d1[1] * d0[0], float(d1 @ d0))
     turned = Rigid2(theta).apply(correspondence.new.point_uv_m)
@@ -154,13 +154,13 @@ def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float)
     low, high = max(a0.min(), a1.min()), min(a0.max(), a1.max())
     if low >= high:
         raise AlignmentError(
-            "The views have no Z-angle in common, so nothing can be matched; choose a smaller rotation."
+            "The views have no Z-angle in common, so they cannot be matched; choose a smaller rotation."
         )
     return float(low), float(high)
 
 
 def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
-    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that holds enough of them."""
+    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that contains enough of them."""
     with np.errstate(invalid="ignore"):
         off = np.abs((angle - a_m + 180.0) % 360.0 - 180.0)
     off = np.where(view.valid, off, np.inf)
@@ -169,7 +169,7 @@ def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
         if len(found) * view.pixel_size_m**2 >= _LINE_MIN_AREA_M2:
             return found
     raise AlignmentError(
-        f"Too few pixels have the common Z-angle of {a_m:.0f} deg to draw a line; choose another view."
+        f"Too few pixels have the common Z-angle of {a_m:.0f} deg for a line; choose another view."
     )
 
 
@@ -178,7 +178,7 @@ def _principal_axis(uv: Float64, height: Float64) -> tuple[Float64, Float64]:
     _, _, axes = np.linalg.svd(uv - center, full_matrices=False)
     direction: Float64 = axes[0]
     along = (uv - center) @ direction
-    if float(along @ (height - height.mean())) > 0:  # point down the item: height falls along it
+    if float(along @ (height - height.mean())) > 0:  # make it point down the item: height decreases along it
         direction = -direction
     return center, direction
 
@@ -187,12 +187,12 @@ def _common_height(current: Float64, new: Float64) -> float:
     low = max(np.percentile(current, 2), np.percentile(new, 2))
     high = min(np.percentile(current, 98), np.percentile(new, 98))
     if low > high:
-        raise AlignmentError("The corresponding lines share no height; choose another view.")
+        raise AlignmentError("The corresponding lines have no height in common; choose another view.")
     return float(0.5 * (low + high))
 
 
 def _point_at_height(uv: Float64, z: Float64, center: Float64, direction: Float64, height: float) -> Float64:
-    """Point on the line where the pixels around it have the height; nearest 10 mm first."""
+    """Point of the line at which the pixels around it have the height; within 10 mm first."""
     along = (uv - center) @ direction
     off = np.abs(z - height)
     near = off <= max(0.010, float(np.partition(off, min(5, off.size - 1))[min(5, off.size - 1)]))

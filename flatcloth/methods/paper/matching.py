@@ -1,7 +1,7 @@
-"""Comparing two flattened views that are laid on each other, and searching the best placement.
+"""Comparison of two flattened views at a placement, and search for the best placement.
 
-Criteria are the paper's (4.2): intensity and height. Intensity is compared as texture, less its
-local mean: shading stays with the light while the item turns, and would pull plain cloth along.
+The criteria are the paper's (4.2): intensity and height. Intensity is compared as texture, i.e. minus
+its local mean, because shading does not move with the cloth and would shift plain cloth.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigi
 from flatcloth.methods.base import AlignmentScore
 
 _SEARCH_TRANSLATION_M = 0.06
-"""Largest disturbance of the translation that the search tries."""
+"""Largest change of the translation in the search."""
 _SEARCH_ROTATION_DEG = 15.0
-"""Largest disturbance of the rotation that the search tries."""
+"""Largest change of the rotation in the search."""
 _SEARCH_STEP_M = 0.006
 """Step of the coarse search in translation."""
 _SEARCH_STEP_DEG = 2.5
@@ -27,7 +27,7 @@ _SEARCH_STEP_DEG = 2.5
 _SEARCH_FINEST_M = 0.0004
 """The detailed search ends at this step."""
 _SEARCH_CANDIDATES = 12
-"""Best places of the coarse search that are looked at in detail."""
+"""Best placements of the coarse search that are searched in detail."""
 _SEARCH_POINTS = 700
 """Pixels compared in the coarse search."""
 _COARSE_SMOOTHING_M = 0.006
@@ -37,19 +37,19 @@ FINE_SMOOTHING_M = 0.002
 _MISSING_OVERLAP_COST = 0.3
 """Cost of losing all of the overlap that the initial estimate has."""
 _DISTANCE_COST = 0.03
-"""Cost of the largest disturbance: of two equal matches the one nearer to the initial wins."""
+"""Cost of the largest change: of two equal matches, the one nearer to the initial estimate wins."""
 _HEIGHT_SCALE_M = 0.005
 """Difference in height that counts as half a disagreement."""
 _INTENSITY_WEIGHT = 0.5
 """Weight of the intensity against the height."""
 _INTENSITY_FLOOR = 6.0
-"""A texture of less spread (grey levels) is taken for noise."""
+"""A texture with a smaller spread (grey levels) counts as noise."""
 _MIN_OVERLAP_SHARE = 0.1
 """Share of the new view that must lie on the current one."""
 _ENOUGH_OVERLAP_M2 = 0.005
-"""The score falls in proportion when the overlap is smaller than this."""
+"""The score decreases in proportion if the overlap is smaller than this."""
 _TELLING_TEXTURE = 0.25
-"""Texture that disagrees less than this at random counts in proportion."""
+"""Texture whose random disagreement is smaller than this has proportionally less weight."""
 
 _CHANCE_PAIRS = 5000
 _CHANCE_HEIGHT = 0.85
@@ -58,11 +58,12 @@ reach 0.82 to 0.93, right ones mostly 0.93 to 1 (``python -m benchmarks paper_st
 
 
 class Matcher:
-    """Compares two flattened views, laid on each other, by intensity and height.
+    """Compares two flattened views at a placement by intensity and height.
 
-    Each overlapping pixel of the new view disagrees by a robust mean of the two differences,
-    0 (equal) to 1. The coarse part of the search compares smoothed texture, which tolerates its larger steps,
-    and so does the score: fine texture refuses placements that are a few millimetres off.
+    The disagreement of each overlapping pixel of the new view is a robust mean of the two
+    differences, from 0 (equal) to 1. The coarse part of the search compares smoothed texture, which
+    tolerates its larger steps, and so does the score: fine texture refuses placements that are a few
+    millimetres off.
     """
 
     score_smoothing_m = _COARSE_SMOOTHING_M
@@ -84,14 +85,14 @@ class Matcher:
         self._chance = self._chance_disagreement()
 
     def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
-        """Compare under each motion.
+        """Compute the disagreement under each motion.
 
         Parameters
         ----------
         motions : list of Rigid2
             Placements ``current_from_new``.
         stride : int
-            Every how many pixels of the new view are compared.
+            Step in pixels between the compared pixels of the new view.
         smoothing_m : float, optional
             Coarse or fine texture; by default fine.
 
@@ -114,7 +115,7 @@ class Matcher:
         )
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
-        """Search around the initial estimate: a coarse grid, then its best places each in detail."""
+        """Search around the initial estimate: a coarse grid, then each of its best placements in detail."""
         center = self._uv.mean(axis=0)
         share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
         shifts = _symmetric(_SEARCH_TRANSLATION_M, _SEARCH_STEP_M)
@@ -131,7 +132,7 @@ class Matcher:
         return _disturbed(initial, best, center)
 
     def refine(self, initial: Rigid2) -> Rigid2:
-        """Descend to the best place around one."""
+        """Descend to the nearest minimum from a placement."""
         center = self._uv.mean(axis=0)
         share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
         _, best = self._refine(initial, np.zeros(3), center, share)
@@ -140,9 +141,9 @@ class Matcher:
     def score(self, current_from_new: Rigid2) -> AlignmentScore:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
-        Each agreement is taken relative to that of pixels paired at random, so that "half the
-        checks match anyway" counts nothing. Texture counts as far as there is any; as far as there is
-        none, height must agree closely, since it also falls alike along wrong places.
+        Each agreement is relative to that of randomly paired pixels, so that a regular pattern that
+        matches itself by half gains nothing. Texture counts in proportion to its presence; in
+        proportion to its absence height must agree closely, because it also agrees at wrong placements.
         """
         result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
@@ -170,7 +171,7 @@ class Matcher:
         return told * by_intensity * by_height + (1.0 - told) * by_shape
 
     def _chance_disagreement(self) -> tuple[float, float]:
-        """Mean disagreement, by intensity and by height, of pixels paired at random."""
+        """Mean disagreement of randomly paired pixels, by intensity and by height."""
         current = self._fields[self.score_smoothing_m]
         current = current[np.isfinite(current[..., 1])]
         random = np.random.default_rng(0)
@@ -183,7 +184,7 @@ class Matcher:
     def _cost(
         self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
     ) -> Float64:
-        """Return what is minimised: disagreement, missing overlap, and a little for going far."""
+        """Return the cost that is minimised: disagreement, missing overlap, and a small cost of distance."""
         result = self.disagreement(motions, max(1, len(self._uv) // points), smoothing_m)
         missing = np.clip(1.0 - result[:, 1] / expected_share, 0.0, 1.0)
         far = np.square(offsets[:, 1:]).sum(axis=1) / _SEARCH_TRANSLATION_M**2
@@ -221,12 +222,12 @@ def _symmetric(extent: float, step: float) -> Float64:
 
 
 def _disturbed(initial: Rigid2, offset: Float64, center: Float64) -> Rigid2:
-    """Return the initial placement, its view turned about its own centre and shifted first."""
+    """Return the initial placement after turning the view about its own centre and shifting it."""
     return initial @ Rigid2(float(offset[0]), float(offset[1]), float(offset[2])).about(center)
 
 
 def _distinct(offsets: Float64, cost: Float64, most: int, apart_m: float) -> list[Float64]:
-    """Return the best offsets that are not neighbours of a better one."""
+    """Return the best offsets that are not close to a better one."""
     chosen: list[Float64] = []
     for n in np.argsort(cost, kind="stable"):
         if all(np.abs(offsets[n, 1:] - other[1:]).max() > apart_m for other in chosen):
@@ -249,7 +250,7 @@ def _spread(texture: Float32) -> float:
 
 
 def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
-    """Return the intensity (H, W) less its mean within 10 mm, smoothed; 0 off the cloth."""
+    """Return the intensity (H, W) minus its mean within 10 mm, smoothed; 0 off the cloth."""
     grey = (view.rgb @ np.array([0.299, 0.587, 0.114])).astype(np.float32)
     weight = view.valid.astype(np.float32)
     fine, coarse = smoothing_m / view.pixel_size_m, 0.010 / view.pixel_size_m

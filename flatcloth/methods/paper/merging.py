@@ -1,8 +1,7 @@
 """Renewal of the flattened view (paper, section 4.3), as a pure fold over accepted placements.
 
-What is folded is only which view each pixel comes from; the attributes are read from that view's
-own raster through the exact composed motion, so nothing blurs or drifts however many views are
-added.
+The fold only decides which view each pixel comes from. The attributes are read from that view's own
+raster through the exact composed motion, so they do not blur or drift however many views are added.
 """
 
 from __future__ import annotations
@@ -66,14 +65,14 @@ def renew(canonical: Renewed, parts: Parts, new: PlacedPart, side: Side | None) 
     new : PlacedPart
         The component to add, and its placement.
     side : Side or None
-        Side of the occluding edge. There, in the half of the common area next to the edge, the new
-        view replaces the old; elsewhere the smaller absolute Z-angle wins. None: everywhere the
-        smaller Z-angle.
+        Side of the occluding edge. In the half of the common area next to this edge the new view
+        replaces the old one; elsewhere the smaller absolute Z-angle wins. None: the smaller
+        Z-angle wins everywhere.
 
     Returns
     -------
     Renewed
-        In the plane, and so the orientation, of the added view.
+        In the plane, and therefore the orientation, of the added view.
     """
     plane_from_current = new.current_from_new.inverse()
     moved = {k: plane_from_current @ m for k, m in canonical.current_from_view.items()}

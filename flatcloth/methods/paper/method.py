@@ -1,7 +1,7 @@
-"""The method ``paper``: section 4 step by step, one rigid placement a view.
+"""The method ``paper``: section 4 step by step, with one rigid placement per view.
 
 Start here: :class:`PaperMethod` has one function for each subsection of the paper. ``docs/method.md``
-lists where it departs from the text, and why.
+lists the departures from the text and their reasons.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ class PaperMethod(Method):
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
         self._views, self._config = views, views.config
-        self._canonicals: Cache[Renewed] = Cache(64)
+        self._canonicals: Cache[Renewed] = Cache(64, 96 * 2**20)
         self._matchers: Cache[Matcher] = Cache(4)
 
     @classmethod
     def default_config(cls) -> Config:
-        """Keep components together that a narrow neck joins: the paper lays one surface a view."""
+        """Keep components together that a narrow neck connects: the paper has one surface per view."""
         return Config(flattening=FlatteningConfig(least_core_samples=0))
 
     @cached_property
@@ -83,7 +83,7 @@ class PaperMethod(Method):
 
     @property
     def accept_score(self) -> float:
-        """Departure: the paper accepts every view it planned."""
+        """Departure: the paper accepts every view that it planned."""
         return self._config.alignment.accept_score
 
     # ------------------------------------------------- 4.1 Calculation of the appropriate rotation angle
@@ -125,7 +125,7 @@ class PaperMethod(Method):
     ) -> Placement:
         """Align each sizeable component by lines of equal Z-angle and a search; choose, and place the others.
 
-        Departure: the paper has one surface a view.
+        Departure: the paper has one surface per view.
         """
         progress(0.1, f"flattening view {view_index}")
         front = fronts(document, self.angles_deg)[side or Side.LEFT][0]
@@ -256,7 +256,7 @@ class PaperMethod(Method):
         return self._matcher(document, view_index, component).score(motion)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
-        """Refine a placement from where it lies, by the descent of the search."""
+        """Refine a placement by the descent of the search."""
         return self._matcher(document, view_index, component).refine(motion)
 
     def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
@@ -290,9 +290,9 @@ class PaperMethod(Method):
         return made
 
     def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return where a later decision lies on the present plane: where it lay on its predecessor.
+        """Return the placement of a later decision on the present plane, from its predecessor.
 
-        If that is no longer part of the shape, the start view leads there.
+        If the predecessor is no longer part of the shape, it is derived from the start view.
         """
         current_from_view = self.canonical(document).current_from_view
         motion = later.decision.current_from_new
@@ -310,12 +310,12 @@ class PaperMethod(Method):
         return side_of(document, self.angles_deg, view_index)
 
     def continued(self, document: Document, view_index: int, side: Side | None) -> tuple[Side, int]:
-        """Return the side, and the outermost accepted view there."""
+        """Return the side and its outermost accepted view."""
         side = side or side_of(document, self.angles_deg, view_index)
         return side, fronts(document, self.angles_deg)[side][0]
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of each accepted view, as it was laid."""
+        """Return the edges of each accepted view at its placement."""
         return joined_edges(
             [
                 edges_of_view(
@@ -328,6 +328,6 @@ class PaperMethod(Method):
 
 def _folded(view_index: int, share: float) -> str:
     return (
-        f"View {view_index}: its flattened view is folded, {share:.0%} of it lies on itself or is mirrored; "
+        f"View {view_index}: its flattened view is folded: {share:.0%} of it overlap or are mirrored; "
         "choose another view."
     )

@@ -1,9 +1,9 @@
-"""Where the cloth goes on out of sight: the occluding edges of one view (paper, section 4).
+"""The occluding edges of one view, where the cloth continues out of sight (paper, section 4).
 
-The paper calls the leftmost or rightmost boundary an occluding edge if it divides one surface into
-a visible and a hidden part, and judges it by the Z-angle of the outermost column. Here every end
-of every image row counts, so that one flat stretch does not hide a steep one; and an end that
-disappears behind a nearer layer counts too, for the turn that moves this layer away.
+The paper calls the leftmost or rightmost boundary an occluding edge if it divides one surface into a
+visible and a hidden part, and judges it by the Z-angle of the outermost column. Here every end of every
+image row counts, so that a flat stretch does not hide a steep one. An end that is covered by a nearer
+layer counts too, for the rotation that moves this layer away.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _COVERING_GAP_M = 0.01
 
 
 def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = None) -> float:
-    """Return the length, along the image's rows, of the edges that the turn for one side would open.
+    """Return the length along the image rows of the edges that the rotation for one side opens.
 
     Parameters
     ----------
     surface : Surface
         The surface of a view.
     side : Side
-        The turn for ``Side.LEFT`` is positive: it brings what lies beyond the left outline to
-        the front, and moves nearer layers to the right.
+        The rotation for ``Side.LEFT`` is positive: it brings cloth beyond the left outline to the
+        front, and moves nearer layers to the right.
     part : (H, W) bool, optional
-        What of the surface counts; by default all of it, as in the paper.
+        The pixels of the surface that count; by default all, as in the paper.
     """
     part = surface.usable if part is None else part
     depth = surface.xyz_m[..., 2]
@@ -63,7 +63,7 @@ def near_samples(usable: Bool, points_rc: Int32, extent_px: int) -> Bool:
 
 
 def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Float64:
-    """Shift (H, W) so that each pixel holds what lies ``steps`` further out on that side (negative: in)."""
+    """Shift (H, W) so that each pixel has the value ``steps`` farther out on that side (negative: in)."""
     shift = steps if side is Side.LEFT else -steps
     result = np.full(values.shape, fill, dtype=np.float64)
     if shift > 0:
@@ -76,7 +76,7 @@ def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Flo
 
 
 def _ends(part: Bool, side: Side, width: int) -> Bool:
-    """Pixels of the part with nothing of it in the next ``width`` pixels outwards."""
+    """Pixels of the component without another one in the next ``width`` pixels outwards."""
     ends = part.copy()
     for n in range(1, width + 1):
         ends &= _outwards(part, n, side, 0.0) == 0

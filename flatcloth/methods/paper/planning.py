@@ -1,4 +1,4 @@
-"""Which side to extend next, and by which rotation (paper, section 4.1)."""
+"""The side to extend next and the rotation for it (paper, section 4.1)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
 from flatcloth.session.machine import Side
 
 _OCCLUDING_EDGE_MIN_M = 0.03
-"""A side with less occluding edge than this has nothing more to give."""
+"""A side with less occluding edge than this is complete."""
 
 
 def column_curves(
@@ -32,11 +32,11 @@ def column_curves(
     axis : RotationAxis
         Axis of the recording.
     angle_deg : float
-        Rotation at which the Z-angles are taken.
+        Rotation at which the Z-angles are computed.
     z_angle_limit_deg : float
-        A_w; pixels beyond are not considered.
+        A_w; pixels beyond it are ignored.
     frame_from_view : Rigid2, optional
-        Motion to the plane whose columns are meant; by default the view's own.
+        Motion to the plane of the columns; by default the view's own plane.
     """
     angle = z_angle_deg(view.normal[view.valid], axis, angle_deg)
     uv = view.uv_from_rc(np.argwhere(view.valid))
@@ -81,9 +81,9 @@ def overlap_column(curves: ColumnCurves, side: Side, area_m2: float) -> tuple[fl
 
 
 def rotation_to_limit_deg(side: Side, a_0_deg: float, config: PlanningConfig) -> float:
-    """Return A, unsigned: the rotation that brings A_0 to the limit A_w, held to what is allowed.
+    """Return A, unsigned: the rotation that brings A_0 to the limit A_w, within the allowed range.
 
-    0 if A_0 is not known (paper, 4.1, step 4).
+    It is 0 if A_0 is unknown (paper, 4.1, step 4).
     """
     if not np.isfinite(a_0_deg):
         return 0.0
@@ -101,7 +101,7 @@ def plan_side(
     turned_deg: float,
     config: PlanningConfig,
 ) -> SidePlan:
-    """Plan one side: is there an occluding edge, and which rotation shows most beyond it.
+    """Plan one side: whether it has an occluding edge, and which rotation shows most beyond it.
 
     Parameters
     ----------
@@ -116,10 +116,10 @@ def plan_side(
     angles_deg : sequence of float
         Angles of all views.
     unavailable : frozenset of int
-        Views used or rejected already.
+        Views that are used or rejected.
     turned_deg : float
-        Angle covered from the outermost view of the other side to this one; at a full turn nothing
-        is left to see.
+        Rotation from the outermost view of the other side to this one; after a full turn no view
+        is left.
     config : PlanningConfig
         Limits.
     """
@@ -128,10 +128,10 @@ def plan_side(
     held = rotation_to_limit_deg(side, a_0, config)
     view: int | None = None
     if occluding_edge_m < _OCCLUDING_EDGE_MIN_M:
-        reason = f"no occluding edge is left on the {side}"
+        reason = f"no occluding edge remains on the {side}"
     else:
         view = _view_at(from_view, sign, held, angles_deg, unavailable, turned_deg, config)
-        reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view is left on the {side}"
+        reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view remains on the {side}"
     return SidePlan(
         side=side,
         from_view=from_view,
@@ -146,7 +146,7 @@ def plan_side(
 
 
 def rotation_step_deg(angles_deg: Sequence[float]) -> float:
-    """Return the recording's usual step between neighbouring angles on the circle."""
+    """Return the recording's median step between neighbouring angles on the circle."""
     ordered = np.sort(np.asarray(angles_deg, dtype=np.float64) % 360.0)
     if ordered.size < 2:
         return 360.0
@@ -162,7 +162,7 @@ def _view_at(
     turned_deg: float,
     config: PlanningConfig,
 ) -> int | None:
-    """Return the view with the largest turn up to A; failing that, the smallest turn allowed."""
+    """Return the view with the largest rotation up to A, otherwise the smallest allowed rotation."""
     slack = 0.4 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
     turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
     allowed = [
@@ -179,10 +179,10 @@ def _view_at(
 
 
 def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
-    """Choose between the sides: go on where the last view was added, else the longer edge."""
+    """Choose between the sides: continue on the side of the last view, otherwise at the longer edge."""
     open_sides = [s for s in sides if s.view_index is not None]
     if not open_sides:
-        reason = "Nothing more to give: " + "; ".join(s.reason for s in sides) + "."
+        reason = "No view can add anything: " + "; ".join(s.reason for s in sides) + "."
         return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=tuple(sides))
     same = [s for s in open_sides if s.side is last_side]
     best = same[0] if same else max(open_sides, key=lambda s: s.occluding_edge_m)

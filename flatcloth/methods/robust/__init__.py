@@ -1,5 +1,5 @@
-"""The method ``robust``: 3D correspondences and one joint flattening of all views; start at ``method``.
+"""The method ``robust``: 3D correspondences and one joint flattening of all views.
 
-In: surfaces, flattened views and decisions. Out: plans, placements and canonical views with their
-uncertainty.
+Start at ``method``. Input: surfaces, flattened views and decisions. Output: plans, placements and
+canonical views with their placement uncertainty.
 """

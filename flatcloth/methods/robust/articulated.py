@@ -1,9 +1,9 @@
 """Articulated sheets: wide rigid parts that narrow, flexible strips of cloth connect.
 
-Lengths alone do not determine the angle between two wide parts that a strip of a few nodes connects,
-and descent along lengths converges ever more slowly there. Here every wide part is one rigid part,
-the nodes of strips are free, and residuals of lengths and of directions (of a node's neighbours in its
-tangent plane, as a view observed them) are minimised together by a few Gauss-Newton steps.
+Lengths alone do not determine the angle between two wide parts connected by a strip of a few nodes, and
+descent on lengths converges very slowly there. Here every wide part is one rigid part and the nodes of
+strips are free. Residuals of lengths and of directions (of a node's neighbours in its tangent plane, as
+observed by a view) are minimised together by a few Gauss-Newton steps.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.relaxation import local_rotations
 
 LEAST_RIGID_PART_NODES = 40
-"""Parts of at least this many nodes are laid side by side only if enough joins them: ..."""
+"""A wide part needs at least this many nodes to be a rigid part."""
 _STRIP_WIDTH = 3.0
-"""Cloth narrower than so many typical pairs is a strip: directions hold it, not lengths alone."""
+"""Cloth narrower than this many typical pairs is a strip, which directions must hold."""
 DIRECTION_WEIGHT = 0.5
-"""What the direction of a pair counts there, beside its length."""
+"""Weight of a pair's direction in a strip, relative to its length."""
 
 Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
 
 _RIM_RAD = 2.2
-"""A node that has no neighbour within so wide an angle lies at a rim of the sheet."""
+"""A node without a neighbour within an angle of this width lies at the outline of the sheet."""
 _OVER = 1.5
-"""Nodes lie so many pairs farther apart than the depth that is asked for: the grid is coarse."""
+"""Extra growth, in pairs, from the inside of a wide part to its outline: the node spacing is coarse."""
 _STEPS = 8
 _SETTLED_M = 2e-4
 _DAMPING = 1e-9
@@ -42,10 +42,10 @@ _DAMPING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class FlexibleSheet:
-    """A sheet's pairs: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
+    """The pairs of a sheet: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
 
     ``length_m`` (M,), ``weight`` (M,) and ``offset`` (M, 2) complex as in
-    :class:`flatcloth.methods.robust.joint.Links`.
+    :class:`flatcloth.methods.robust.layout.Links`.
     """
 
     edges: Int32
@@ -62,14 +62,14 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     Parameters
     ----------
     uv_m : (N, 2) float64
-        Where the nodes lie.
+        Positions of the nodes.
     edges : (M, 2) int32
         Pairs.
 
     Notes
     -----
-    Widths are measured along the pairs, so parts that overlap on the plane stay apart: what lies
-    deep inside, and what is near to that, is wide (a morphological opening).
+    Widths are measured along the pairs, so parts that overlap on the plane stay separate. Nodes far
+    from the outline, and nodes near to those, are wide (a morphological opening).
     """
     n = len(uv_m)
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
@@ -88,7 +88,7 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
 
 
 def nearest_rigid_part(uv_m: Float64, edges: Int32, rigid_part: Int32) -> Int32:
-    """Return the rigid part (N,) nearest to each node along the pairs; -1 where there is none."""
+    """Return the rigid part (N,) nearest to each node along the pairs; -1 if there is none."""
     inside = np.flatnonzero(rigid_part >= 0)
     nearest = np.full(len(uv_m), -1, dtype=np.int32)
     if inside.size:
@@ -108,7 +108,7 @@ def _graph(uv_m: Float64, edges: Int32) -> csr_matrix:
 
 
 def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:
-    """Return how far (N,) nodes are from the nearest source along the pairs; infinite beyond the limit."""
+    """Return the distance (N,) from each node to the nearest source along the pairs, up to the limit."""
     if not sources.size:
         return np.full(graph.shape[0], np.inf)
     distance: Float64 = dijkstra(
@@ -119,7 +119,7 @@ def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:
 
 @njit(cache=True, nogil=True)
 def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
-    """Tell which nodes (N,) have no neighbour within a wide angle."""
+    """Return which nodes (N,) have no neighbour within a wide angle."""
     first = np.zeros(n + 1, dtype=np.int64)
     for e in range(edges.shape[0]):
         first[edges[e, 0] + 1] += 1
@@ -144,18 +144,18 @@ def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
 
 
 def flexible(rigid_part: Int32, edges: Int32) -> Bool:
-    """Return which pairs (M,) are flexible: not within one rigid part."""
+    """Return which pairs (M,) are flexible, i.e. not within one rigid part."""
     result: Bool = (rigid_part[edges[:, 0]] < 0) | (rigid_part[edges[:, 0]] != rigid_part[edges[:, 1]])
     return result
 
 
 def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
-    """Return the nodes (N, 2) with strips and necks settled; the largest rigid part stays fixed.
+    """Optimise the nodes (N, 2) of strips and necks; the largest rigid part stays fixed.
 
     Parameters
     ----------
     uv_m : (N, 2) float64
-        The nodes, laid out and minimised.
+        The nodes after initialisation and minimisation.
     sheet : FlexibleSheet
         The pairs between them.
     """
@@ -176,7 +176,7 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
 
 
 class _System:
-    """Residuals of lengths and directions; unknown are rigid parts, free nodes and local rotations."""
+    """Residuals of lengths and directions; the unknowns are rigid parts, free nodes and local rotations."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class _System:
         self._solved[3 * largest : 3 * largest + 3] = False
 
     def step(self, place: Float64) -> tuple[Float64, float]:
-        """Return the places after one Gauss-Newton step, and how far a free node moved at most."""
+        """Return the positions after one Gauss-Newton step, and the largest motion of a free node."""
         centers = np.stack([place[self._rigid_part == b].mean(axis=0) for b in range(self._n_rigid_parts)])
         matrix, residual = self._linearised(place, centers)
         matrix = matrix[:, self._solved]
@@ -251,7 +251,7 @@ class _System:
         return rows.system()
 
     def _derivative(self, place: Float64, centers: Float64, nodes: Int32) -> tuple[Int64, Float64, Float64]:
-        """Return the unknowns (M, 3) that move nodes, and how (M, 3), along u and along v."""
+        """Return the unknowns (M, 3) that move nodes, and the derivatives (M, 3) of u and of v."""
         free = self._rigid_part[nodes] < 0
         rigid_part = np.maximum(self._rigid_part[nodes], 0)
         arm = place[nodes] - centers[rigid_part]
@@ -264,7 +264,7 @@ class _System:
 
 
 class _Rows:
-    """Collects the rows of a sparse linear system about the difference of two ends."""
+    """Collects the rows of a sparse linear system on differences of pairs of ends."""
 
     def __init__(self, ends: list[tuple[Int64, Float64, Float64]], unknowns: int) -> None:
         self._ends, self._unknowns, self._count = ends, unknowns, 0
@@ -279,7 +279,7 @@ class _Rows:
         turn_at: Int64 | None = None,
         turning: Float64 | None = None,
     ) -> None:
-        """Add one row a pair: the component of its difference along ``way`` (M, 2), times ``root``."""
+        """Add one row per pair: the component of its difference along ``way`` (M, 2), times ``root``."""
         row = self._count + np.arange(len(residual))
         for sign, (at, along_u, along_v) in zip((-1.0, 1.0), self._ends, strict=True):
             value = sign * root[:, None] * (way[:, :1] * along_u + way[:, 1:] * along_v)

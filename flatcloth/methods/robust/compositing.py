@@ -1,4 +1,4 @@
-"""The canonical view, rastered from a joint shape: each pixel from the view that saw it best."""
+"""The canonical view, rasterised from a joint shape: each pixel comes from the view that saw it best."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from flatcloth.methods.robust.joint import JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
 
 _RIM_NOISE = 3.0
-"""A pixel at the rim of the surface is placed worse by this, fading over a few pixels."""
+"""Additional cost of a pixel at the outline of the surface, decreasing over a few pixels."""
 
 
 def composite(
@@ -32,7 +32,7 @@ def composite(
     costs: Mapping[int, Float32],
     uv_m: Float64 | None = None,
 ) -> FlattenedView:
-    """Raster a joint shape.
+    """Rasterise a joint shape.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def composite(
     pixel_size_m : float
         Size of a pixel of the plane; the grid is aligned to its multiples.
     costs : mapping of int to (H, W) float32
-        :func:`pixel_cost` of each view, by view index: what makes one view of a place better than another.
+        :func:`pixel_cost` of each view, by view index; the view with the lowest cost is used.
     uv_m : (N, 2) float64, optional
-        Where the nodes lie, if not as in the shape: a floating piece. NaN: not drawn.
+        Positions of the nodes if not those of the shape, for a floating piece. NaN: not drawn.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple
 
 
 def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[Samples, Float64] | None:
-    """Return a view's placed nodes as samples of its image, and their places; None if they are too few."""
+    """Return a view's placed nodes as samples of its image, with their positions; None if too few."""
     own = uv[observation.node]
     kept = np.isfinite(own[:, 0])
     linked = np.zeros(len(kept), dtype=bool)
@@ -113,7 +113,7 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
 
 
 def pixel_cost(surface: Surface) -> Float32:
-    """Return how badly each pixel (H, W) of a view is placed: worse on steep cloth and beside a rim."""
+    """Return the cost of each pixel (H, W) of a view: high at large incidence angles and at outlines."""
     rows, cols = np.nonzero(surface.usable)
     k = surface.frame.intrinsics
     normal = surface.normal[rows, cols]
@@ -127,7 +127,7 @@ def pixel_cost(surface: Surface) -> Float32:
 
 
 _POINT_COST = 100.0
-"""A triangle is better than a point."""
+"""Cost of a single point, so that triangles are preferred."""
 
 
 @njit(cache=True, nogil=True)
@@ -141,7 +141,7 @@ def _composite(
     cost: Float32,
     label: NDArray[np.int16],
 ) -> None:
-    """Fill two triangles for every block of 2 x 2 neighbours, where they cost less than what is there."""
+    """Fill two triangles for every block of 2 x 2 neighbours where they cost less than the present pixels."""
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
             a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
@@ -158,7 +158,7 @@ def _composite(
                 _fill(points, pixel_cost, r, c + 1, r + 1, c + 1, r, c, number, source, cost, label)
             if not whole and e and a and d and left and below:
                 _fill(points, pixel_cost, r + 1, c, r, c, r + 1, c + 1, number, source, cost, label)
-    # What no triangle holds (strips a pixel wide, folded rims) is drawn as points.
+    # Pixels without triangles (strips of one pixel, folded outlines) are drawn as points.
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
             if part[r, c] and math.isfinite(points[r, c, 0]):
@@ -175,7 +175,7 @@ def _fill(
     r0: int, c0: int, r1: int, c1: int, r2: int, c2: int,
     number: int, source: Float32, cost: Float32, label: NDArray[np.int16],
 ) -> None:  # fmt: skip
-    """Fill one triangle of image pixels, given clockwise; none that came out mirrored."""
+    """Fill one triangle of image pixels, given clockwise; mirrored ones are left out."""
     u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
     u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
@@ -210,7 +210,7 @@ def _read_views(
     low: Float64,
     pixel_size_m: float,
 ) -> FlattenedView:
-    """Read the attributes of each pixel from the view it is labelled with."""
+    """Read the attributes of each pixel from the view of its label."""
     rows, cols = label.shape
     result = FlattenedView(
         rgb=np.zeros((rows, cols, 3), dtype=np.uint8),

@@ -1,9 +1,9 @@
-"""What hangs together in a joint shape, and what only seems to.
+"""The connected pieces of a joint shape, without false connections.
 
-Where two layers touch, a ramp of the sensor or a shallow step can join them by a pair or two; all
-that hangs on the second layer would then be laid beside the first. A sheet is held together by many
-pairs that form triangles, so parts that are joined by fewer than it takes are kept apart until
-another view joins them better.
+Where two layers touch, a sensor's ramp or a shallow step can connect them by one or two pairs; everything
+connected to the second layer would then be placed beside the first. Many pairs that form triangles connect
+a real sheet. Parts with too weak a connection are therefore kept separate until another view connects them
+better.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from scipy.sparse.csgraph import connected_components
 from flatcloth.core.types import Float64, Int32
 
 _TRIANGLES = 3
-"""A pair holds firmly if at least so many nodes are neighbours of both its ends."""
+"""A pair is firm if at least this many nodes are neighbours of both its ends."""
 
 
 def connected_pieces(
     n: int, edges: Int32, evidence: Float64, least_core_nodes: int, least_evidence: float
 ) -> Int32:
-    """Return which piece of cloth each node belongs to (n,).
+    """Return the piece of cloth of each node (n,).
 
     Parameters
     ----------
     n : int
         Number of nodes.
     edges : (M, 2) int32
-        Pairs; several views may have the same.
-    trust : (M,) float64
-        How far a pair alone is to be trusted, 0 to 1: little where the depth is noisy.
-    large : int
-        Parts that triangles hold together, of at least this many nodes, are the cores; all other
-        nodes go with the core to which the most trust joins them.
-    least_trust : float
-        Two cores are joined by pairs of so much trust together.
+        Pairs; several views may contribute the same pair.
+    evidence : (M,) float64
+        Evidence of each pair that its ends are one piece, 0 to 1: little where the depth is noisy.
+    least_core_nodes : int
+        Parts connected by triangles with at least this many nodes are cores; all other nodes join
+        the core with the largest evidence.
+    least_evidence : float
+        Two cores are joined if the pairs between them have this much evidence together.
     """
     i, j = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
     key, where = np.unique(i * n + j, return_inverse=True)
@@ -60,7 +60,7 @@ def connected_pieces(
 def _neighbours_in_common(
     first: Int32, neighbour: Int32, i: NDArray[np.int64], j: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Count for each pair (M,) the neighbours that both ends have; each node's neighbours come sorted."""
+    """Count for each pair (M,) the neighbours common to both ends; each node's neighbours are sorted."""
     counts = np.zeros(i.size, dtype=np.int64)
     for e in range(i.size):
         a, b = first[i[e]], first[j[e]]
@@ -73,9 +73,9 @@ def _neighbours_in_common(
 
 
 def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64) -> Int32:
-    """Give each node without a label (-1) that of the neighbours with the most trust, layer by layer.
+    """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer.
 
-    Afterwards these nodes change sides where that makes the cut between two parts smaller.
+    Afterwards nodes change sides where this makes the cut between two parts smaller.
     """
     names, compact = np.unique(label, return_inverse=True)
     own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
@@ -107,7 +107,7 @@ _SWEEPS = 4
 def _joined(
     piece: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64, least_evidence: float
 ) -> Int32:
-    """Join parts between which the pairs are to be trusted enough."""
+    """Join parts if the pairs between them have enough evidence."""
     while True:
         count = int(piece.max()) + 1
         a, b = piece[i], piece[j]

@@ -1,8 +1,8 @@
-"""Hypotheses: where a component of a view may lie on the joint shape, from several estimators.
+"""Hypotheses for the placement of a component of a view on the joint shape, from several estimators.
 
-*place*: nodes of the shape that the view shows at the same place in space, fitted rigidly on the
-plane. *lines*: the paper's lines of equal Z-angle (4.2). *correlation*: normals, height and texture
-compared at all places of the plane for a range of turns, off-shape pixels masked.
+*place*: a rigid fit on the plane to nodes of the shape that the view shows at the same place in space.
+*lines*: the paper's lines of equal Z-angle (4.2). *correlation*: masked comparison of normals, height and
+texture at all positions of the plane for a range of rotations.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
 
 _DISTINCT_M = 0.008
-"""Hypotheses nearer to each other than this are one."""
+"""Hypotheses closer together than this count as one."""
 
 _COARSE_M = 0.012
 _TURNS_DEG = tuple(range(-40, 41, 10))
 
 
 def from_association(reference: ReferenceShape, sampled: SampledComponent) -> list[Rigid2]:
-    """Fit the associated nodes rigidly, by RANSAC: layers that lie on each other give wrong associations."""
+    """Fit the associated nodes rigidly by RANSAC, because overlapping layers give wrong associations."""
     at = np.flatnonzero(sampled.node >= 0)
     target = reference.node_uv(sampled.node[at])
     placed = np.isfinite(target[:, 0])
@@ -64,7 +64,7 @@ def from_z_angle_lines(
     angles_deg: tuple[float, float],
     z_angle_limit_deg: float,
 ) -> list[Rigid2]:
-    """Return the paper's initial estimate, if the views have a Z-angle in common."""
+    """Return the paper's initial estimate if the views have a Z-angle in common."""
     try:
         found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg)
     except AlignmentError:
@@ -75,7 +75,7 @@ def from_z_angle_lines(
 def from_correlation(
     coarse: FlattenedView, new: FlattenedView, axis: RotationAxis, around: float, most: int = 2
 ) -> list[Rigid2]:
-    """Compare normals and height at all places, for turns about ``around`` (rad); the best few."""
+    """Compare normals and height at all positions, for rotations near ``around`` (rad); the best few."""
     fixed, fixed_mask = _attributes(coarse, axis)
     shape = fixed_mask.shape
     extent = int(math.hypot(*new.shape) * new.pixel_size_m / _COARSE_M) + 3
@@ -118,7 +118,7 @@ def _attributes(view: FlattenedView, axis: RotationAxis) -> tuple[Float64, Bool]
 def _turned(
     view: FlattenedView, turn: Rigid2, axis: RotationAxis, extent: int
 ) -> tuple[Float64, Bool, Float64]:
-    """Raster a view's pixels, turned, on a coarse grid of ``extent`` squared; also its origin (2,)."""
+    """Rasterise a view's pixels, rotated, on a coarse square grid; also return its origin (2,)."""
     rc = np.argwhere(view.valid)
     uv = turn.apply(view.uv_from_rc(rc))
     origin = np.floor(uv.min(axis=0) / _COARSE_M) * _COARSE_M
@@ -134,7 +134,7 @@ def _turned(
 
 
 def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float) -> FlattenedView:
-    """Return the main piece on a coarse grid: places, normals and Z-angles (no colors), from its nodes."""
+    """Return the main piece on a coarse grid: positions, normals and Z-angles (no colors), from its nodes."""
     main = reference.uv_m[reference.is_main]
     low = np.floor(main.min(axis=0) / _COARSE_M) - 1
     high = np.ceil(main.max(axis=0) / _COARSE_M) + 2
@@ -167,7 +167,7 @@ def evaluate(
     component: int,
     estimates: list[tuple[str, Rigid2]],
 ) -> list[Hypothesis]:
-    """Refine and score ideas; of those that come to lie together the best stays. The best is first."""
+    """Refine and score estimates and merge those that converge to one placement; the best is first."""
     found = []
     for source, initial in estimates:
         refined = refine(reference, sampled, initial)
@@ -185,7 +185,7 @@ def evaluate(
 
 
 def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothesis]:
-    """Return the hypotheses by falling confidence, without those that lie where a better one does."""
+    """Return the hypotheses by decreasing confidence, without those close to a better one."""
     kept: list[Hypothesis] = []
     corners = np.stack([sampled.uv_m.min(axis=0), sampled.uv_m.max(axis=0), sampled.uv_m.mean(axis=0)])
     for hypothesis in sorted(found, key=lambda h: -h.score.total):

@@ -1,10 +1,10 @@
-"""One joint flattening of all accepted views (a departure from the paper, which lays views rigidly).
+"""The joint flattening of all accepted views (a departure from the paper, which places views rigidly).
 
 Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs.
-Eq. (2) is minimised over all pairs at once, each with the weight that its accuracy deserves; pairs
-that contradict the others lose their weight. Minimising from a poor start folds the sheet, so each
-new node is first laid out from its placed neighbours, and the whole is relaxed as rigidly as
-possible: every view says how its neighbours lie around a node, mirror images excluded.
+Eq. (2) is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the
+others lose their weight. Minimisation from a poor start would fold the sheet. Therefore each new node is
+first initialised from its placed neighbours, and the whole is relaxed as rigidly as possible: every view
+determines the arrangement of the neighbours around a node, with mirror images excluded.
 """
 
 from __future__ import annotations
@@ -20,13 +20,21 @@ from scipy.sparse.csgraph import connected_components
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES, FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import connected_pieces
+from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
+from flatcloth.methods.robust.layout import (
+    MOST_OFF_M,
+    Links,
+    grown_layout,
+    lay_out,
+    links_of,
+    minimise_piece,
+    seed_pair,
+)
 from flatcloth.methods.robust.observations import (
     Association,
-    Complex128,
     Nodes,
     Observation,
     associate,
@@ -34,57 +42,32 @@ from flatcloth.methods.robust.observations import (
     no_nodes,
     observe,
 )
-from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
-_ROBUST_STD = 3.0
-"""A pair that is off by this many standard deviations counts a quarter."""
 _LEAST_EVIDENCE = 2.0
-"""... so many smooth pairs without noise, or more with."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
+_MOST_CUT_EVIDENCE = 20.0
+"""... and are cut apart again where cloth lies on other cloth and at most this much joins them."""
 _OUTGROWN = 1.3
-"""Another piece that has so many times the nodes of the main one becomes the main one."""
-_ARAP_STEPS = 8
-"""Steps of as-rigid-as-possible relaxation before the minimisation."""
-_ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; before all but the first the pairs are weighted anew."""
+"""A floating piece with this many times the nodes of the main piece becomes the main piece."""
 
 Int64 = NDArray[np.int64]
 
-_LEAST_WEIGHT = 1e-4
-_MAJORISATIONS = 6
-_TOLERANCE = 2e-3
 _LEAST_PIECE = 12
-"""Nodes of a floating piece that is worth keeping."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Links:
-    """The pairs of all observations in one list.
-
-    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
-    memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
-    in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
-    """
-
-    edges: Int32
-    member: Int32
-    n_members: int
-    length_m: Float64
-    std_m: Float64
-    offset: Complex128
-    observation: Int32
+"""Fewest nodes of a floating piece that is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointShape:
     """All accepted views, flattened together.
 
-    ``observations`` and ``held_from_camera`` in the order of acceptance. ``piece`` (N,) int32 is the
-    piece of cloth that each node belongs to: 0 the main piece, others float (nothing seen connects
-    them to it), -1 too small to matter. ``all_uv_m`` (N, 2) is where each node lies; floating pieces
-    lie beside the main one, far off. ``anchor`` (A,) int32 are nodes of the main piece that one of
-    the first views saw and ``anchor_uv_m`` (A, 2) where they lay then: the plane stays theirs.
-    ``weight`` (M,) of the pairs of ``links``, 0 to 1 relative to what their accuracy deserves: small
-    where a pair contradicts the others.
+    ``observations`` and ``held_from_camera`` are in the order of acceptance. ``piece`` (N,) int32 is
+    the piece of cloth of each node: 0 for the main piece, positive for floating pieces (which no view
+    connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the positions of the nodes; floating
+    pieces lie far beside the main one. ``anchor`` (A,) int32 are nodes of the main piece seen by one
+    of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
+    ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
+    pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
+    of the cloth that would overlap.
     """
 
     nodes: Nodes
@@ -95,26 +78,27 @@ class JointShape:
     anchor: Int32
     anchor_uv_m: Float64
     weight: Float64
+    is_cut: Bool
 
     @cached_property
     def uv_m(self) -> Float64:
-        """(N, 2) where the nodes of the main piece lie; NaN for all others."""
+        """(N, 2) positions of the nodes of the main piece; NaN for all others."""
         return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
 
     @property
     def has_place(self) -> Bool:
-        """(N,) whether a node lies anywhere, be it on a floating piece."""
+        """(N,) whether a node has a position, on the main piece or a floating one."""
         found: Bool = np.isfinite(self.all_uv_m[:, 0])
         return found
 
     @cached_property
     def links(self) -> Links:
         """The pairs of all views."""
-        return _links(self.observations)
+        return links_of(self.observations)
 
     @property
     def placed(self) -> Bool:
-        """(N,) whether a node lies on the main piece."""
+        """(N,) whether a node is on the main piece."""
         found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
         return found
 
@@ -137,9 +121,9 @@ def begin_joint(
     surface : Surface
         The start view's surface.
     held_from_camera : Rigid3
-        Where its camera stands.
+        Pose of its camera.
     start_uv_m : (H, W, 2) float64
-        Where its main piece lies on the plane, for each pixel of the surface; NaN off it.
+        Position of each pixel of its main component on the plane; NaN elsewhere.
     flattening : FlatteningConfig
         Sampling interval.
     """
@@ -155,6 +139,7 @@ def begin_joint(
         anchor=np.zeros(0, dtype=np.int32),
         anchor_uv_m=np.zeros((0, 2)),
         weight=np.ones(len(first.edges)),
+        is_cut=np.zeros(len(first.edges), dtype=np.bool_),
     )
     return _solved(shape)
 
@@ -169,38 +154,43 @@ def extend_joint(
     flattening: FlatteningConfig,
     associated: Association | None = None,
 ) -> JointShape:
-    """Return the shape with one view more, all flattened anew.
+    """Return the shape with one more view, with all views flattened again.
 
     Parameters
     ----------
     shape : JointShape
         The shape so far.
     surface, held_from_camera
-        The view to add, and where its camera stands.
+        The view to add, and the pose of its camera.
     flattening : FlatteningConfig
         Sampling interval.
     associated : Association, optional
-        The nodes that the view shows, if they are not to be found by place and normal.
+        The nodes that the view shows; by default they are found by place and normal.
     """
     if associated is None:
         associated = associate(shape.nodes, surface, held_from_camera)
     nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
     more = len(nodes) - len(shape.nodes)
+    before_uv = np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)])
+    contradicted = contradicted_pairs(
+        before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
+    )
     grown = JointShape(
         nodes=nodes,
         observations=(*shape.observations, added),
         held_from_camera=(*shape.held_from_camera, held_from_camera),
         piece=np.concatenate([shape.piece, np.full(more, -1, dtype=np.int32)]),
-        all_uv_m=np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)]),
+        all_uv_m=before_uv,
         anchor=shape.anchor,
         anchor_uv_m=shape.anchor_uv_m,
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
+        is_cut=np.concatenate([shape.is_cut, contradicted]),
     )
     return _solved(grown)
 
 
 def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
-    """Return the shape with its views' cameras elsewhere: the nodes follow in space, not on the plane."""
+    """Return the shape with other camera poses: its nodes move in space, not on the plane."""
     if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
         return shape
     nodes = no_nodes()
@@ -210,9 +200,9 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
 
 
 def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
-    """Return where the nodes of each floating piece lie, the largest first: (N, 2), NaN elsewhere.
+    """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
 
-    Nodes of the main piece that are ``unreliable`` (N,) float too, each connected part of it as a piece.
+    Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
     """
     pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
     if unreliable is not None and unreliable.any():
@@ -227,10 +217,11 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
-def _solved(shape: JointShape) -> JointShape:
+def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
-    The main piece stays the main one unless another outgrows it clearly.
+    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is
+    initialised again; if it still does, it is cut where the least evidence joins it.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)
@@ -252,13 +243,27 @@ def _solved(shape: JointShape) -> JointShape:
         if not touched[own] and n and known.any() and (known == members).all():
             uv[members] = shape.all_uv_m[members]
         else:
-            within = np.flatnonzero(members[links.edges].all(axis=1))
+            within = np.flatnonzero(members[links.edges].all(axis=1) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
-                _seed(z, links, within)
-            z = _initialise(z, links, within)
+                seed_pair(z, links, within)
+            z = lay_out(z, links, within)
             inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
-            own_uv, weight[inside] = _minimised(z, links, inside, shape.weight[inside])
+            own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
+            overlapping = overlapping_pairs(own_uv, shape.nodes.xyz_m)
+            if overlapping.size:
+                own_uv, weight[within], overlapping = _grown_anew(
+                    shape, within, own_uv, weight[within], overlapping
+                )
+            if np.unique(overlapping).size >= _LEAST_PIECE and may_cut:
+                cut, strength, smaller = weakest_cut(
+                    overlapping, shape.nodes.xyz_m, links.edges[within], (weight * _evidence(shape))[within]
+                )
+                if strength <= _MOST_CUT_EVIDENCE and smaller >= _LEAST_PIECE:
+                    is_cut = shape.is_cut.copy()
+                    is_cut[within[cut]] = True
+                    kept = np.where(is_cut, 0.0, shape.weight)
+                    return _solved(replace(shape, is_cut=is_cut, weight=kept), may_cut=False)
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
@@ -266,12 +271,35 @@ def _solved(shape: JointShape) -> JointShape:
     return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight))
 
 
+def _grown_anew(
+    shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
+) -> tuple[Float64, Float64, Int64]:
+    """Lay a piece out anew; return places (N, 2), weights of ``within`` and overlaps of the better layout."""
+    links = shape.links
+    z = grown_layout(
+        len(uv_m),
+        links.edges[within],
+        links.member[within],
+        links.offset[within],
+        _evidence(shape)[within],
+        links.n_members,
+    )
+    reached = np.isfinite(z.real[links.edges[within]]).all(axis=1)
+    inside, anew = within[reached], weight.copy()
+    off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
+    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
+    left = overlapping_pairs(grown, shape.nodes.xyz_m)
+    if np.unique(left).size >= np.unique(overlapping).size:
+        return uv_m, weight, overlapping
+    return grown, anew, left
+
+
 _APART_M = 10.0
-"""Floating pieces lie this far apart on the plane."""
+"""Distance of floating pieces on the plane."""
 
 
 def _known(members: Bool, before: Int32) -> Bool:
-    """Of a piece's members that lie somewhere, those that were one piece before: the most."""
+    """Of a piece's members that have positions, return the largest set that was one piece before."""
     if not members.any():
         return members
     was = before[members]
@@ -280,15 +308,8 @@ def _known(members: Bool, before: Int32) -> Bool:
     return largest
 
 
-def _seed(z: Complex128, links: Links, within: Int64) -> None:
-    """Lay down one pair, from which the rest of a piece can be laid out."""
-    seed = within[np.argmin(links.std_m[within])]
-    z[links.edges[seed, 0]] = 0.0
-    z[links.edges[seed, 1]] = links.offset[seed, 0]
-
-
 def _anchored(shape: JointShape) -> JointShape:
-    """Move the main piece to where its anchor lay; a main piece without one gets one."""
+    """Move the main piece onto its anchor; a main piece without an anchor gets one."""
     kept = shape.placed[shape.anchor]
     if kept.sum() >= 3:
         motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
@@ -296,7 +317,7 @@ def _anchored(shape: JointShape) -> JointShape:
         uv[shape.placed] = motion.apply(uv[shape.placed])
         return replace(shape, all_uv_m=uv)
     if shape.anchor.size and shape.placed.any():
-        # A piece that floated has outgrown the main one: it comes from where it lay to the plane's middle.
+        # A floating piece has become the main one: move it to the middle of the plane.
         uv = shape.all_uv_m.copy()
         uv[shape.placed] -= uv[shape.placed].mean(axis=0)
         shape = replace(shape, all_uv_m=uv)
@@ -308,116 +329,13 @@ def _anchored(shape: JointShape) -> JointShape:
 
 
 def _pieces(shape: JointShape) -> Int32:
-    """Return which piece of cloth each node (N,) belongs to."""
-    evidence = np.concatenate([s.edge_evidence for s in shape.observations])
+    """Return the piece of cloth of each node (N,)."""
+    kept = ~shape.is_cut
+    evidence = (shape.weight * _evidence(shape))[kept]
     return connected_pieces(
-        len(shape.nodes), shape.links.edges, shape.weight * evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
+        len(shape.nodes), shape.links.edges[kept], evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
     )
 
 
-def _links(observations: tuple[Observation, ...]) -> Links:
-    first = np.cumsum([0] + [len(s.node) for s in observations])
-    return Links(
-        edges=np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32),
-        member=np.concatenate([s.edges + f for s, f in zip(observations, first, strict=False)]).astype(
-            np.int32
-        ),
-        n_members=int(first[-1]),
-        length_m=np.concatenate([s.edge_length_m for s in observations]),
-        std_m=np.concatenate([s.edge_std_m for s in observations]),
-        offset=np.concatenate([s.offset for s in observations]),
-        observation=np.repeat(
-            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
-        ),
-    )
-
-
-# ------------------------------------------------------------------ laying out
-
-
-def _initialise(z: Complex128, links: Links, inside: Int64) -> Complex128:
-    """Place (as u + iv) what pairs ``inside`` connect to placed nodes, layer by layer.
-
-    A placed node whose turn is known, from its placed neighbours in the same view, says where its
-    other neighbours in that view lie; several such opinions are averaged.
-    """
-    z = z.copy()
-    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
-    if not open_.size:
-        return z
-    touched = np.zeros(links.n_members, dtype=bool)
-    touched[links.member[open_]] = True
-    near = inside[touched[links.member[inside]].any(axis=1)]
-    edges, member, offset = links.edges[near], links.member[near], links.offset[near]
-    while True:
-        known = np.isfinite(z.real[edges])
-        both: Bool = np.asarray(known.all(axis=1))
-        turn = local_rotations(z, edges, member, offset, both.astype(np.float64), links.n_members)
-        sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
-            e = np.flatnonzero(says)
-            place = z[edges[e, end]] + sign * turn[member[e, end]] * offset[e, end]
-            np.add.at(sums, edges[e, 1 - end], place)
-            np.add.at(counts, edges[e, 1 - end], 1.0)
-        found = counts > 0
-        if not found.any():
-            return z
-        z[found] = sums[found] / counts[found]
-
-
-# ------------------------------------------------------------------ minimising
-
-
-def _minimised(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
-    """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
-    own = np.flatnonzero(np.isfinite(z.real))
-    place = np.full(len(z), -1, dtype=np.int32)
-    place[own] = np.arange(own.size)
-    edges = place[links.edges[inside]]
-    if not edges.size:
-        return np.stack([z.real, z.imag], axis=1), weight
-    std = links.std_m[inside]
-    accuracy = np.square(np.median(std) / std)
-    narrow = banding(own.size, edges)
-    x = relax_rigidly(
-        z[own],
-        edges,
-        links.member[inside],
-        links.offset[inside],
-        accuracy * weight,
-        links.n_members,
-        _ARAP_STEPS,
-        narrow,
-    )
-    length = links.length_m[inside]
-    for _ in range(_ROBUST_ROUNDS):
-        x = minimise(
-            x,
-            edges,
-            length,
-            weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-            majorisations=_MAJORISATIONS,
-            energy_tolerance=_TOLERANCE,
-            narrow=narrow,
-        ).uv_m
-        residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
-        weight = _robust_weight(residual / std)
-    sheet = FlexibleSheet(
-        edges=edges,
-        member=links.member[inside],
-        n_members=links.n_members,
-        length_m=length,
-        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-        offset=links.offset[inside],
-    )
-    uv = np.full((len(z), 2), np.nan)
-    uv[own] = settle_flexible(x, sheet)
-    return uv, weight
-
-
-def _robust_weight(normed: Float64) -> Float64:
-    """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
-    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
-    weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
-    return weight
+def _evidence(shape: JointShape) -> Float64:
+    return np.concatenate([s.edge_evidence for s in shape.observations])

@@ -1,7 +1,7 @@
 """The method ``robust``: placements from 3D, several hypotheses, one joint flattening of all views.
 
-Start here; ``docs/robust.md`` describes the algorithm. The plane is the start view's and stays: a
-placement ``current_from_new`` leads there.
+Start here; ``docs/robust.md`` describes the algorithm. The plane is always the start view's: a
+placement ``current_from_new`` maps to it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
-"""Unattended, a view is refused if the others contradict a larger share of its pairs."""
+"""Without an operator, a view is rejected if the others contradict a larger share of its pairs."""
 
 
 class RobustMethod(Method):
@@ -44,7 +44,7 @@ class RobustMethod(Method):
 
     @property
     def accept_score(self) -> float:
-        """The least confidence (``docs/robust.md``, "Confidence")."""
+        """The smallest accepted confidence (``docs/robust.md``, "Confidence")."""
         return self._config.robust.accept_confidence
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
@@ -54,19 +54,19 @@ class RobustMethod(Method):
         return start_by_view(self._views, progress)
 
     def plan(self, document: Document, unusable: set[int]) -> Plan:
-        """Choose the view from which the most new area is expected, given enough overlap."""
+        """Choose the view with the largest expected new area, given enough overlap."""
         c = self._config.robust
         used = document.used_views
-        if len(used) >= c.most_views:
-            return _no_plan(f"{len(used)} views are used, as many as a shape is made of.")
         looked = used | document.refused_views | unusable
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
-            return _no_plan("Nothing more to give: no view is left.")
+            return _no_plan("No view is left.")
         rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
-            return _no_plan(f"Nothing more to give: the best view left promises {1e4 * best.new_m2:.0f} cm2.")
+            return _no_plan(f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2.")
+        if len(used) >= c.most_views and not self.is_unattended:
+            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2))
         return Plan(
             view_index=best.view_index,
             side=None,
@@ -94,21 +94,21 @@ class RobustMethod(Method):
         self._views.flattening(view_index)
         shape = self.shapes.shape(document)
         reference = self.search.reference(document)
-        progress(0.4, "looking for the place")
+        progress(0.4, "searching the placement")
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
         cameras = describe(self.shapes.registered((*shape.views, view_index)))
         return choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement by the chance that it is right."""
+        """Score a placement by the probability that it is right."""
         sampled = self.search.components(document, view_index).get(component)
         if sampled is None:
             return AlignmentScore(0.0, {})
         return score_placement(self.search.reference(document), sampled, motion)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
-        """Refine a placement: points nearest in space to what they cover."""
+        """Refine a placement by fitting its points to the surface that they cover in space."""
         sampled = self.search.components(document, view_index).get(component)
         if sampled is None:
             return motion
@@ -117,24 +117,24 @@ class RobustMethod(Method):
     # ------------------------------------------------- 3. joint flattening (in place of 4.3)
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view, composited from the joint shape, with the pieces that float."""
+        """Return the canonical view, composited from the joint shape, with its floating pieces."""
         return self.shapes.canonical(document)
 
     def contradiction(self, document: Document) -> float:
-        """Return the share of the pairs of the view accepted last that the others contradict."""
+        """Return the share of the last accepted view's pairs that the other views contradict."""
         shape = self.shapes.shape(document)
         links = shape.links
         own = (links.observation == len(shape.observations) - 1) & shape.placed[links.edges].all(axis=1)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
     def is_contradicted(self, document: Document) -> bool:
-        """Tell whether too large a share is contradicted for the view to be accepted without an operator."""
+        """Return whether this share is too large for acceptance without an operator."""
         return self.contradiction(document) > _MOST_CONTRADICTION
 
     # ------------------------------------------------- what the rest of the program asks
 
     def carried(self, document: Document, later: Later) -> Rigid2:
-        """Return where a later decision lies: where it lay, since the plane stays the start view's."""
+        """Return the placement of a later decision, which is unchanged because the plane is fixed."""
         return later.decision.current_from_new
 
     def cameras(self, document: Document) -> Registered | None:
@@ -142,7 +142,7 @@ class RobustMethod(Method):
         return self.shapes.registered(self.shapes.shape(document).views)
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
-        """Return the edges of the joint flattening: one counts once for each view that saw it."""
+        """Return the edges of the joint flattening, each once per view that saw it."""
         shape = self.shapes.shape(document)
         return SurfaceEdges(
             uv_m=shape.uv_m,
@@ -150,6 +150,14 @@ class RobustMethod(Method):
             edges=shape.links.edges,
             length_m=shape.links.length_m,
         )
+
+
+def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
+    more = [area for area in new_m2 if area >= least_new_m2]
+    return (
+        f"The limit of {used} views is reached; {len(more)} more are expected to add up to "
+        f"{1e4 * max(more):.0f} cm2 each. Choose one to continue."
+    )
 
 
 def _no_plan(reason: str) -> Plan:

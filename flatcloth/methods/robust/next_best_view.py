@@ -1,9 +1,9 @@
-"""Next best view: the new area expected of each view, from the joint shape in space.
+"""Next best view: the expected new area of each view, from the joint shape in space.
 
-The paper chooses the next rotation from the columns of the flattened view (4.1): enough overlap,
-and as much new cloth beyond the occluding edge as that allows. Here the same is asked of every node:
-which are seen at an angle, for how many that would be the first good look, and at which places of
-the shape's rim the cloth goes on, turned away or covered, and would come to face the camera.
+The paper chooses the next rotation from the columns of the flattened view (4.1): enough overlap, and as
+much new cloth beyond the occluding edge as this allows. Here the same is computed per node: which nodes are
+visible at an angle, which of them are seen well for the first time, and at which places of the shape's
+outline the cloth continues, hidden or turned away, and would then face the camera.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from flatcloth.methods.robust.joint import JointShape
 LEAST_OVERLAP_M2 = 0.03
 """Desirable overlap S_0, the paper's."""
 _GOOD_INCIDENCE_DEG = 50.0
-"""Cloth seen at less than this is seen well (A_w, in both directions)."""
+"""Cloth at a smaller incidence angle is seen well (A_w, in both directions)."""
 _POOR_INCIDENCE_DEG = 60.0
-"""Cloth that was seen only more steeply than this is to be seen again."""
+"""Cloth that was seen only at larger incidence angles should be seen again."""
 _NOVEL_TURN_DEG = 30.0
-"""A view nearer than this to one that was looked at shows less beyond the rim."""
+"""A view nearer than this to a visited one is expected to show less beyond the outline."""
 _JOINING_SHARE = 0.5
-"""A view that shows the gap between the shape and a floating piece may join so much of the piece, ..."""
+"""A view of the gap between the shape and a floating piece may join at most this share of it, ..."""
 _JOINING_PAIRS = 20.0
-"""... if it shows so many pairs of nodes on both sides of the gap."""
+"""... reached with this many pairs of nodes on both sides of the gap."""
 _EXPLORED_DEG = 12.0
-"""Around a view that was looked at, nothing unknown is expected within this turn; ..."""
+"""Within this rotation of a visited view no unknown cloth is expected; ..."""
 _UNSEEN_M2_PER_DEG = 0.001
-"""... beyond, so much for each degree."""
+"""... beyond it, this much per degree."""
 _COVER_RAD = 0.014
-"""Nodes within this angle of each other cover one another, ..."""
+"""A node covers others within this angle, ..."""
 _COVER_GAP_M = 0.03
-"""... if one is nearer by this."""
+"""... if it is nearer by this."""
 
 
 def rate_candidates(
@@ -50,7 +50,7 @@ def rate_candidates(
     candidates: Iterable[int],
     seen: Iterable[int],
 ) -> list[Candidate]:
-    """Rate views that were not looked at yet.
+    """Rate views that have not been visited.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ def rate_candidates(
     angles_deg : sequence of float
         Angles of all views.
     candidates, seen : iterables of int
-        The views to rate, and those that were looked at (accepted or not).
+        The views to rate, and the visited ones (accepted or not).
 
     Returns
     -------
     list of Candidate
-        The most promising first; too small an overlap takes away in proportion.
+        The best first; too small an overlap reduces the rating in proportion.
     """
     placed = shape.has_place
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
@@ -106,7 +106,7 @@ def rate_candidates(
 
 
 def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Where each floating piece lies near the main one in space: nodes of both, and the piece's size."""
+    """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
     main = np.flatnonzero(piece == 0)
@@ -126,7 +126,7 @@ _CELL_M = 0.02
 
 
 def _best_incidence_deg(shape: JointShape) -> Float64:
-    """Return the least angle (N,) at which any view saw each node."""
+    """Return the smallest incidence angle (N,) at which any view saw each node."""
     best = np.full(len(shape.nodes), 90.0)
     for observation in shape.observations:
         np.minimum.at(best, observation.node, observation.incidence_deg)
@@ -134,7 +134,7 @@ def _best_incidence_deg(shape: JointShape) -> Float64:
 
 
 def _node_area_m2(shape: JointShape) -> float:
-    """Return the cloth that each node stands for, by the cells of the plane that they lie in."""
+    """Return the area of cloth per node, from the cells of the plane that the nodes occupy."""
     uv = shape.all_uv_m[shape.has_place]
     u, v = np.floor(uv / _CELL_M).astype(np.int64).T
     cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
@@ -149,7 +149,7 @@ class _Rim:
 
 
 def _rim(shape: JointShape) -> _Rim:
-    """Find the nodes at the rim of the shape, the normal to be expected beyond it, and what lies there."""
+    """Find the outline nodes of the shape, the expected normals beyond them, and the expected areas."""
     placed = np.flatnonzero(shape.has_place)
     number = np.full(len(shape.nodes), -1)
     number[placed] = np.arange(placed.size)
@@ -165,7 +165,7 @@ def _rim(shape: JointShape) -> _Rim:
     pull = np.stack([np.bincount(i, unit[:, k], n) - np.bincount(j, unit[:, k], n) for k in range(2)], axis=1)
     lopsided = np.linalg.norm(pull, axis=1) / np.maximum(degree, 1)
     at = np.flatnonzero((lopsided > 0.35) & (degree >= 3))
-    # Outwards in space: against the mean direction of the neighbours there.
+    # Outwards in space: opposite to the mean direction of the neighbours.
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
     space = (xyz[j] - xyz[i]) / length[:, None]
     inwards = np.stack(
@@ -174,7 +174,7 @@ def _rim(shape: JointShape) -> _Rim:
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
     beyond = math.cos(math.radians(40.0)) * normal[at] + math.sin(math.radians(40.0)) * outwards
     spacing = math.sqrt(_node_area_m2(shape))
-    # A rim that stays where it is in several views is where the cloth ends.
+    # An outline that is the same in several views is the border of the cloth.
     observations = np.zeros(len(shape.nodes))
     for observation in shape.observations:
         np.add.at(observations, observation.node, observation.incidence_deg < 60.0)
@@ -183,7 +183,7 @@ def _rim(shape: JointShape) -> _Rim:
 
 
 def _uncovered(points: Float64) -> Bool:
-    """Tell which points (camera frame) no other point lies clearly in front of."""
+    """Return which points (camera frame) have no other point clearly in front of them."""
     cell = np.rint(points[:, :2] / points[:, 2:] / _COVER_RAD).astype(np.int64)
     cell -= cell.min(axis=0)
     flat = cell[:, 1] * (int(cell[:, 0].max()) + 1) + cell[:, 0]

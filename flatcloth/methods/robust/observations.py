@@ -1,8 +1,8 @@
 """Observations: the nodes of the joint shape that one view shows, and the lengths between them.
 
-A node is a point of the cloth, kept at its place in the held frame. A view sees it if the node,
-turned to the view, lies on the view's visible surface with the same normal: then it is the same
-cloth, whatever the texture. Where a view shows cloth on which no node lies, it adds nodes.
+A node is a point of the cloth, stored by its position in the object frame. A view sees it if the node,
+transformed to the view, lies on the visible surface with the same normal: then it is the same cloth,
+whatever the texture. Where a view shows cloth without nodes, it adds nodes.
 """
 
 from __future__ import annotations
@@ -26,38 +26,38 @@ from flatcloth.flattening.sampling import (
 from flatcloth.flattening.surface import Surface
 
 _SAME_PLACE_M = 0.0015
-"""A node is seen by a view if it lies within this of the view's surface, ..."""
+"""A view sees a node that lies within this of the view's surface, ..."""
 _SAME_PLACE_NOISE = 3.0
-"""... and so many times the noise of the view more, ..."""
+"""... plus this many times the noise of the view, ..."""
 _SAME_NORMAL_COS = 0.85
-"""... and both normals differ by at most the angle of this cosine."""
+"""... if the angle of the normals has at least this cosine."""
 _INCIDENCE_LIMIT_DEG = 75.0
-"""Cloth seen more steeply adds no nodes."""
+"""Cloth at a larger incidence angle adds no nodes."""
 _NOISY_INCIDENCE_LIMIT_DEG = 55.0
-"""Where the depth is noisy, known cloth that is seen more steeply is not measured again."""
+"""With noisy depth, known cloth at a larger incidence angle is not measured again."""
 _NEW_NODE_DISTANCE = 0.65
 """A view adds nodes at this distance (in sampling intervals) from the nodes it sees."""
 _LEAST_PAIR_M = 0.002
-"""Nodes nearer to each other than this make no pair."""
+"""Nodes closer together than this form no pair."""
 _PAIR_STD_M = 0.0003
-"""Standard deviation of a pair's length without noise: cloth stretches."""
+"""Standard deviation of a pair's length without noise, due to stretching of the cloth."""
 FRONTAL_NOISE = 0.4
-"""A pair seen frontally is off by this share of the view's noise, ..."""
+"""Error of a pair seen frontally, as a share of the view's noise, ..."""
 STEEP_NOISE = 1.0
-"""... and by this much more for each unit of the squared tangent of the incidence."""
+"""... plus this much per unit of the squared tangent of the incidence angle."""
 _SMOOTH_COS = 0.95
-"""A pair whose normals differ by more than this angle crosses a crease, or two layers: ..."""
+"""A pair whose normals have a smaller cosine crosses a crease, or two layers: ..."""
 _CREASED_EVIDENCE = 0.25
-"""... it tells this much less of its ends being one piece of cloth."""
+"""... its evidence that its ends are one piece of cloth is multiplied by this."""
 _BENT_DEG = (2.0, 8.0)
-"""Normals of a pair that differ by more than this (without, with noise) tell how it is bent."""
+"""A pair is bent if its normals differ by more than this (without noise, with noise)."""
 
 Complex128 = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nodes:
-    """Points of the cloth: ``xyz_m`` and unit ``normal`` (N, 3), held frame; ``weight`` (N,) of both."""
+    """Points of the cloth: ``xyz_m`` and unit ``normal`` (N, 3), object frame; ``weight`` (N,) of both."""
 
     xyz_m: Float64
     normal: Float64
@@ -72,12 +72,12 @@ class Nodes:
 class Observation:
     """The nodes that one view sees, and the pairs between them.
 
-    ``node`` (K,) int32 their numbers; ``rc`` (K, 2) where the view's (cropped) image shows them;
-    ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) those that
-    this view added. ``edges`` (M, 2) int32 index into these K; ``edge_length_m`` (M,) along the
-    surface, ``edge_std_m`` (M,) how far that may be off; ``edge_evidence`` (M,) from 0 to 1, how far
-    a pair alone shows that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
-    as each end sees it: in its tangent plane, right and down the image.
+    ``node`` (K,) int32 their indices; ``rc`` (K, 2) their positions in the view's (cropped) image;
+    ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) whether
+    this view added the node. ``edges`` (M, 2) int32 index these K; ``edge_length_m`` (M,) along the
+    surface, ``edge_std_m`` (M,) its standard deviation; ``edge_evidence`` (M,) from 0 to 1, the
+    evidence of a pair that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
+    in the tangent plane of each end, right and down the image.
     """
 
     view_index: int
@@ -104,7 +104,7 @@ def no_nodes() -> Nodes:
 
 @dataclass(frozen=True, kw_only=True)
 class Association:
-    """Nodes that a view shows: numbers (K,), places (K, 2) in its image, incidence (K,) in degrees."""
+    """The nodes that a view shows: indices (K,), positions (K, 2) in its image, incidence (K,) in degrees."""
 
     node: Int32
     rc: Float64
@@ -117,16 +117,16 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
     Parameters
     ----------
     nodes : Nodes
-        The nodes, held frame.
+        The nodes, object frame.
     surface : Surface
         The view's surface.
     held_from_camera : Rigid3
-        Where the view's camera stands.
+        Pose of the view's camera.
 
     Returns
     -------
     Association
-        The place is the foot of the node on the surface along its normal.
+        The position is the foot of the node on the surface along its normal.
     """
     k = surface.frame.intrinsics
     points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
@@ -160,7 +160,7 @@ def observe(
 ) -> tuple[Nodes, Observation]:
     """Observe the associated nodes in a view, and add nodes where it shows other cloth.
 
-    Returns the nodes, moved to the mean of what all views say, and the observation.
+    Returns the nodes, moved to the mean of all views' measurements, and the observation.
     """
     d = flattening.sampling_intervals_px[-1]
     limit = _NOISY_INCIDENCE_LIMIT_DEG if surface.noisy else _INCIDENCE_LIMIT_DEG
@@ -173,7 +173,7 @@ def observe(
     if not surface.noisy:
         known = np.concatenate([associated.rc, fresh])
         fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known)])
-    # Cloth that is known already is not measured again where it is seen too steeply.
+    # Known cloth is not measured again at large incidence angles.
     steep = associated.incidence_deg > limit
     node = np.concatenate([associated.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
     rc = np.concatenate([associated.rc[~steep], fresh])
@@ -205,9 +205,9 @@ def observe(
 
 
 def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64:
-    """Return places (N, 2) at half the interval where the surface is narrower than the interval.
+    """Return positions (N, 2) at half the interval where the surface is narrower than the interval.
 
-    Strips and necks that the grid would miss join what lies on either side of them.
+    Strips and necks that the grid would miss connect the cloth on both sides of them.
     """
     size = 2 * interval_px + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -246,7 +246,7 @@ def _pairs(
     pixel = np.rint(rc).astype(np.int32)
     edges = pairs_on_surface(pixel, 1.5 * interval_px, surface)
     if len(rc) > _NEAREST and not surface.noisy:
-        # Where nodes lie closer than the interval, pairs need not reach as far.
+        # Where nodes are closer than the interval, pairs are shorter.
         near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
         reach = 1.5 * np.maximum(near[:, -1], interval_px // 2)
         apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
@@ -261,11 +261,11 @@ def _pairs(
 
 
 def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, bent_deg: float) -> Complex128:
-    """Return where the other end of each pair lies (M, 2) as each end sees it, in its tangent plane.
+    """Return the position of the other end of each pair (M, 2) in the tangent plane of each end.
 
-    Cloth between two normals that differ by more than ``bent_deg`` is unrolled as a cylinder: what
-    lies along its rulings stays, what lies across them is as long as the arc. Cloth that is bent
-    less has no ruling to speak of; there the chord is turned into the tangent plane.
+    Cloth between two normals that differ by more than ``bent_deg`` is unrolled as a cylinder: the
+    component along its rulings is kept, the component across them takes the length of the arc. Cloth
+    that is bent less has no defined ruling; there the chord is rotated into the tangent plane.
     """
     chord = points[edges[:, 1]] - points[edges[:, 0]]
     ruling = np.cross(normal[edges[:, 0]], normal[edges[:, 1]])
@@ -291,7 +291,7 @@ def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, be
 
 
 def averaged(nodes: Nodes, observation: Observation, held_from_camera: Rigid3) -> Nodes:
-    """Nodes at the mean of what the views say; frontal views, which measure best, count most."""
+    """Nodes at the weighted mean of the views' measurements; frontal views, which are best, weigh most."""
     added = int(observation.is_new.sum())
     xyz = np.concatenate([nodes.xyz_m, np.zeros((added, 3))])
     normal = np.concatenate([nodes.normal, np.zeros((added, 3))])

@@ -1,4 +1,4 @@
-"""Where the components of a view may lie on the joint shape: hypotheses, their scores, the choice."""
+"""Search for the placement of a view's components on the joint shape: hypotheses, scores, choice."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.machine import Document
 
 _SAMPLES = 500
-"""So many pixels of a part are compared."""
+"""Number of pixels of a component that are compared."""
 _RELIABLE_CONFIDENCE = 0.95
-"""Above this the costly search over all places and turns is spared."""
+"""Above this confidence the costly search over all positions and rotations is skipped."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """The hypotheses for each component of a view, the best first; the largest share that is folded."""
+    """The hypotheses for each component of a view, the best first, and the largest folded share."""
 
     hypotheses: dict[int, list[Hypothesis]]
     folded_share: float
@@ -66,7 +66,7 @@ class PlacementSearch:
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 
     def reference(self, document: Document) -> ReferenceShape:
-        """Return a document's shape as that with which components are compared (cached)."""
+        """Return a document's shape as the reference for comparisons (cached)."""
 
         def make() -> ReferenceShape:
             shape = self._shapes.shape(document)
@@ -77,12 +77,12 @@ class PlacementSearch:
         return self._references.get(prefix(document), make)
 
     def components(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
-        """Return the components of a view that are large enough to be placed, sampled (cached)."""
+        """Return the components of a view that are large enough for placement, sampled (cached)."""
         key = (prefix(document), view_index)
         return self._components.get(key, lambda: self._sampled(document, view_index))
 
     def search(self, document: Document, view_index: int) -> Found:
-        """Find hypotheses for each component that is not folded."""
+        """Find hypotheses for each component without folds."""
         flattening = self._views.flattening(view_index)
         components = self.components(document, view_index)
         largest = max((c.area_m2 for c in components.values()), default=0.0)
@@ -110,7 +110,7 @@ class PlacementSearch:
         *,
         searched: bool,
     ) -> list[Hypothesis]:
-        """Return the hypotheses for one component; only large ones are ``searched`` for on the plane."""
+        """Return the hypotheses for one component; only large ones are ``searched`` on the whole plane."""
         c, view = self._config, self._views.flattening(view_index).components[number].view
         estimates = [("place", motion) for motion in from_association(reference, sampled)]
         if searched:
@@ -146,7 +146,7 @@ class PlacementSearch:
             uv = flattening.carrier.place(rc)
             known = np.isfinite(uv[:, 0])
             own = np.flatnonzero(component_of_node == n)
-            if own.size:  # nodes among the samples, so that each shows where it is twice
+            if own.size:  # add the nodes to the samples, so that cloth present twice is found
                 rc = np.concatenate([rc[known], pixel[own]])
                 uv = np.concatenate([uv[known], flattening.carrier.place(pixel[own])])
                 known = np.isfinite(uv[:, 0])
@@ -214,7 +214,7 @@ def choose_placement(
 
 
 def recorded_rc(views: Views, view_index: int, sampled: SampledComponent) -> Float64:
-    """Return where a component's samples (K, 2) lie in the recorded image."""
+    """Return the positions of a component's samples (K, 2) in the recorded image."""
     offset = views.flattening(view_index).surface.frame.offset_rc
     recorded: Float64 = sampled.rc.astype(np.float64) + np.asarray(offset)
     return recorded

@@ -1,7 +1,7 @@
 """As-rigid-as-possible relaxation (Sorkine and Alexa, 2007) of a sheet observed by several views.
 
-A membership is a node as one view observed it. Each membership turns as a whole from its tangent plane
-to the plane, mirror images excluded; then all nodes move at once, by one solve.
+A membership is a node as observed by one view. In each step every membership is rotated from its tangent
+plane to the plane, without mirroring; then one solve moves all nodes at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from flatcloth.flattening.minimisation import BandedLaplacian, Banding
 Complex128 = NDArray[np.complex128]
 
 _HELD = 1e-6
-"""Share of its place that holds every node: lengths do not fix the sheet as a whole."""
+"""Weight that holds every node at its position, because lengths do not fix the sheet as a whole."""
 
 
 @njit(cache=True, nogil=True)
@@ -25,18 +25,18 @@ def local_rotations(
 ) -> Complex128:
     """Return the rotation of each membership from its tangent plane to the plane, as a unit complex number.
 
-    0 where no pair determines it.
+    It is 0 where no pair determines it.
 
     Parameters
     ----------
     z : (N,) complex128
-        Where the nodes lie, u + iv, metres.
+        Positions of the nodes, u + iv, metres.
     edges, member : (M, 2) int32
         Pairs of nodes, and the same ends as memberships.
     offset : (M, 2) complex128
-        The other end as each end sees it, in its tangent plane, metres.
+        The other end in the tangent plane of each end, metres.
     weight : (M,) float64
-        How much each pair counts; one of weight 0 may have ends that lie nowhere.
+        Weight of each pair; a pair with weight 0 may have ends without a position.
     n_members : int
         Number of memberships.
     """
@@ -57,7 +57,7 @@ def local_rotations(
 def _wanted(
     turn: Complex128, edges: Int32, member: Int32, offset: Complex128, weight: Float64, n: int
 ) -> Float64:
-    """Return the right-hand side (n, 2) of the solve: where the turned neighbourhoods want the nodes."""
+    """Return the right-hand side (n, 2) of the solve, from the rotated neighbourhoods."""
     rhs = np.zeros((n, 2))
     for e in range(edges.shape[0]):
         i, j = edges[e, 0], edges[e, 1]
@@ -85,13 +85,13 @@ def relax_rigidly(
     Parameters
     ----------
     z, edges, member, offset, n_members
-        As in :func:`turns`, where all pairs count alike.
+        As in :func:`local_rotations`, where all pairs have equal weight.
     weight : (M,) float64
         Weights of the pairs.
     steps : int
-        How often the neighbourhoods turn and the nodes move.
+        Number of alternations between rotating the neighbourhoods and moving the nodes.
     narrow : Banding
-        Of the pairs.
+        The banding of the pairs.
     """
     laplacian = BandedLaplacian(narrow, weight, _HELD)
     alike = np.ones(len(edges))

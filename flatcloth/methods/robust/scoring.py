@@ -1,9 +1,9 @@
-"""Scoring: how well a component of a view fits the joint shape at a placement.
+"""Scoring of a placement of a view's component on the joint shape.
 
-The rotation is known, so the cloth at one place of the plane must be at one place in space: where a
-part covers the shape, its points turned to the held frame must lie where the shape's do. The other
-way round, cloth that the view shows and the shape has (the same place and normal in space) must
-come to lie on itself. Color is compared where the accepted view that saw the place best sees it.
+The rotation is known, so cloth at one position of the plane must be at one place in space: where a component
+covers the shape, its points in the object frame must coincide with the shape's. Conversely, cloth that the
+view shows and the shape contains (the same place and normal in space) must be placed on itself. Color is
+compared with the accepted view that saw the place best.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from flatcloth.methods.base import AlignmentScore
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
-"""A place of the plane is covered if a node lies within this."""
+"""A position of the plane is covered if a node lies within this distance."""
 _PLACE_STD_M = 0.003
-"""Distance in space of equal cloth, besides the noise of the views."""
+"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise."""
 _TWICE_M = 0.015
-"""The same cloth that lies farther apart on the plane than this is there twice."""
+"""The same cloth at two positions farther apart on the plane than this is present twice."""
 _TEXTURE_SIZE_M = 0.007
-"""Texture is the intensity less its mean over this size."""
+"""Texture is the intensity minus its mean over this size."""
 _COLOR_STD = 20.0
 """Difference of equal color in two views, grey levels."""
 _TELLING_COLOR = 0.25
-"""Color that disagrees less than this at random counts in proportion."""
+"""Color whose random disagreement is smaller than this has proportionally less weight."""
 _REFINE_RADIUS_M = 0.02
-"""Refinement begins with cloth that is apart by about this in space."""
+"""Initial scale of the robust refinement, distance in space."""
 _CORRELATED_SAMPLES = 20.0
-"""So many samples count as one independent measurement."""
+"""Number of samples that count as one independent measurement."""
 CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
 """Logistic regression of a right placement: constant, place, color and outline agreement, shares of
-    other cloth and of cloth that is there twice, log10 of the overlap in cm2, median distance in cm."""
+other cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFeatures:
     """Features of a view's texture: ``texture`` (H, W, 3) float32 in grey levels.
 
-    Intensity without its local mean, which stays with the light, and two color differences relative
-    to the intensity, which shading does not change. NaN off the surface.
+    They are the intensity without its local mean, which depends on the light, and two color
+    differences relative to the intensity, which shading does not change. NaN off the surface.
     """
 
     texture: Float32
@@ -80,9 +80,9 @@ def texture_features(surface: Surface) -> TextureFeatures:
 class SampledComponent:
     """Samples of a component of a view, in the view's own plane.
 
-    ``uv_m`` (K, 2); ``rc`` (K, 2) pixels of the (cropped) image; ``xyz_m``, ``normal`` (K, 3) held
-    frame; ``texture`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there, -1
-    none; ``area_m2`` of the whole component.
+    ``uv_m`` (K, 2); ``rc`` (K, 2) pixels of the (cropped) image; ``xyz_m``, ``normal`` (K, 3) object
+    frame; ``texture`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there,
+    -1 for none; ``area_m2`` of the whole component.
     """
 
     uv_m: Float64
@@ -95,14 +95,14 @@ class SampledComponent:
 
 
 class ReferenceShape:
-    """A joint shape as the reference that components are compared with.
+    """A joint shape as the reference for comparisons with components.
 
     Parameters
     ----------
     shape : JointShape
         The shape.
     surfaces, textures : mapping
-        Of its views, by view index.
+        Those of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
     """
@@ -131,12 +131,12 @@ class ReferenceShape:
         self._place[self.number] = np.arange(self.number.size)
 
     def node_uv(self, node: Int32) -> Float64:
-        """Return where nodes (K,) lie, NaN for those that have no place (or number -1)."""
+        """Return the positions of nodes (K,), NaN for those without one (or index -1)."""
         at = np.where(node >= 0, self._place[node], -1)
         return np.where((at >= 0)[:, None], self.uv_m[at], np.nan)
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
-        """Return which places (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
+        """Return which positions (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
         distance, nearest = self._tree.query(uv_m, distance_upper_bound=_COVER_M)
         covered = np.isfinite(distance)
         at = np.where(covered, nearest, 0).astype(np.int32)
@@ -200,7 +200,7 @@ def _nearest_isometries(maps: Float64) -> Float64:
 def _best_textures(
     shape: JointShape, textures: Mapping[int, TextureFeatures], number: Int32
 ) -> tuple[Int32, Float64]:
-    """Return for each placed node the observation at least incidence, and its features (N, 3)."""
+    """Return for each placed node the observation with the smallest incidence, and its features (N, 3)."""
     incidence = np.full(len(shape.nodes), np.inf)
     view = np.zeros(len(shape.nodes), dtype=np.int32)
     texture = np.full((len(shape.nodes), 3), np.nan)
@@ -220,9 +220,9 @@ def score_placement(
     Returns
     -------
     AlignmentScore
-        ``total`` is the confidence: the chance that the placement is right, as learned from right
-        and wrong placements (``python -m benchmarks confidence``). ``parts``: agreement in place,
-        color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
+        ``total`` is the confidence, i.e. the probability that the placement is right, learned from
+        right and wrong placements (``python -m benchmarks confidence``). ``parts``: agreement in
+        place, color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
         distance in space.
     """
     uv = shape_from_component.apply(sampled.uv_m)
@@ -261,7 +261,7 @@ def score_placement(
 def _color_agreement(
     reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
 ) -> float:
-    """Agreement of color, 0.5 if there is nothing to tell; against what random pairs would give."""
+    """Agreement of color relative to randomly paired samples; 0.5 without information."""
     seen = reference.texture_at(node[at], there[at])
     own = sampled.texture[at]
     known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
@@ -280,7 +280,7 @@ def _color_agreement(
 
 
 def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
-    """Return the chance that a placement with these parts is right (logistic regression)."""
+    """Return the probability that a placement with these parts is right (logistic regression)."""
     logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
@@ -295,7 +295,7 @@ FEATURES = (
     "log10_overlap_cm2",
     "apart_cm",
 )
-"""What the confidence is made of, in the order of its weights."""
+"""The features of the confidence, in the order of its weights."""
 
 
 def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
@@ -311,17 +311,17 @@ _FAR_MM = 30.0
 
 @dataclass(frozen=True, kw_only=True)
 class Refined:
-    """A placement after refinement: the motion, and standard deviations of turn (rad), u and v (m)."""
+    """A refined placement: the motion, and standard deviations of rotation (rad), u and v (m)."""
 
     shape_from_component: Rigid2
     std: Float64
 
 
 def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2, rounds: int = 8) -> Refined:
-    """Refine a placement by Gauss-Newton: the points of the component onto the surface they cover in space.
+    """Refine a placement by Gauss-Newton: fit the component's points to the surface they cover in space.
 
-    The standard deviations say which directions the cloth in common leaves open: a flat strip under
-    a strip, say; where nothing is covered all three are infinite.
+    The standard deviations show which directions the common cloth does not determine, such as those
+    of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
     motion = initial
     reach = _REFINE_RADIUS_M
@@ -366,7 +366,7 @@ def sample_component(
     associated_node: Int32,
     area_m2: float,
 ) -> SampledComponent:
-    """Return samples of a component at pixels ``rc`` (K, 2), which lie at ``uv_m`` (K, 2) of its plane."""
+    """Return samples of a component at pixels ``rc`` (K, 2) with positions ``uv_m`` (K, 2) on its plane."""
     at = rc[:, 0], rc[:, 1]
     xyz, normal = held_from_camera.apply_with_normal(
         surface.xyz_m[at].astype(np.float64), surface.normal[at].astype(np.float64)

@@ -1,6 +1,6 @@
-"""The joint shapes behind a session's documents: registered, extended by what was accepted, drawn.
+"""The joint shapes of a session's documents: registration, extension by accepted views, compositing.
 
-Everything is derived from a document and cached by its prefix, so undo is exact.
+Everything is computed from a document and cached by its prefix, so undo is exact.
 """
 
 from __future__ import annotations
@@ -24,11 +24,16 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
 _GATE_M = 0.025
-"""Nodes farther than this from where the placement puts them are not taken for the same cloth."""
+"""Nodes farther than this from their position by the placement do not count as the same cloth."""
+
+_LEAST_FITTED = 4
+"""So many nodes of a component fit one motion, or it is not joined yet: a motion takes two, ..."""
+_LEAST_FURTHER = 12
+"""... a further motion of the same component as many as make a floating piece."""
 
 
 class JointShapes:
-    """The joint shape of each document, and the canonical view drawn from it.
+    """The joint shape of each document, and the canonical view composited from it.
 
     Parameters
     ----------
@@ -38,6 +43,7 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
+        # A shape is grown through all its prefixes, so all must be kept: no limit in bytes.
         self._shapes: Cache[JointShape] = Cache(64)
         self._drawn: Cache[Canonical] = Cache(16)
         self._features: Cache[ViewFeatures] = Cache(48)
@@ -61,7 +67,7 @@ class JointShapes:
         return made
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view, drawn from the joint shape, with the pieces that float."""
+        """Return the canonical view, composited from the joint shape, with its floating pieces."""
         shape = self.shape(document)
         return self._drawn.get(prefix(document), lambda: self._draw(document, shape))
 
@@ -70,7 +76,7 @@ class JointShapes:
         return {view: self._views.flattening(view).surface for view in shape.views}
 
     def registered(self, views: tuple[int, ...]) -> Registered:
-        """Return where the cameras of views, accepted in this order, stand (cached)."""
+        """Return the registered cameras of views that were accepted in this order (cached)."""
         if not views:
             return begin_registration(self._views.axis, self._views.held_point_m)
 
@@ -80,7 +86,7 @@ class JointShapes:
         return self._registrations.get(views, make)
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
-        """Return ``held_from_camera`` of each view: as known, unless the views say that this is not so."""
+        """Return ``held_from_camera`` of each view: as recorded unless the views show otherwise."""
         registered = self.registered(views)
         return registered.held_from_camera if registered.is_loose else registered.known
 
@@ -96,7 +102,7 @@ class JointShapes:
         return begin_joint(flattening.surface, self.poses((start,))[0], uv, self._config.flattening)
 
     def associated(self, document: Document, view_index: int) -> tuple[JointShape, Rigid3, Association]:
-        """Return the shape, a view's pose, and the nodes that the view shows, its camera's place known."""
+        """Return the shape, a view's registered pose, and the nodes that the view shows."""
         return self._associated(prefix(document), self.shape(document), view_index)
 
     def _associated(
@@ -117,11 +123,12 @@ class JointShapes:
         return extend_joint(shape, surface, held, self._config.flattening, associated)
 
     def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
-        """Keep the nodes whose place on the plane fits the accepted placement, component by component.
+        """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
-        Layers that lie on each other are at one place in space. A component whose nodes do not fit a
-        rigid motion on the plane is not joined yet. If the operator placed a component where few
-        associated nodes lie, the nodes under it on the plane are taken instead.
+        Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
+        shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
+        remaining nodes may fit another motion. If the operator placed a component where few associated
+        nodes lie, the nodes under it on the plane are used instead.
         """
         component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -134,11 +141,15 @@ class JointShapes:
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
         kept[at] = off <= _GATE_M
         by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
-        for number in np.setdiff1d(component, [added.component]):
+        for number in np.unique(component):
             at = np.flatnonzero(known & (component == number))
+            if number == added.component:
+                at = at[~kept[at]]
             for piece in np.unique(shape.piece[associated.node[at]]):
                 there = at[shape.piece[associated.node[at]] == piece]
-                kept[there] = _consistent(own[there], target[there], _GATE_M)
+                for least in (_LEAST_FURTHER if number == added.component else _LEAST_FITTED, _LEAST_FURTHER):
+                    kept[there] = _consistent(own[there], target[there], _GATE_M, least)
+                    there = there[~kept[there]]
         if not by_hand:
             return _chosen(associated, kept)
         under = self._nodes_under(shape, added)
@@ -151,7 +162,7 @@ class JointShapes:
         )
 
     def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
-        """Return the nodes that lie on the plane where the operator put the component."""
+        """Return the nodes on the plane under the component that the operator placed."""
         view = self._views.flattening(added.view_index).components[added.component].view
         surface = self._views.flattening(added.view_index).surface
         placed = np.flatnonzero(shape.has_place).astype(np.int32)
@@ -186,7 +197,7 @@ class JointShapes:
         )
 
     def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
-        """Return for each view the motion that comes nearest to what the joint shape did to its component."""
+        """Return for each view the rigid motion closest to the joint shape's effect on its component."""
         motions = {}
         for observation in shape.observations:
             view = observation.view_index
@@ -200,7 +211,7 @@ class JointShapes:
         return motions
 
     def component_of_pixel(self, view_index: int) -> Int32:
-        """Return the component of the flattened view of each pixel (H, W), -1 none."""
+        """Return the component of each pixel (H, W) of a view, -1 for none."""
 
         def make() -> Int32:
             flattening = self._views.flattening(view_index)
@@ -214,7 +225,7 @@ class JointShapes:
 
 
 def prefix(document: Document) -> Hashable:
-    """Return what a document's shape depends on."""
+    """Return the part of a document that its shape depends on."""
     return (document.start_view, *document.accepted)
 
 
@@ -224,10 +235,10 @@ def _chosen(associated: Association, at: Bool) -> Association:
     )
 
 
-def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
-    """Return which points fit one motion to their target; none if fewer than half do."""
+def _consistent(points: Float64, target: Float64, gate_m: float, least: int) -> Bool:
+    """Return which points fit a common motion to their targets; none if fewer than half or ``least`` do."""
     none = np.zeros(len(points), dtype=np.bool_)
-    if len(points) < 4:
+    if len(points) < least:
         return none
     kept = np.ones(len(points), dtype=np.bool_)
     for _ in range(6):
@@ -238,4 +249,4 @@ def _consistent(points: Float64, target: Float64, gate_m: float) -> Bool:
         kept = closest
     off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
     fits: Bool = off <= gate_m
-    return fits if fits.mean() >= 0.5 and fits.sum() >= 4 else none
+    return fits if fits.mean() >= 0.5 and fits.sum() >= least else none

@@ -1,8 +1,8 @@
-"""The uncertainty of each node's place on the plane, from strain and noise.
+"""Placement uncertainty: the standard deviation of each node's position, from strain and noise.
 
-Cloth stretches by a percent or so, alike over some centimetres, and differently from what the
-flattening can know; each pair carries noise besides. Both are drawn at random, and the linearised
-minimisation tells how the nodes would move: far where much hangs on a narrow neck of seen cloth.
+Cloth stretches by about a percent, uniformly over some centimetres, in a way that the flattening cannot
+know; each pair has noise in addition. Both are drawn at random, and the linearised minimisation gives the
+displacements of the nodes: large where much cloth is connected by a narrow neck.
 """
 
 from __future__ import annotations
@@ -30,47 +30,47 @@ from flatcloth.methods.robust.joint import JointShape
 _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know."""
 _EXTENT_M = 0.04
-"""Over this extent strain is alike."""
+"""Correlation length of the strain."""
 _GATHERED_EXTENT_M = 0.28
-"""So far from the held point strain counts double, and towards it more by the cube: ..."""
+"""At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
-"""... up to this distance, within which all cloth is gathered in folds."""
+"""... down to this distance, within which all cloth is gathered in folds."""
 _NOISE_SHARE = 0.85
 """Independent error of each pair, in its standard deviations."""
 _STRIP_NOISE_M = 0.0017
-"""Strips are folded and seen aslant: each of their pairs is off by this besides."""
+"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles."""
 LEAST_STD_M = 0.002
-"""No place is surer than this: the part that the others are told against is strained itself."""
+"""Smallest standard deviation of a node: the reference piece itself is strained."""
 _DRAWS = 48
-"""Random strain fields from which the standard deviations are taken."""
+"""Number of random strain fields for the standard deviations."""
 _WAVES = 32
-"""Waves of which the random strain fields are made."""
+"""Number of waves in each random strain field."""
 _BESIDE_STD_M = 0.012
-"""A rim pixel of a noisy view is so unsure where another layer lies beside it: ..."""
+"""Standard deviation of an outline pixel of a noisy view beside another layer: ..."""
 _BESIDE_RIM_PX = 3.5
-"""... at most so far from the rim, ..."""
+"""... at most this far from the outline, ..."""
 _BESIDE_RADIUS_PX = 5
-"""... within so many pixels of a layer ..."""
+"""... within this many pixels of a layer ..."""
 _BESIDE_STEP_M = 0.012
-"""... that is so much farther or nearer."""
+"""... that is nearer or farther by at least this."""
 MOST_STD_M = 0.034
-"""A part of which half is less sure than this floats: nothing determines its place."""
+"""A rigid part floats if half of it has a larger standard deviation: its place is undetermined."""
 
 
 def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
-    """Return the standard deviation (N,) of each node's place, relative to the start view's main piece.
+    """Return the standard deviation (N,) of each node's position relative to the start view's main piece.
 
     Parameters
     ----------
     shape : JointShape
         The shape.
     held_point_m : (3,) float64
-        Where the item is held, held frame: cloth is gathered in folds there, and its lengths are worst.
+        Held point, object frame: cloth is gathered in folds there, and its lengths are least accurate.
 
     Returns
     -------
     (N,) float64
-        Root mean square of the displacement on the plane, m; NaN for nodes without a place.
+        Root mean square of the displacement on the plane, m; NaN for nodes without a position.
     """
     links = shape.links
     placed = np.flatnonzero(shape.placed)
@@ -113,10 +113,10 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
 
 
 def undetermined(shape: JointShape, std_m: Float64) -> Bool:
-    """Return which nodes (N,) of the main piece have an undetermined place.
+    """Return which nodes (N,) of the main piece have an undetermined position.
 
-    Each rigid part is judged as a whole: half of its nodes have a standard deviation
-    ``std_m`` (N,) of more than the limit.
+    Each rigid part is judged as a whole: it is undetermined if half of its nodes have a standard
+    deviation ``std_m`` (N,) above the limit.
     """
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
@@ -137,10 +137,10 @@ def with_placement_std(
     std_m: Float64,
     surfaces: Mapping[int, Surface],
 ) -> FlattenedView:
-    """Return a view of a joint shape with the standard deviation of each pixel's place.
+    """Return a view of a joint shape with the standard deviation of each pixel's position.
 
-    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. Where the view
-    that it is taken from is noisy and shows another layer beside it, its depth may be that one's.
+    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. It is larger
+    where the pixel's view is noisy and shows another layer beside it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
     rows, cols = view.shape
@@ -149,7 +149,7 @@ def with_placement_std(
     _, nearest = cKDTree(shape.all_uv_m[nodes]).query(view.uv_from_rc(coarse))
     values = std_m[nodes][nearest].astype(np.float32)
     smooth = cv2.resize(values, None, fx=_BLOCK_PX, fy=_BLOCK_PX, interpolation=cv2.INTER_LINEAR)
-    # cv2 aligns the corners of the pixels: the value of a coarse pixel lies in the middle of its block.
+    # cv2 aligns the corners of pixels: the value of a coarse pixel is at the centre of its block.
     shift = _BLOCK_PX // 2
     std = smooth[shift : shift + rows, shift : shift + cols]
     std = np.hypot(std, np.float32(_BESIDE_STD_M) * _beside_a_layer(view, surfaces))
@@ -157,7 +157,7 @@ def with_placement_std(
 
 
 def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Bool:
-    """Tell which pixels (R, C) a noisy view shows at the rim of its surface beside another layer."""
+    """Return the pixels (R, C) that a noisy view shows at an outline of its surface beside another layer."""
     result = np.zeros(view.shape, dtype=np.bool_)
     for number, surface in surfaces.items():
         own = view.valid & (view.view_index == number)
@@ -188,7 +188,7 @@ _BLOCK_PX = 3
 
 
 def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
-    """Draw relative changes of length (M, draws): smooth random strain fields, seen along each pair."""
+    """Draw relative changes of length (M, draws) of each pair from smooth random strain fields."""
     share = (np.square(unit[:, 0]), math.sqrt(2.0) * unit[:, 0] * unit[:, 1], np.square(unit[:, 1]))
     change = np.zeros((len(edges), _DRAWS))
     for own, field in zip(share, _smooth(at, 3, random), strict=True):
@@ -197,7 +197,7 @@ def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Genera
 
 
 def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float64]:
-    """Draw ``count`` smooth random fields of unit variance at places (M, 2) of the plane: (M, draws) each."""
+    """Draw ``count`` smooth random fields of unit variance at plane positions (M, 2): (M, draws) each."""
     phase = at @ (random.standard_normal((_WAVES, 2)) / _EXTENT_M).T
     features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     scale = 1.0 / math.sqrt(_WAVES)
@@ -206,9 +206,9 @@ def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float6
 
 @dataclass(frozen=True)
 class _Sheet:
-    """Pairs ``edges`` (M, 2) between n nodes, ``along`` (M, 2) the plane, with a ``weight`` (M,).
+    """Pairs ``edges`` (M, 2) between n nodes, their directions ``along`` (M, 2), and ``weight`` (M,).
 
-    The directions in which ``stars`` (n,) see their neighbours count too, ``direction_weight`` as much.
+    The directions in which nodes ``stars`` (n,) observe their neighbours have ``direction_weight``.
     """
 
     n: int
@@ -220,10 +220,10 @@ class _Sheet:
 
 
 def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Float64:
-    """Solve for the displacements (n, 2, draws) that changes of length (M, draws) bring about.
+    """Solve for the displacements (n, 2, draws) caused by changes of length (M, draws).
 
-    Where lengths leave a sheet flexible (a strip, a neck), every node observes its neighbours in
-    directions relative to each other that are off too: by ``off_m`` (M, 1) at the other end.
+    Where lengths leave a sheet flexible (a strip, a neck), every node observes the directions of its
+    neighbours with an error as well: ``off_m`` (M, 1) at the other end.
     """
     n, (i, j) = sheet.n, sheet.edges.T
     unit = sheet.along / np.maximum(np.linalg.norm(sheet.along, axis=1), 1e-9)[:, None]
@@ -231,7 +231,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     turn_at = np.full(n, -1, dtype=np.int64)
     turn_at[sheet.stars] = 2 * n + np.arange(int(sheet.stars.sum()))
     size = 2 * n + int(sheet.stars.sum())
-    # Rows: how much longer each pair becomes, then, for both ends, how it leaves the direction seen.
+    # Rows: the change of each pair's length, then for both ends the deviation from the seen direction.
     pair = np.arange(len(i))
     rows, columns, values = [], [], []
     for p in range(2):
@@ -269,7 +269,7 @@ _HELD = 1e-9
 
 
 def _without_rigid(moved: Float64, uv: Float64, anchor: Int32) -> Float64:
-    """Take off (N, 2) the small rigid motion that leaves the anchors where they are, on average."""
+    """Remove from displacements (N, 2) the small rigid motion that moves the anchors on average."""
     center = uv[anchor].mean(axis=0)
     offset = uv - center
     shift = moved[anchor].mean(axis=0)

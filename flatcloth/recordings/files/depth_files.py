@@ -18,6 +18,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Float32
 from flatcloth.recordings.files import pcd
+from flatcloth.recordings.files.exr import read_exr_header, read_exr_pixels
 from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
 
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
@@ -45,7 +46,7 @@ def read_depth_header(path: Path) -> ImageHeader:
             elif start.startswith(_NPY):
                 header = _npy_header(file)
             elif start.startswith(_EXR):
-                header = _exr_header(path)
+                header = read_exr_header(path)
             elif start.startswith(pcd.START):
                 header = _pcd_header(file)
             else:
@@ -97,7 +98,7 @@ def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
         data = read_bytes(path)
         return np.frombuffer(data[header.data_start :], header.dtype).reshape(header.height, header.width)
     if header.kind == "exr":
-        return _exr_pixels(path)
+        return read_exr_pixels(path)
     if header.kind == "pcd":
         return pcd.read_pcd(path).depth_m
     return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
@@ -158,51 +159,3 @@ def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:
         kind="tiff", width=tags.get(256, (0,))[0], height=tags.get(257, (0,))[0], channels=channels,
         bits=bits, dtype=f"{form}{bits // 8}",
     )  # fmt: skip
-
-
-def _exr(path: Path, *, header_only: bool) -> Any:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise RecordingError(
-            f"{path}: the library that reads OpenEXR files is missing ({error}). Run: pip install OpenEXR"
-        ) from error
-    try:
-        return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
-    except (RuntimeError, ValueError, TypeError) as error:
-        raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
-
-
-def _exr_header(path: Path) -> ImageHeader:
-    with _exr(path, header_only=True) as file:
-        header = file.header()
-        if "dataWindow" not in header:  # the library printed an error and continued
-            raise ValueError("it has no pixels")
-        (left, top), (right, bottom) = (np.asarray(corner).tolist() for corner in header["dataWindow"])
-        names = [channel.name for channel in header["channels"]]
-    channels = 1 if _exr_channel(names) is not None else len(names)
-    return ImageHeader(
-        kind="exr", width=right - left + 1, height=bottom - top + 1, channels=channels, bits=32
-    )  # fmt: skip
-
-
-def _exr_pixels(path: Path) -> NDArray[Any]:
-    with _exr(path, header_only=False) as file:
-        try:
-            channels = file.channels()
-        except ValueError as error:  # the library printed an error and continued
-            raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
-        name = _exr_channel(list(channels))
-        assert name is not None  # the header was checked
-        return np.array(channels[name].pixels)
-
-
-def _exr_channel(names: list[str]) -> str | None:
-    """Return the channel that holds depth: the only one, one called Z or depth, or gray stored as color."""
-    if len(names) == 1:
-        return names[0]
-    for wanted in ("z", "depth", "y", "r"):
-        for name in names:
-            if name.lower().rsplit(".", 1)[-1] == wanted:
-                return name
-    return None

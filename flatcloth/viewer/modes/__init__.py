@@ -1,4 +1,4 @@
-"""What the page does in each mode: a session, live play, capture, teaching.
+"""The modes of the page: a session, live play, capture, teaching.
 
-In: messages of the page, on one queue. Out: states for the tabs and objects for the scene.
+Input: messages of the page, in one queue. Output: states for the tabs and objects for the scene.
 """

@@ -1,8 +1,8 @@
-"""The page with a camera: its live cloud and flattened view, and the guided capture.
+"""The page of a camera: its live cloud and flattened view, and the guided capture.
 
-Three threads meet here. The camera's thread sees every frame; what costs more than a frame's time
-is left to a thread beside it. The page's thread and the web server's give commands. The capture
-itself is changed under one lock.
+Three threads are involved. The camera's thread processes every frame; work that takes longer than a frame
+runs on a second thread. The page's thread and the web server's give commands. One lock protects the state of
+the capture.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from flatcloth.cameras.checks import look_at
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.engine.live_camera import CameraPlayer, cloud_of
+from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import apply_table, height_table
 from flatcloth.viewer.modes.controller import ClientSink, SceneView
@@ -48,10 +48,10 @@ _log = logging.getLogger(__name__)
 STATUS_INTERVAL_S = 0.1
 LOOK_INTERVAL_S = 0.5
 REFRAME_M = 0.15
-"""An item that hangs this far from where the 3D view was framed is framed anew."""
+"""If the item moves this far from the centre of the 3D view, the view is framed again."""
 
-_NO_FRAMES = "This is a camera: there are no frames to go to."
-_NO_RECORDING = "A camera shows one moment; open what was captured with view."
+_NO_FRAMES = "A camera has no frames to go to."
+_NO_RECORDING = "A camera shows one frame only; open the captured recording with view."
 _NOT_WITH_A_CAMERA = {
     "live_back": _NO_FRAMES,
     "live_forward": _NO_FRAMES,
@@ -61,14 +61,14 @@ _NOT_WITH_A_CAMERA = {
     "source_image": _NO_RECORDING,
     "source_mask": _NO_RECORDING,
 }
-"""Why the actions that need a whole recording are not allowed here."""
+"""Why actions that need a whole recording are not allowed here."""
 
-_NOT_BEGUN = "No capture has begun; begin one first."
+_NOT_BEGUN = "No capture is running; start one first."
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureSettings:
-    """Where and how views are captured; ``resume`` goes on with a recording that is in the folder."""
+    """Where and how views are captured; with ``resume`` an existing recording is continued."""
 
     folder: Path
     step_deg: float = 10.0
@@ -82,11 +82,11 @@ class CaptureApplication(LiveApplication):
     Parameters
     ----------
     integration, folder, scene_view, sink
-        The integration is that of a :class:`flatcloth.engine.live_camera.CameraRecording`.
+        The integration is that of a :class:`flatcloth.engine.playing.camera.CameraRecording`.
     feed : CameraFeed
-        The camera; started and stopped with the page.
+        The camera; it is started and stopped with the page.
     settings : CaptureSettings
-        What is captured.
+        The settings of the capture.
     """
 
     def __init__(
@@ -117,12 +117,12 @@ class CaptureApplication(LiveApplication):
         feed.on_frame, feed.on_end = self._on_frame, self._on_end
 
     def start(self) -> None:
-        """Begin to look through the camera."""
+        """Start the camera."""
         self._feed.start()
         super().start()
 
     def stop(self) -> None:
-        """Stop the camera and all threads; what was kept is on disk."""
+        """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
         super().stop()
         self._beside.stop(timeout_s=2.0)
@@ -161,7 +161,7 @@ class CaptureApplication(LiveApplication):
     # --- beside it -----------------------------------------------------------------------------
 
     def _look(self, frame: CameraFrame, now_s: float) -> None:
-        """Draw the cloud, and now and then see what is wrong."""
+        """Draw the cloud, and check the view from time to time."""
         try:
             view = frame.rgbd(self._feed.camera)
             points, colors = cloud_of(view)
@@ -175,16 +175,16 @@ class CaptureApplication(LiveApplication):
                     anew = bool(gone and self._page_settings.now.follow)
                     self._framed_at = center if anew or self._framed_at is None else self._framed_at
             self._scene_view.see(points, colors, anew=anew)
-        except Exception:  # noqa: BLE001 - the next frame may do; the thread must live on
+        except Exception:  # noqa: BLE001 - the next frame may work; the thread must continue
             _log.exception("the cloud of a camera's frame could not be shown")
         finally:
             self._busy.clear()
 
     def _put_on_stage(self, shown: Shown) -> None:
-        pass  # the cloud goes there at the camera's rate, not at that of the flattening
+        pass  # the cloud is shown at the camera's rate, not at that of the flattening
 
     def _prepare(self, frame: int) -> object:
-        return None  # nobody can read a camera's next frame ahead
+        return None  # a camera's next frame cannot be read ahead
 
     # --- commands ------------------------------------------------------------------------------
 
@@ -199,7 +199,7 @@ class CaptureApplication(LiveApplication):
                 super()._take(client, message)
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
-        """Do what the operator or a program says; may be called from any thread.
+        """Execute an action of the operator or of a program; may be called from any thread.
 
         Parameters
         ----------
@@ -208,12 +208,12 @@ class CaptureApplication(LiveApplication):
         angle_deg : float, optional
             For ``aim`` and ``announce``.
         keeps_itself : bool
-            For ``announce``: the view needs no operator.
+            For ``announce``: keep the view without the operator.
 
         Raises
         ------
         FlatclothError
-            If it is not allowed now, or cannot be done; the message says why.
+            If it is not allowed now, or fails; the message gives the reason.
         """
         angle = math.nan if angle_deg is None else angle_deg
         commands: dict[str, capture.Command] = {
@@ -244,7 +244,7 @@ class CaptureApplication(LiveApplication):
     def _begin_capture(self) -> None:
         guided, chosen, camera = self._guided, self._settings, self._feed.camera
         if guided is not None and guided.state.phase is not Phase.DONE:
-            raise IllegalDecisionError("A capture is going on; finish it first.")
+            raise IllegalDecisionError("A capture is running; finish it first.")
         folder = chosen.folder
         self._guided = GuidedCapture(
             camera,
@@ -252,10 +252,10 @@ class CaptureApplication(LiveApplication):
             chosen.step_deg,
             chosen.frames,
         )
-        self._resume = True  # beginning again after an end goes on with the same recording
+        self._resume = True  # a new start after an end continues the same recording
 
     def _note_view(self) -> bool:
-        """Give a view that was taken its number and its picture; say whether there is another one."""
+        """Give a new view its number and its picture; return whether there is a new one."""
         taken = None if self._guided is None else self._guided.taken
         if taken is None or taken is self._last_taken:
             return False
@@ -269,7 +269,7 @@ class CaptureApplication(LiveApplication):
     # --- what is told --------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return how the capture stands, as JSON values."""
+        """Return the status of the capture as JSON values."""
         with self._lock:
             return self._status()
 
@@ -323,16 +323,16 @@ class CaptureApplication(LiveApplication):
         return {**super()._about(shown, layer), "view_index": -1}
 
     def routes(self) -> list[BaseRoute]:
-        """Return the addresses for turntables and robots, and the picture of the view that waits."""
+        """Return the routes for turntables and robots, and for the picture of the view under review."""
         return [*super().routes(), *capture_routes(self)]
 
     @property
     def view_png(self) -> bytes:
-        """The picture of the view that was taken last: color beside depth; empty if there is none."""
+        """The picture of the last view: color beside depth; empty if there is none."""
         return self._view_png
 
     def announce(self) -> None:
-        """Tell every tab how things stand, after a program has changed them."""
+        """Send the state to every tab after a program has changed it."""
         self._put(None, self._publish)
 
 
@@ -356,11 +356,11 @@ def _place(state: Capture) -> tuple[Phase, int, float]:
 
 
 _ALLOWED = {
-    "capture_turned": ("turn", "No turn is waited for now."),
+    "capture_turned": ("turn", "No turn is expected now."),
     "capture_keep": ("review", "There is no view to keep yet."),
     "capture_repeat": ("review", "There is no view to repeat yet."),
 }
-"""Of the actions of the page's table: the phase they belong to, and why not in another one."""
+"""For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
 
 
 def _why_not(action: str, phase: str) -> str | None:
@@ -369,7 +369,7 @@ def _why_not(action: str, phase: str) -> str | None:
 
 
 def _picture(view: TakenView) -> bytes:
-    """Return color beside depth as PNG: what was not measured is grey in the depth."""
+    """Return color beside depth as PNG; pixels without depth are grey."""
     depth = view.depth_m
     measured = depth > 0
     low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)
@@ -383,5 +383,5 @@ def _picture(view: TakenView) -> bytes:
 def capture_controller(
     integration: Integration, folder: SessionFolder, feed: CameraFeed, settings: CaptureSettings
 ) -> Callable[[SceneView, ClientSink], CaptureApplication]:
-    """Return what makes the page of a camera, for :func:`flatcloth.viewer.server.app.serve`."""
+    """Return the factory of a camera's page, for :func:`flatcloth.viewer.server.app.serve`."""
     return lambda scene_view, sink: CaptureApplication(integration, folder, scene_view, sink, feed, settings)

@@ -1,7 +1,7 @@
-"""What every mode of the page has: one thread that owns its state, the picks, and what tabs are told.
+"""The common part of all modes: one thread that owns the state, the picks, and the messages to the tabs.
 
-Sockets, viser's callbacks and workers only put jobs on the thread's queue; the picks and the
-messages are changed nowhere else. What is read from other threads (the picture) is immutable.
+Sockets, viser's callbacks and workers only put jobs into the thread's queue; picks and messages are changed
+nowhere else. Data read by other threads (the picture) are immutable.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,9 +19,10 @@ from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.picks import PickStore, PlaceStore
+from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import Note, PageStatus
@@ -41,7 +42,7 @@ MESSAGES_KEPT = 100
 
 
 class ClientSink(Protocol):
-    """Who is told: the open tabs. All methods may be called from any thread and return at once."""
+    """The open tabs. All methods may be called from any thread and return immediately."""
 
     def show(self, state: dict[str, Any]) -> None:
         """Send the whole state to every tab."""
@@ -50,23 +51,23 @@ class ClientSink(Protocol):
         """Send one message to one tab, or to all of them."""
 
     def send_frame(self, client: int, data: bytes) -> None:
-        """Send a frame to one tab; it replaces one that was not sent yet."""
+        """Send a frame to one tab; it replaces a frame that has not been sent yet."""
 
 
 class SceneView(Protocol):
     """The 3D side of the page."""
 
     def show(self, picture: Picture | None) -> None:
-        """Show what a document looks like, or an empty scene."""
+        """Show a document, or an empty scene."""
 
     def play(self, picture: Picture | None) -> None:
-        """Show a frame of a recording that is played, or an empty scene."""
+        """Show a frame of a recording in live mode, or an empty scene."""
 
     def set_axis(self, axis: RotationAxis) -> None:
-        """Take the turning axis that is in force from now on."""
+        """Set the turning axis."""
 
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
-        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+        """Show the cloud of a camera in its own frame; ``anew`` frames the view again."""
 
     def show_pick(
         self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None
@@ -74,13 +75,16 @@ class SceneView(Protocol):
         """Show the ball, the arrow and the gripper (S, 2, 3) of the current pick, or hide them."""
 
     def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
-        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+        """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
 
     def visible_points(self) -> Floats:
-        """Return the points (N, 3) that a ray of the eye can hit."""
+        """Return the points (N, 3) that a click can hit."""
 
     def follow(self, on: bool) -> None:
         """Let the cameras follow the view, or not."""
+
+    def look_from(self, angle_deg: float) -> None:
+        """Let all cameras look from where the real camera stood at an angle."""
 
 
 class PageController(ABC):
@@ -89,11 +93,11 @@ class PageController(ABC):
     Parameters
     ----------
     integration : Integration
-        What is shown.
+        Data source of the page.
     folder : SessionFolder
-        Keeps the picks.
+        Stores the picks.
     scene_view, sink
-        Where things are shown.
+        The 3D side and the tabs.
     """
 
     def __init__(
@@ -114,46 +118,46 @@ class PageController(ABC):
         self._note_ids = itertools.count(1)
         self._revision = 0
         self._snapshot: dict[str, Any] = {}
-        self._front = Worker("flatcloth-session")
+        self._front = Worker("flatcloth-session", self._recover)
 
     # --- from any thread ---------------------------------------------------------------------
 
     @property
     def picture(self) -> Picture | None:
-        """What is shown at present; immutable."""
+        """The picture that is shown at present; immutable."""
         return self._picture
 
     @property
     def last_snapshot(self) -> dict[str, Any]:
-        """The state that was sent last; not to be changed."""
+        """The state that was sent last; must not be changed."""
         return self._snapshot
 
     @property
     def picks(self) -> tuple[Pick, ...]:
-        """The picks that are kept."""
+        """The list of picks."""
         return self._picks.picks
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves for this mode."""
+        """Return the routes of this mode."""
         return [numbers_route(self._integration.config)]
 
     @abstractmethod
     def start(self) -> None:
-        """Begin to show."""
+        """Start showing."""
 
     @abstractmethod
     def stop(self) -> None:
         """Stop all threads."""
 
     def leave(self, client: int) -> None:  # noqa: B027 - not every mode minds
-        """Hear that a tab has closed."""
+        """Handle the closing of a tab."""
 
     def receive(self, client: int, text: str) -> None:
-        """Take a message of a tab; errors come back as notifications."""
+        """Process a message of a tab; errors are returned as notifications."""
         self._put(client, lambda: self._receive(client, text))
 
     def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Take a click in the 3D scene."""
+        """Process a click in the 3D scene."""
         self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
 
     def set_follow(self, follow: bool) -> None:
@@ -161,7 +165,7 @@ class PageController(ABC):
         self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
     def describe(self, hover: messages.Hover) -> dict[str, Any]:
-        """Answer a hover read-out; cheap, reads only the present picture."""
+        """Answer a hover read-out; fast, it only reads the present picture."""
         picture, axis = self._picture, self._integration.axis
         shape = proposal = None
         if picture is not None:
@@ -170,6 +174,21 @@ class PageController(ABC):
             proposal = None if picture.overlay is None else attributes_at(picture.overlay.view, *at)
         source = None if hover.view is None else place_under(self._integration, hover.view, proposal, shape)
         return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal, "source": source}
+
+    def describe_ray(self, hover: messages.HoverRay) -> dict[str, Any]:
+        """Answer what a ray of the 3D scene hits, and where that lies on the plane; reads only."""
+        place = hit_by(self._picture, self._scene_view.visible_points(), hover.origin_m, hover.direction)
+        return {"type": "hover_ray", "id": hover.id, **place}
+
+    @property
+    def kept_picks(self) -> tuple[Pick, ...]:
+        """The picks that the operator keeps."""
+        return self._picks.picks
+
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """How the picks are to be gripped, where the operator chose."""
+        return self._picks.grips
 
     def grasps(self) -> dict[str, Any]:
         """Return the list of picks as it is exported.
@@ -183,7 +202,7 @@ class PageController(ABC):
 
         picture = self._picture
         if picture is None:
-            raise FlatclothError("Nothing is flattened yet; there are no grasp points to export.")
+            raise FlatclothError("Nothing is flattened yet, so there are no grasp points to export.")
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
@@ -202,15 +221,28 @@ class PageController(ABC):
         except FlatclothError as error:
             _log.warning("%s", error)
             self._tell(client, "error", str(error))
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a command failed")
-            self._tell(client, "error", f"Unexpected error: {error!r}. See the terminal.")
+            self._tell(client, "error", f"Unexpected error: {error!r:.300}. See the terminal.")
+        take_notices = getattr(self._folder, "take_notices", tuple)
+        for text in take_notices():
+            self._tell(None, "warning", text)
+
+    def _recover(self, error: BaseException) -> None:
+        """Say that the session's thread failed, and begin again with the session as the journal has it."""
+        note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
+        self._sink.tell(None, {"type": "note", **note.plain()})
+        self._restart()
+
+    def _restart(self) -> None:  # noqa: B027 - what is shown without decisions is shown again by itself
+        """Show the session anew."""
 
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)
         match message:
             case messages.ShowPick(id=pick_id):
                 self._picks.show(pick_id, self._picture)
+                self._turn_to_pick()
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
                 self._picks.rename(pick_id, name.strip(), self._picture)
@@ -223,6 +255,8 @@ class PageController(ABC):
                 self._publish()
             case messages.Set():
                 self._set(message)
+            case messages.TurnTo(view_index=view):
+                self._turn_to(view)
             case messages.Hover():
                 self._sink.tell(client, self.describe(message))
             case messages.Measure():
@@ -230,9 +264,23 @@ class PageController(ABC):
             case _:
                 self._take(client, message)
 
+    def _turn_to(self, view_index: int) -> None:
+        angles_deg = self._integration.recording.angles_deg
+        if not 0 <= view_index < len(angles_deg):
+            raise FlatclothError(f"The recording has no view {view_index}.")
+        self._scene_view.look_from(angles_deg[view_index])
+
+    def _turn_to_pick(self) -> None:
+        """Look at the current pick from where it was seen, if it faces away from the present camera."""
+        current, picture = self._picks.current, self._picture
+        if current is None or picture is None or not self._page_settings.now.turn_to_pick:
+            return
+        if faces_away(current.pick, self._integration.axis, picture.angle_deg):
+            self._turn_to(current.pick.view_index)
+
     def _measured(self, asked: messages.Measure) -> dict[str, Any]:
         if self._picture is None:
-            raise FlatclothError("Nothing is flattened yet; there is nothing to measure.")
+            raise FlatclothError("Nothing is flattened yet, so nothing can be measured.")
         ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
         found = measure(self._picture.view, ends[0], ends[1])
         return {
@@ -246,11 +294,11 @@ class PageController(ABC):
 
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:
-        """Take a message whose meaning depends on the mode."""
+        """Process a message that depends on the mode."""
 
     @abstractmethod
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        """Return what the tabs are told."""
+        """Return the state for the tabs."""
 
     def _publish(self) -> None:
         self._revision += 1
@@ -258,17 +306,26 @@ class PageController(ABC):
         self._sink.show(self._snapshot)
 
     def _tell(self, client: int | None, level: str, text: str) -> None:
-        note = Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
+        note = self._note(level, text)
         if client is None:
             self._page_status = replace(
                 self._page_status, log=(*self._page_status.log, note)[-MESSAGES_KEPT:]
             )
-            self._publish()
-        else:
-            self._sink.tell(client, {"type": "note", **note.plain()})
+            try:
+                self._publish()
+                return
+            except Exception:  # noqa: BLE001 - a state that cannot be published must not be published to say so
+                _log.exception("the state of the page cannot be published")
+        self._sink.tell(client, {"type": "note", **note.plain()})
+
+    def _note(self, level: str, text: str) -> Note:
+        return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        # A click on the background picks nothing and changes nothing.
+        if not (np.isfinite(origin_m).all() and np.isfinite(direction).all()):
+            raise FlatclothError("That click has no place in the scene; click again.")
+        # A click on the background changes nothing.
+        # Nor does the camera turn: who clicks in the scene sees what is clicked.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()
 

@@ -1,4 +1,4 @@
-"""Tells the page what placed a proposal; computed beside the session, when it is asked for."""
+"""Sends the diagnostics of a proposal to the page; they are computed on request, beside the session."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
-"""Colours of edges that the plane has longer, or shorter, than the cloth; apart also to colour-blind eyes."""
+"""Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
-_GONE = "This proposal is no longer shown; a newer state is on its way."
+_GONE = "This proposal is no longer shown; a newer state follows."
 
 
 class DiagnosticsService:
-    """Answers with curves, lines and strained edges; the last answer is kept.
+    """Answers with curves, lines and strained edges; the last answer is cached.
 
     Parameters
     ----------
     integration : Integration
-        The session's; only asked.
+        The session's; only read.
     picture : callable
         Returns the present picture; called from any thread.
     scene_view : SceneView
-        Draws strained edges in 3D, where they are wished.
+        Draws strained edges in 3D if they are switched on.
     later : callable
-        Takes a job for the worker.
+        Adds a job to the worker's queue.
     """
 
     def __init__(
@@ -63,14 +63,14 @@ class DiagnosticsService:
         self._drawing = False
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of this."""
+        """Return the routes of this service."""
         return [
             Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
             Route("/hypothesis/{revision:int}-{view:int}/{index:int}.png", self._thumbnail),
         ]
 
     def show_edges(self, on: bool) -> None:
-        """Draw the strained edges in 3D from now on, or no longer; to be told also of each new picture."""
+        """Switch the strained edges in 3D on or off; call it also after each new picture."""
         self._drawing = on
         picture = self._picture()
         if on and picture is not None and picture.overlay is not None:
@@ -79,7 +79,7 @@ class DiagnosticsService:
             self._scene_view.show_edges(None, None)
 
     def picture_changed(self) -> None:
-        """Draw the edges of the new picture, if they are wished."""
+        """Draw the edges of the new picture if they are switched on."""
         if self._drawing:
             self.show_edges(True)
 
@@ -108,7 +108,7 @@ class DiagnosticsService:
         picture = self._picture()
         key = request.path_params["revision"], request.path_params["overlay"]
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
         try:
             found = await run_in_threadpool(self._of, picture)
         except FlatclothError as error:
@@ -125,14 +125,15 @@ class DiagnosticsService:
         picture, asked = self._picture(), request.path_params
         overlay = None if picture is None else picture.overlay
         if picture is None or overlay is None or picture.revision != asked["revision"]:
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
         hypotheses = overlay.proposal.placement.hypotheses
         if overlay.proposal.view_index != asked["view"] or not 0 <= asked["index"] < len(hypotheses):
-            return PlainTextResponse(_GONE, status_code=404)
+            return PlainTextResponse(_GONE, status_code=410)
 
         def make() -> bytes:
             new = self._integration.part(asked["view"], overlay.proposal.component)
-            placements = [h.current_from_new for h in hypotheses]
+            own = np.array(overlay.own_center_uv_m)
+            placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
             return layers.png(thumbnail(picture.view, new, placements, asked["index"]))
 
         data = await run_in_threadpool(make)
@@ -146,7 +147,7 @@ def edge_colors(edges: StrainedEdges) -> Uint8:
 
 
 def plain(found: Reasons) -> dict[str, Any]:
-    """Return reasons as the page takes them: mm and degrees for reading, metres for places."""
+    """Return the diagnostics for the page: mm and degrees for reading, metres for positions."""
     return {
         "view_index": found.view_index,
         "side": found.side.value,

@@ -1,4 +1,4 @@
-"""The page in live mode: a recording is played, looked at and picked on; nothing is decided."""
+"""Live mode of the page: a recording is played, inspected and picked on, without decisions."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 DEFAULT_FPS = 30.0
 STATE_INTERVAL_S = 0.25
-"""Picks and their numbers follow the frames this often while playing; at once when paused."""
+"""Interval of updates of picks and numbers while playing; when paused they are immediate."""
 
 _LENGTH = struct.Struct("<I")
 
 
 class LiveApplication(PageController):
-    """Plays a recording; see :class:`flatcloth.viewer.modes.player.LiveLoop` for the thread that does.
+    """Plays a recording; :class:`flatcloth.viewer.modes.player.LiveLoop` is its thread.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class LiveApplication(PageController):
     player : Player
         Flattens the frames.
     fps : float
-        Frames a second to begin with.
+        Initial frames per second.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class LiveApplication(PageController):
         )
 
     def start(self) -> None:
-        """Begin to play."""
+        """Start playing."""
         self._put(None, self._begin)
         self._loop.start()
 
     def _prepare(self, frame: int) -> object:
-        """Read a frame ahead, on a thread beside."""
+        """Read a frame ahead, on a second thread."""
         return self._integration.cloud(frame)
 
     def stop(self) -> None:
@@ -83,7 +83,7 @@ class LiveApplication(PageController):
         self._front.stop(timeout_s=5.0)
 
     def leave(self, client: int) -> None:
-        """Hear that a tab has closed."""
+        """Handle the closing of a tab."""
         self._loop.leave(client)
 
     # --- the page's own thread ---------------------------------------------------------------
@@ -99,7 +99,7 @@ class LiveApplication(PageController):
             case messages.Play():
                 by_hand = message.frame is not None or message.step is not None
                 if self._loop.head.playing and self._shown and (by_hand or message.playing is False):
-                    # What was flattened ahead must not slip in after the pause.
+                    # A frame flattened ahead must not appear after the pause.
                     self._loop.hold(self._shown.sequence)
                 self._loop.change(lambda head: _changed(head, message))
                 self._publish()
@@ -122,7 +122,7 @@ class LiveApplication(PageController):
             sequence = self._shown.sequence
         shown = self._loop.hold(sequence)
         if shown is None or shown.picture is None:
-            raise FlatclothError("This frame shows no cloth to pick on; go to another one.")
+            raise FlatclothError("This frame shows no cloth to pick; go to another one.")
         self._shown, self._picture = shown, shown.picture
         return shown.picture
 
@@ -163,7 +163,7 @@ class LiveApplication(PageController):
         return packed(about, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
 
     def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
-        """Return what is told of every frame, also of one that could not be flattened."""
+        """Return the data sent with every frame, also with one that could not be flattened."""
         head = self._loop.head
         return {
             "type": "frame",
@@ -191,13 +191,13 @@ class LiveApplication(PageController):
 
 
 def packed(about: dict[str, Any], image: bytes) -> bytes:
-    """Return a frame as it is sent: the length of its JSON (4 bytes, little-endian), JSON, PNG."""
+    """Return a frame as sent: the length of its JSON (4 bytes, little-endian), JSON, PNG."""
     text = json.dumps(about, allow_nan=False).encode()
     return _LENGTH.pack(len(text)) + text + image
 
 
 def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """Return JSON and PNG of a frame; the page does the same."""
+    """Return JSON and PNG of a frame, as the page decodes it."""
     end = _LENGTH.size + _LENGTH.unpack_from(data)[0]
     return json.loads(data[_LENGTH.size : end]), data[end:]
 
@@ -208,7 +208,7 @@ def _changed(head: Playhead, wish: messages.Play) -> Playhead:
     if wish.forward is not None:
         head = head.turned(wish.forward)
     if wish.frame is not None or wish.step is not None:
-        # Whoever looks at frames by hand does not want them to run away.
+        # Stepping by hand pauses the player.
         frame = head.frame if wish.frame is None else wish.frame
         head = replace(head.at(frame + (wish.step or 0)), playing=False)
     if wish.playing is not None:

@@ -1,7 +1,7 @@
-"""The thread that plays a recording: the clock, the flattening, and who is shown which frame.
+"""The thread that plays a recording: the clock, the flattening, and the delivery to the tabs.
 
-A frame is flattened only if the one before has been taken by a tab, and a tab is sent a frame only
-when it has drawn its last one: whoever is slow misses frames, and nothing is ever queued.
+A frame is flattened only after a tab has taken the previous one, and a tab receives a frame only after it has
+drawn its last one: slow tabs miss frames, and nothing is queued.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
-    from flatcloth.engine.live import LiveFrame
+    from flatcloth.engine.playing.recording import LiveFrame
 
 _log = logging.getLogger(__name__)
 
 FRAMES_KEPT = 8
-"""A click may be meant for a frame that was replaced while the pointer came down."""
+"""A click may refer to a frame that was replaced shortly before."""
 
 
 class Player(Protocol):
-    """Flattens the frames; see :class:`flatcloth.engine.live.LivePlayer`. Used by the loop's thread only."""
+    """Flattens the frames; see :class:`~flatcloth.engine.playing.recording.LivePlayer`. Loop thread only."""
 
     def show(self, view_index: int) -> LiveFrame:
         """Flatten a view, starting from the last one."""
@@ -38,10 +38,10 @@ class Player(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """A frame as it is shown. ``picture`` is None where it could not be flattened; ``reason`` says why.
+    """A shown frame. ``picture`` is None if it could not be flattened; ``reason`` gives the cause.
 
-    ``sequence`` changes whenever something new is shown, also when an older frame is shown again.
-    ``fps`` is the rate at which frames have been flattened, over the last second.
+    ``sequence`` changes with every new display, also when an older frame is shown again. ``fps`` is
+    the number of frames flattened in the last second.
     """
 
     sequence: int
@@ -54,23 +54,23 @@ class Shown:
 
 
 class LiveLoop:
-    """Plays; all public methods may be called from any thread.
+    """Plays a recording; all public methods may be called from any thread.
 
     Parameters
     ----------
     player : Player
         Flattens a frame.
     angles_deg : tuple of float
-        Of all frames.
+        Angles of all frames.
     fps : float
-        Rate to begin with.
+        Initial rate.
     prepare : callable
-        Told which frame comes next, on a thread beside; reads it ahead.
+        Called with the next frame's number on a second thread, to read it ahead.
     deliver : callable
-        ``deliver(shown, tabs)`` puts a frame before the tabs (number to layer) that are ready for it;
-        called on another thread beside.
+        ``deliver(shown, tabs)`` sends a frame to the tabs (number to layer) that are ready for it;
+        called on another thread.
     report : callable
-        Told about what went wrong unexpectedly; the loop pauses then.
+        Called with the text of an unexpected error; the loop then pauses.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class LiveLoop:
 
     @property
     def head(self) -> Playhead:
-        """Where it stands; the frame shown may be one behind."""
+        """The present position; the shown frame may be one behind."""
         return self._head
 
     @property
@@ -116,7 +116,7 @@ class LiveLoop:
         self._thread.start()
 
     def stop(self, timeout_s: float) -> None:
-        """End after the frame that is being flattened."""
+        """Stop after the frame that is being flattened."""
         with self._changed:
             self._stopped = True
             self._changed.notify()
@@ -126,7 +126,7 @@ class LiveLoop:
         self._out.stop(timeout_s)
 
     def change(self, edit: Callable[[Playhead], Playhead]) -> None:
-        """Change where it stands, or how it goes on; another frame is shown at once."""
+        """Change the position or the playing; another frame is shown immediately."""
         with self._changed:
             before, self._head = self._head, edit(self._head)
             if self._head.frame != before.frame:
@@ -136,7 +136,7 @@ class LiveLoop:
             self._changed.notify()
 
     def hold(self, sequence: int | None) -> Shown | None:
-        """Pause at a frame that was shown a moment ago, or at the last one, and return it."""
+        """Pause at a recently shown frame, or at the last one, and return it."""
         with self._changed:
             kept = [s for s in self._kept if s.sequence == sequence] or list(self._kept)[-1:]
             if not kept:
@@ -153,13 +153,13 @@ class LiveLoop:
             return shown
 
     def ready(self, client: int, layer: str) -> None:
-        """Hear that a tab has drawn its last frame, and which layer it wants next."""
+        """Note that a tab has drawn its last frame, and the layer it wants next."""
         with self._changed:
             self._waiting[client] = layer
             self._changed.notify()
 
     def leave(self, client: int) -> None:
-        """Forget a tab."""
+        """Remove a tab."""
         with self._changed:
             self._waiting.pop(client, None)
             self._taken.pop(client, None)
@@ -182,20 +182,20 @@ class LiveLoop:
             try:
                 if frame is not None:
                     self._show(frame)
-            except Exception as error:  # noqa: BLE001 - told and logged
+            except Exception as error:  # noqa: BLE001 - reported and logged
                 self._fail(error)
             if shown is not None and receivers:
-                # Beside the next flattening; at most one per tab can wait, since tabs acknowledge.
+                # In parallel with the next flattening; at most one frame per tab waits for its tab.
                 self._out.put(partial(self._put_before, shown, receivers))
 
     def _put_before(self, shown: Shown, tabs: dict[int, str]) -> None:
         try:
             self._deliver(shown, tabs)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             self._fail(error)
 
     def _receivers(self) -> dict[int, str]:
-        """Return the tabs that are ready for something they do not have yet."""
+        """Return the tabs that are ready for a newer frame."""
         if self.shown is None:
             return {}
         sequence = self.shown.sequence
@@ -207,7 +207,7 @@ class LiveLoop:
         return self._wanted or (self._head.playing and time.monotonic() >= self._due_s)
 
     def _is_watched(self) -> bool:
-        # One frame is flattened while the tabs still draw the last one, but no more.
+        # At most one frame is flattened while the tabs draw the last one.
         if self.shown is None:
             return bool(self._waiting)
         return any(sequence == self.shown.sequence for sequence, _ in self._taken.values())
@@ -244,7 +244,7 @@ class LiveLoop:
                 revision=0, view=live.view, present_view=frame, angle_deg=angle_deg,
                 cloud=live.cloud, energies=(), legends={},
             )  # fmt: skip
-        if holds == self._holds:  # else an earlier frame was picked on meanwhile, and stays
+        if holds == self._holds:  # otherwise an earlier frame was picked meanwhile, and stays
             self._keep(frame, picture, reason, flatten_ms)
 
     def _keep(self, frame: int, picture: Picture | None, reason: str, flatten_ms: float | None) -> None:
@@ -275,5 +275,5 @@ class LiveLoop:
     def _read_ahead(self, frame: int) -> None:
         try:
             self._prepare(frame)
-        except Exception:  # noqa: BLE001 - the loop meets the same error, and tells it
+        except Exception:  # noqa: BLE001 - the loop gets the same error, and reports it
             _log.debug("frame %d could not be read ahead", frame, exc_info=True)

@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Rigid2, finite
+from flatcloth.core.types import Float64, Rigid2, finite
 from flatcloth.engine.repair import PairFit, Reach, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import nudge_about
 from flatcloth.viewer.protocol.picture import Overlay
 from flatcloth.viewer.worker import Worker
 
@@ -34,12 +33,12 @@ _STILL_DEG = 0.005
 
 
 class RepairService:
-    """Computes what repairs need; its methods may be called from any thread and return at once.
+    """Computes scores and refinements; its methods may be called from any thread and return immediately.
 
     Parameters
     ----------
     integration : Integration
-        Does the work.
+        Computes the results.
     tell : callable
         ``tell(client, message)`` sends a message to a tab.
     """
@@ -51,15 +50,12 @@ class RepairService:
         self._worker = Worker("flatcloth-repair")
 
     def stop(self, timeout_s: float) -> None:
-        """End after what is being computed."""
+        """Stop after the current computation."""
         self._worker.stop(timeout_s)
 
-    def preview(
-        self, client: int, asked: messages.Preview, document: Document, center: tuple[float, float]
-    ) -> None:
-        """Tell a tab how the proposal would fit if it were moved; replaces its last question."""
+    def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
+        """Send a tab the score of the proposal moved ``by``; replaces its previous request."""
         pending = meant(document, asked.view_index)
-        by = nudge_about(center, asked.theta_rad, asked.u_m, asked.v_m)
         moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
         with self._lock:
             waiting = client in self._wanted
@@ -70,14 +66,14 @@ class RepairService:
     def refine(
         self, document: Document, done: Callable[[Reach], None], failed: Callable[[str], None]
     ) -> None:
-        """Refine the proposal from where it lies, and hand the result on."""
+        """Refine the proposal from its present placement, and pass the result on."""
 
         def work() -> None:
             try:
                 found = self._integration.reach(document)
             except FlatclothError as error:
                 failed(str(error))
-            except Exception as error:  # noqa: BLE001 - told and logged
+            except Exception as error:  # noqa: BLE001 - reported and logged
                 _log.exception("a refinement failed")
                 failed(f"Unexpected error while refining: {error!r}. See the terminal.")
             else:
@@ -93,7 +89,7 @@ class RepairService:
             found = self._integration.reach(document)
         except FlatclothError as error:
             told = {"why": str(error)}
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a preview could not be computed")
             told = {"why": f"Unexpected error: {error!r}. See the terminal."}
         else:
@@ -102,7 +98,7 @@ class RepairService:
 
 
 def meant(document: Document, view_index: int) -> Pending:
-    """Return the proposal if it is the view that is meant.
+    """Return the proposal if it is the given view.
 
     Raises
     ------
@@ -116,12 +112,12 @@ def meant(document: Document, view_index: int) -> Pending:
 
 
 def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> Rigid2:
-    """Return where another part of the proposal is put first: where the method would, else where it is.
+    """Return the first placement of another component of the proposal: the method's, or the present one.
 
     Raises
     ------
     FlatclothError
-        If the view has no such part.
+        If the view has no such component.
     """
     parts = () if overlay is None else overlay.proposal.placement.parts
     part = next((p for p in parts if p.component == component), None)
@@ -131,7 +127,7 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
 
 
 def told_reach(found: Reach) -> dict[str, Any]:
-    """Return what a tab is told of a placement and of what refining it reaches."""
+    """Return the score of a placement and of its refinement for a tab."""
     return {
         "score": finite(found.score.total),
         "apart_mm": found.score.apart_mm,
@@ -140,23 +136,23 @@ def told_reach(found: Reach) -> dict[str, Any]:
     }
 
 
-def fit_of(pending: Pending, pairs: messages.Pairs) -> PairFit:
-    """Fit the pairs of a tab; their points of the proposal come in its own plane.
+def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
+    """Fit the pairs of a tab; their points of the proposal come in its own plane, which lies at a placement.
 
     Raises
     ------
     FlatclothError
-        If there are too few pairs, or they tell nothing.
+        If there are too few pairs, or they do not determine a motion.
     """
     if not len(pairs.new_uv_m) == len(pairs.shape_uv_m) == len(pairs.weights):
         raise FlatclothError("Pairs need a point of the proposal, one of the shape and a weight each.")
     own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
     there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
-    return fit_pairs(pending.current_from_new.apply(own), there, np.array(pairs.weights))
+    return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
 
 
 def told_fit(fit: PairFit) -> dict[str, Any]:
-    """Return what a tab is told of fitted pairs."""
+    """Return the result of fitted pairs for a tab."""
     return {
         "type": "pairs",
         "residual_mm": (1000 * fit.residual_m).tolist(),
@@ -165,10 +161,10 @@ def told_fit(fit: PairFit) -> dict[str, Any]:
     }
 
 
-def told_refined(pending: Pending, found: Reach, center: tuple[float, float]) -> tuple[Rigid2 | None, str]:
+def told_refined(pending: Pending, found: Reach, center: Float64) -> tuple[Rigid2 | None, str]:
     """Return the motion of a refinement, None if it is none, and what the operator is told."""
     by = found.refined @ pending.current_from_new.inverse()
-    moved = by.apply(np.array(center)) - np.array(center)
+    moved = by.apply(center) - center
     shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))
     if shift_mm < _STILL_MM and turn_deg < _STILL_DEG:
         return None, "Refining from here changes nothing."

@@ -1,4 +1,4 @@
-"""The page of a session: decisions, the work behind them, and Auto."""
+"""The page of a session: decisions, their computations, and Auto."""
 
 from __future__ import annotations
 
@@ -9,8 +9,13 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import RotationAxis, finite
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import place_of_piece
+from flatcloth.session.axis_file import check_axis
+from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -19,9 +24,11 @@ from flatcloth.session.machine import (
     Failed,
     Followed,
     Nudge,
+    Pending,
     Phase,
     Propose,
     Reject,
+    Reopen,
     Request,
     SessionState,
     Skip,
@@ -31,9 +38,11 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
+from flatcloth.viewer.modes.session_work import answered, drawn, turned_about
+from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
 
@@ -57,7 +66,7 @@ class Application(PageController):
     integration : Integration
         Does the heavy work; called from the worker thread, apart from its cheap attributes.
     folder : SessionFolder
-        Holds the state to start from, and keeps every decision and pick.
+        Contains the initial state, and stores every decision and pick.
     scene_view, sink
         Where things are shown.
     """
@@ -79,6 +88,8 @@ class Application(PageController):
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
 
+        self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
+
     @property
     def _state(self) -> SessionState:
         return self._folder.state
@@ -86,19 +97,24 @@ class Application(PageController):
     # --- from any thread ---------------------------------------------------------------------
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of a session."""
-        return [*super().routes(), *self._diagnostics.routes()]
+        """Return the routes of a session."""
+        return [
+            *super().routes(),
+            *self._diagnostics.routes(),
+            *self._sides.routes(lambda: self._picture),
+        ]
 
     def start(self) -> None:
-        """Show the session as it was left, and ask for the start view if there is none."""
+        """Show the session in its last state, and request the start view if there is none."""
         self._put(None, self._begin)
 
     def stop(self) -> None:
-        """Stop the running work and both threads; the session stays as the journal has it."""
+        """Stop the running work and both threads; the journal keeps the session."""
         self._put(None, self._stop_work)
         self._front.stop(timeout_s=5.0)
         self._back.stop(timeout_s=2.0)
         self._repair.stop(timeout_s=2.0)
+        self._sides.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -108,9 +124,17 @@ class Application(PageController):
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:
-            self._do(Propose())  # the program was ended while later decisions followed
+            self._do(Propose())  # the program ended while later decisions followed
         else:
             self._settle()
+
+    def _restart(self) -> None:
+        if self._cancel is not None:
+            self._cancel[1].set()
+        self._cancel = self._asked = None
+        self._page_status = replace(self._page_status, auto=False, progress=None)
+        self._folder.reload()
+        self._settle()
 
     def _stop_work(self) -> None:
         if self._cancel is not None:
@@ -121,13 +145,16 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                self._repair.preview(client, message, self._state.document, self._center())
+                by = self._meant(message.theta_rad, message.u_m, message.v_m)
+                self._repair.preview(client, message, self._state.document, by)
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                self._by_hand(Nudge(view, nudge_about(self._center(), theta, u, v)))
+                self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
                 pending = meant(self._state.document, view)
                 self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+            case messages.PlacePiece(label=label):
+                self._place_piece(label)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
@@ -136,11 +163,20 @@ class Application(PageController):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
                 self._picks.add(self._picture, u, v)
+                self._turn_to_pick()
                 self._publish()
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
                 self._publish()
+            case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
+                self._by_hand(paint(self._sides.decision(message, self._picture)))
+            case messages.Brush():
+                self._sides.brush = message if message.side is not None else None
+            case messages.WhereToStroke():
+                self._sides.where_next(
+                    self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
+                )
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -158,13 +194,33 @@ class Application(PageController):
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
-    def _center(self) -> tuple[float, float]:
-        """Return what a nudge turns about: the centre of the proposal."""
+    def _placed(self) -> tuple[Pending, Overlay] | None:
+        """Return the proposal with the picture of it, None while there is none."""
         overlay = None if self._picture is None else self._picture.overlay
         pending = self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
-            return 0.0, 0.0
-        return center_uv_m(pending, overlay)
+            return None
+        return pending, overlay
+
+    def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+        """Return the nudge that is meant by a turn about the proposal's centre and a shift, as shown."""
+        placed = self._placed()
+        if placed is None:
+            return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+        pending, overlay = placed
+        return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+
+    def _place_piece(self, label: str) -> None:
+        """Decide again about the view that shows most of a floating piece, with that component of it."""
+        sheet = None if self._picture is None else self._picture.sheet
+        pieces = () if sheet is None else sheet.pieces
+        piece = next((p for p in pieces if p.label == label), None)
+        if piece is None:
+            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+        accepted = [a.view_index for a in self._state.document.accepted]
+        found = place_of_piece(self._integration, piece, accepted)
+        self._by_hand(Reopen(found.view_index))
+        self._do(TakePart(found.view_index, found.component, found.placement))
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -179,18 +235,37 @@ class Application(PageController):
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
-        by, text = told_refined(pending, found, self._center())
+        placed = self._placed()
+        own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
+        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        pending = meant(self._state.document, pairs.view_index)
-        fit = fit_of(pending, pairs)
+        meant(self._state.document, pairs.view_index)
+        placed = self._placed()
+        if placed is None:
+            raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+        pending, overlay = placed
+        fit = fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
-            self._by_hand(Nudge(pairs.view_index, fit.by, "fit pairs of"))
-            fit = fit_of(meant(self._state.document, pairs.view_index), pairs)
+            fitted = fit.by @ overlay.shown(pending)
+            self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
+            fit = fit_of(fitted, pairs)
         self._sink.tell(client, told_fit(fit))
+
+    def _sides_told(self, changed: str) -> None:
+        """Say what a stroke changed; the labels of the cloth are others."""
+        self._tell(None, "info", changed) if changed else self._publish()
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        if self._sides.brush is None:
+            super()._pick_on_ray(origin_m, direction)
+            return
+        dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
+        if dab is not None:
+            self._by_hand(paint(dab))
 
     def _score_now(self) -> float | None:
         """Return the score of the proposal where it lies, if that is what is shown."""
@@ -200,12 +275,13 @@ class Application(PageController):
         return finite(picture.overlay.score.total)
 
     def adjust_axis(self, axis: RotationAxis) -> None:
-        """Take a turning axis that was set by hand; may be called from any thread."""
+        """Set the turning axis by hand; may be called from any thread."""
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
+        check_axis(axis)
         if self._state.request is not None:
-            raise FlatclothError("The axis cannot be set while something is computed: wait, or cancel it.")
+            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
         self._folder.keep_axis(axis)
         self._page_status = replace(self._page_status, auto=False)
         self._back.put(lambda: self._work_on_axis(axis))
@@ -230,21 +306,22 @@ class Application(PageController):
         self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
 
     def _by_hand(self, command: Command) -> None:
-        # Whoever decides by hand takes over from Auto.
+        # A decision by hand stops Auto.
         self._page_status = replace(self._page_status, auto=False)
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
         before = self._state
-        # What is not on disk has not been decided.
+        # A decision takes effect only after it is on disk.
         self._folder.record(command)
-        if self._state is not before:  # else it answers a question that nobody asks any more
+        if self._state is not before:  # otherwise it is the answer to an outdated request
             self._settle()
 
     def _settle(self) -> None:
-        """Bring the work, the picture, Auto and the tabs in line with the state."""
-        self._settle_work()
+        """Update the work, the picture, Auto and the tabs to the state."""
         document = self._state.document
+        self._sides.follow(document)
+        self._settle_work()
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
@@ -303,39 +380,24 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
-        return snapshot(
-            revision,
-            self._state,
-            self._page_status,
-            self._picks,
-            self._picture,
-            self._integration,
-            self._places,
-        )
+        page = self._page_status, self._picks, self._picture, self._integration, self._places
+        told = snapshot(revision, self._state, *page)
+        return {**told, "sides": self._sides.plain()}
 
     # --- the worker --------------------------------------------------------------------------
 
     def _work_on_request(self, document: Document, request: Request, cancelled: threading.Event) -> None:
-        def progress(share: float, text: str) -> None:
-            if cancelled.is_set():
-                raise CancelledError
-            self._put(None, lambda: self._note_progress(request, share, text))
-
-        try:
-            progress(0.0, "Starting")
-            event = self._integration.answer(document, request, progress)
-        except CancelledError:
-            return
-        except FlatclothError as error:
-            text = str(error)
-            _log.warning("%s", error)
-        except Exception as error:  # noqa: BLE001 - told and logged
-            _log.exception("the work on %s failed", request)
-            text = f"Unexpected error while computing: {error!r}. See the terminal."
-        else:
-            self._put(None, lambda: self._answered(event))
-            return
-        self._put(None, lambda: self._failed(request, text))
+        answer = answered(
+            self._integration,
+            document,
+            request,
+            cancelled,
+            lambda share, text: self._put(None, lambda: self._note_progress(request, share, text)),
+        )
+        if isinstance(answer, str):
+            self._put(None, lambda: self._failed(request, answer))
+        elif answer is not None:
+            self._put(None, lambda: self._answered(answer))
 
     def _answered(self, event: Event) -> None:
         current = self._state.request is not None and self._state.request.token == event.token
@@ -360,29 +422,20 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # After this, what is in the queue is computed with the new axis.
-        self._integration.turn_about(axis)
-        try:
-            text = f"The turning axis was set by hand. {self._integration.axis_agreement()}"
-        except FlatclothError as error:
-            text = f"The turning axis was set by hand. {error}"
+        # Later jobs of the queue use the new axis.
+        text = turned_about(self._integration, axis)
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
         if self._asked is not document:
-            return  # decided otherwise in the meantime
-        try:
-            # Revisions go on from the last picture made, even if it was never shown.
-            picture = self._made = make_picture(self._integration, document, self._made)
-        except FlatclothError as error:
-            text = str(error)
-        except Exception as error:  # noqa: BLE001 - told and logged
-            _log.exception("a picture could not be computed")
-            text = f"Unexpected error while drawing: {error!r}. See the terminal."
+            return  # outdated by a decision
+        # Revisions continue from the last picture, even if it was never shown.
+        picture = drawn(self._integration, document, self._made)
+        if isinstance(picture, str):
+            self._put(None, lambda: self._end_auto("error", picture))
         else:
+            self._made = picture
             self._put(None, lambda: self._show_picture(picture))
-            return
-        self._put(None, lambda: self._end_auto("error", text))
 
     def _show_picture(self, picture: Picture) -> None:
         if self._asked is not picture.document:

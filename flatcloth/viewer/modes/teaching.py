@@ -1,7 +1,7 @@
-"""Serves the stages of :mod:`flatcloth.engine.teaching`; given up when nobody listens any more.
+"""Serves the stages of :mod:`flatcloth.engine.teaching`; the work is cancelled when the client leaves.
 
 An answer is a sequence of records: the length of a JSON text and of a body (two uint32, little
-endian), the text, the body. ``progress`` records come first; the last one is the lesson, whose
+endian), the text, the body. ``progress`` records come first; the last record is the lesson, whose
 arrays and pictures are parts of its body, or an ``error``.
 """
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 PARTS = ("flattening", "planning", "alignment")
-"""What may be asked for: Fig. 2, Fig. 4a, and the rest of Fig. 4."""
+"""The available parts: Fig. 2, Fig. 4a, and the rest of Fig. 4."""
 
 SLIDERS: dict[str, dict[str, float]] = {
     "sampling_interval_px": {"low": 8, "high": 24, "step": 2},
     "z_angle_limit_deg": {"low": 20, "high": 75, "step": 5},
     "overlap_cm2": {"low": 50, "high": 800, "step": 25},
 }
-"""What the page offers; what may be asked for is checked by the parameters themselves."""
+"""The sliders of the page; the valid range is checked by the parameters themselves."""
 
 Tell = Callable[[bytes, bool], None]
 """Called with a record, and whether it is the last one; from any thread."""
 
 
 class TeachingRoutes:
-    """Answers what the teaching mode of a page asks; computes one lesson after the other.
+    """Answers the requests of the teaching mode; computes one lesson at a time.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class TeachingRoutes:
         self._teaching: Teaching | None = None
 
     async def serve(self, request: Request) -> Response:
-        """Answer a request for a part; its parameters are those of the address, or the session's."""
+        """Answer a request for a part; its parameters come from the address, or from the session."""
         part = request.path_params["part"]
         if part not in PARTS:
             return PlainTextResponse(
-                f"There is no part {part!r:.40}; known are {', '.join(PARTS)}.", status_code=404
+                f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", status_code=404
             )
         try:
             asked = _asked(dict(request.query_params), len(self._integration.recording))
@@ -71,7 +71,7 @@ class TeachingRoutes:
         return _Records(lambda tell, cancelled: self._compute(part, asked, tell, cancelled))
 
     def stop(self) -> None:
-        """End the thread, after the lesson it is at."""
+        """Stop the thread after the current lesson."""
         self._worker.stop(timeout_s=2.0)
 
     def _compute(self, part: str, asked: dict[str, Any], tell: Tell, cancelled: threading.Event) -> None:
@@ -88,7 +88,7 @@ class TeachingRoutes:
                 return
             except FlatclothError as error:
                 answer = record({"kind": "error", "text": str(error)})
-            except Exception as error:  # noqa: BLE001 - told and logged
+            except Exception as error:  # noqa: BLE001 - reported and logged
                 _log.exception("the lesson %s failed", part)
                 text = f"Unexpected error while computing: {error!r}. See the terminal."
                 answer = record({"kind": "error", "text": text})
@@ -124,7 +124,7 @@ class TeachingRoutes:
 
 
 class _Records(Response):
-    """Sends records as they are told, until the last one or until the page hangs up."""
+    """Sends records as they are made, until the last one or until the client leaves."""
 
     def __init__(self, begin: Callable[[Tell, threading.Event], None]) -> None:
         super().__init__(media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
@@ -181,7 +181,7 @@ def _parameters(values: dict[str, float]) -> Parameters:
 
 
 def _reaching(slider: dict[str, float], value: float) -> dict[str, float]:
-    """Return a slider that reaches the session's own value."""
+    """Return a slider whose range includes the session's own value."""
     return {**slider, "low": min(slider["low"], value), "high": max(slider["high"], value)}
 
 
@@ -191,7 +191,7 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
     Raises
     ------
     FlatclothError
-        If one is unknown, or not a number that can be meant.
+        If a parameter is unknown or not a valid number.
     """
     known: dict[str, Callable[[str], float]] = {
         "start_view": int,
@@ -202,13 +202,13 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
     asked: dict[str, Any] = {"start_view": None}
     for name, text in given.items():
         if name not in known:
-            raise FlatclothError(f"There is no parameter {name!r:.40}; known are {', '.join(known)}.")
+            raise FlatclothError(f"Unknown parameter {name!r:.40}; choose one of {', '.join(known)}.")
         try:
             value = known[name](text)
         except ValueError as error:
-            raise FlatclothError(f"{name}: {text!r:.40} is not a number of the right kind.") from error
+            raise FlatclothError(f"{name}: {text!r:.40} is not a valid number.") from error
         if not math.isfinite(value):
-            raise FlatclothError(f"{name}: {text!r:.40} is not a number of the right kind.")
+            raise FlatclothError(f"{name}: {text!r:.40} is not a valid number.")
         asked[name] = value
     start = asked["start_view"]
     if start is not None and not 0 <= start < n_views:

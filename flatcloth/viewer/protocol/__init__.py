@@ -1,4 +1,4 @@
-"""What the page and the server say to each other.
+"""The messages between the page and the server.
 
-In: messages, checked strictly. Out: the state of the page as plain JSON values.
+Input: messages, checked strictly. Output: the state of the page as plain JSON values.
 """

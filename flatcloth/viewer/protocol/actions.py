@@ -1,4 +1,4 @@
-"""The one table of what an operator can do; buttons, tooltips, keys and the ``?`` sheet come from it."""
+"""The table of all actions; buttons, tooltips, keys and the ``?`` sheet are made from it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from flatcloth.session.machine import (
 )
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
-"""Reasons offered by the reject menu; the second is what the bare key means."""
+"""Reasons in the reject menu."""
 
 DEFAULT_REASON = "wrong place"
 
@@ -37,14 +37,14 @@ NOT_LIVE = "The program is not in live mode; start it with --live to play the re
 
 @dataclass(frozen=True)
 class Action:
-    """Something the operator can do.
+    """An action of the operator.
 
-    ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case), the
-    first one is printed on the button; ``Space`` and ``Ctrl+z`` stand for what they say. A key may
-    mean something else in another mode. ``group`` is ``session`` (the server decides whether it is
-    allowed), ``proposal`` (needs a pending view), ``timeline`` (about views chosen there), ``live``
-    (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or ``teaching``
-    (while it is open).
+    ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case); the first
+    is printed on the button. ``Space`` and ``Ctrl+z`` are written as such. The same key may have
+    another meaning in another mode. ``group`` is ``session`` (the server decides whether it is
+    allowed), ``proposal`` (needs a pending view), ``timeline`` (applies to views chosen there),
+    ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
+    ``teaching`` (while it is open).
     """
 
     name: str
@@ -55,7 +55,7 @@ class Action:
 
     @property
     def mode(self) -> str:
-        """The mode it belongs to, one of ``_MODES``, or nothing if it is always there."""
+        """The mode of the action, one of ``_MODES``, or "" if it is always available."""
         return _MODES.get(self.group, "")
 
 
@@ -63,6 +63,7 @@ _MODES = {
     "session": "session",
     "proposal": "session",
     "timeline": "session",
+    "sides": "session",
     "live": "live",
     "capture": "capture",
     "teaching": "teaching",
@@ -70,50 +71,54 @@ _MODES = {
 
 
 ACTIONS: tuple[Action, ...] = (
-    Action("step", "Step", ("s",), "Choose the next view, flatten it and propose its place.", "session"),
+    Action("step", "Step", ("s",), "Choose the next view, flatten it and propose its placement.", "session"),
     Action("accept", "Accept", ("a",), "Make the proposed view part of the shape.", "session"),
-    Action("reject", "Reject", ("r",), f"Refuse the proposed view (reason: {DEFAULT_REASON}).", "session"),
-    Action("reject_menu", "Reject with reason", ("e",), "Refuse the proposed view and say why.", "session"),
+    Action("reject", "Reject", ("r",), f"Reject the proposed view (reason: {DEFAULT_REASON}).", "session"),
+    Action("reject_menu", "Reject with reason", ("e",), "Reject the proposed view with a reason.", "session"),
     Action(
         "skip",
         "Skip",
         ("k",),
-        "Put the proposed view off: it comes again when the shape has grown or the others are done.",
+        "Postpone the proposed view until the shape has grown or the others are done.",
         "session",
     ),
-    Action("undo", "Undo", ("u", "Ctrl+z"), "Take the last decision back.", "session"),
-    Action("redo", "Redo", ("y", "Ctrl+y"), "Make the decision that was taken back again.", "session"),
+    Action("undo", "Undo", ("u", "Ctrl+z"), "Undo the last decision.", "session"),
+    Action("redo", "Redo", ("y", "Ctrl+y"), "Redo the decision that was undone.", "session"),
     Action(
         "auto",
         "Auto",
         ("g",),
-        "Accept by the score and step on, until finished or below its limit.",
+        "Accept proposals by their score, until finished or below the limit.",
         "session",
     ),
-    Action("cancel", "Cancel", ("Escape",), "Give up the running computation.", "session"),
+    Action("cancel", "Cancel", ("Escape",), "Cancel the running computation.", "session"),
     Action(
         "restart",
         "Restart",
         ("n",),
-        "Begin anew from the largest view; undo brings all back.",
+        "Start again from the largest view; this can be undone.",
         "session",
     ),
     Action(
         "reopen",
         "Reopen",
         ("Ctrl+e",),
-        "Decide again about the view chosen on the timeline; what was accepted after it follows.",
+        "Decide again about the view chosen on the timeline; views accepted later follow.",
         "timeline",
     ),
     Action(
         "next_undecided",
         "Next undecided",
         ("j",),
-        "Go to the next view on the timeline that waits for a decision.",
+        "Go to the next view on the timeline without a decision.",
         "timeline",
     ),
     Action(
-        "lowest_score", "Lowest score", ("q",), "Go to the accepted view with the lowest score.", "timeline"
+        "lowest_score",
+        "Lowest score",
+        ("q",),
+        "Go to a flagged view first, else to the accepted one with the lowest score.",
+        "timeline",
     ),
     Action(
         "left",
@@ -155,7 +160,7 @@ ACTIONS: tuple[Action, ...] = (
         "pairs",
         "Pairs",
         ("p",),
-        "Pick pairs of points, one on the proposal and where it belongs on the shape; again: stop.",
+        "Pick pairs of points on the proposal and on the shape; again: stop.",
         "proposal",
     ),
     Action("fit_pairs", "Fit pairs", ("Ctrl+Enter",), "Move the proposal so that the pairs fit.", "proposal"),
@@ -163,7 +168,7 @@ ACTIONS: tuple[Action, ...] = (
         "refine",
         "Refine from here",
         ("Ctrl+i",),
-        "Let the method refine the place from where it is.",
+        "Let the method refine the present placement.",
         "proposal",
     ),
     Action("overlay", "Both", ("o",), "Show the proposal on the shape; again: the shape alone.", "proposal"),
@@ -173,7 +178,7 @@ ACTIONS: tuple[Action, ...] = (
         "compare_wipe",
         "Wipe",
         ("w",),
-        "Shape and proposal beside a divider to drag; again: both.",
+        "Show shape and proposal on the two sides of a divider; again: both.",
         "proposal",
     ),
     Action("blink", "Blink", ("b",), "Blink the proposal against the shape; again: stop.", "proposal"),
@@ -185,29 +190,36 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action(
+        "back_to_best",
+        "Best place",
+        ("Backspace",),
+        "Lay the proposal back at the best place that was found.",
+        "proposal",
+    ),
+    Action(
         "diagnostics",
         "Diagnostics",
         ("i",),
-        "Show what placed the proposal: curves, lines, strained edges.",
+        "Show the diagnostics of the proposal: curves, lines, strained edges.",
         "proposal",
     ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
-    Action("live_back", "Frame back", (",",), "Live mode: pause and show the frame before.", "live"),
+    Action("live_back", "Frame back", (",",), "Live mode: pause and show the previous frame.", "live"),
     Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),
-    Action("live_turn", "Direction", ("d",), "Live mode: play the other way round.", "live"),
+    Action("live_turn", "Direction", ("d",), "Live mode: reverse the direction.", "live"),
     Action(
-        "capture_turned", "It is there", ("i",), "Capture: the item is at the angle asked for.", "capture"
+        "capture_turned", "It is there", ("i",), "Capture: the item is at the requested angle.", "capture"
     ),
     Action("capture_keep", "Keep", ("m",), "Capture: keep the view that was taken.", "capture"),
     Action("capture_repeat", "Repeat", ("j",), "Capture: take the view again.", "capture"),
     Action("layer_color", "Color", ("1",), "Show the color of the cloth.", "view"),
     Action("layer_height", "Height z", ("2",), "Show the height along the turning axis.", "view"),
-    Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle at which each pixel was seen.", "view"),
-    Action("layer_source", "Source", ("4",), "Show which view each pixel came from.", "view"),
-    Action("layer_stretch", "Stretch", ("5",), "Show how much the flattening changed lengths.", "view"),
-    Action("layer_incidence", "Incidence", ("6",), "Show how obliquely each pixel was seen.", "view"),
-    Action("layer_density", "Density", ("7",), "Show how densely the cloth was measured.", "view"),
-    Action("layer_place", "Uncertainty", ("8",), "Show the uncertainty of each pixel's place.", "view"),
+    Action("layer_z_angle", "Z-angle", ("3",), "Show the Z-angle of each pixel in its view.", "view"),
+    Action("layer_source", "Source", ("4",), "Show the source view of each pixel.", "view"),
+    Action("layer_stretch", "Stretch", ("5",), "Show the change of lengths by flattening.", "view"),
+    Action("layer_incidence", "Incidence", ("6",), "Show the incidence angle of each pixel.", "view"),
+    Action("layer_density", "Density", ("7",), "Show the density of the measurement.", "view"),
+    Action("layer_place", "Uncertainty", ("8",), "Show the placement uncertainty of each pixel.", "view"),
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),
@@ -215,31 +227,65 @@ ACTIONS: tuple[Action, ...] = (
         "look",
         "Look",
         ("Shift+l",),
-        "Turn, flip, grid, ruler, colours, contrast: for looking only, the data stay.",
+        "Rotate, flip, grid, ruler, colours, contrast; display only, data unchanged.",
         "view",
     ),
     Action(
         "turn_left_seen",
         "Turn view ↺",
         ("9",),
-        "Turn the flattened view for looking, counter-clockwise.",
+        "Rotate the display of the flattened view counter-clockwise.",
         "view",
     ),
     Action(
-        "turn_right_seen", "Turn view ↻", ("0",), "Turn the flattened view for looking, clockwise.", "view"
+        "turn_right_seen",
+        "Turn view ↻",
+        ("0",),
+        "Rotate the display of the flattened view clockwise.",
+        "view",
     ),
-    Action(
-        "flip", "Flip", ("Shift+f",), "Exchange left and right of the flattened view for looking.", "view"
-    ),
+    Action("flip", "Flip", ("Shift+f",), "Mirror the display of the flattened view.", "view"),
     Action(
         "source_image",
         "Source image",
         ("Shift+i",),
-        "Show or fold the source image of the view, with its mask, and the views that saw the pick.",
+        "Show or hide the source image with its mask, and the views of the pick.",
         "view",
     ),
+    Action(
+        "brush_this",
+        "This side",
+        ("Shift+s",),
+        "Paint cloth of the side of interest: on the source image, the shape or the 3D scene; again: stop.",
+        "sides",
+    ),
+    Action(
+        "brush_other",
+        "Not this side",
+        ("Shift+n",),
+        "Paint cloth that is not of interest; again: stop.",
+        "sides",
+    ),
+    Action(
+        "cut",
+        "Cut",
+        ("Shift+c",),
+        "Draw a line across the shape, then click beyond it: cloth there is not of interest; again: stop.",
+        "sides",
+    ),
+    Action("brush_smaller", "Smaller brush", ("<",), "Make the brush smaller.", "sides"),
+    Action("brush_larger", "Larger brush", (">",), "Make the brush larger.", "sides"),
+    Action(
+        "where_to_stroke",
+        "Where to stroke next",
+        ("Shift+w",),
+        "Go to the view and the place where a stroke settles most.",
+        "sides",
+    ),
+    Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
+    Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
     Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
-    Action("grid", "Grid", ("#",), "Show or hide a grid with its centimetres.", "view"),
+    Action("grid", "Grid", ("#",), "Show or hide a grid in centimetres.", "view"),
     Action(
         "ruler",
         "Ruler",
@@ -251,54 +297,54 @@ ACTIONS: tuple[Action, ...] = (
         "pointer",
         "Pointer",
         ("Shift+p",),
-        "Point by keys: arrows move (Shift: tenfold), Enter clicks, Space presses and lets go; Esc leaves.",
+        "Move the pointer with arrows (Shift: tenfold); Enter clicks, Space drags, Esc ends.",
         "view",
     ),
     Action(
         "follow",
         "Follow",
         ("v",),
-        "Let the 3D camera follow the view: where the real camera stood.",
+        "Keep the 3D camera at the real camera's position.",
         "view",
     ),
     Action(
         "teach",
         "Teach",
         ("h",),
-        "Walk through the method on this recording; nothing is decided. Again: leave.",
+        "Go through the method step by step, without decisions; again: leave.",
         "page",
     ),
     Action("teach_next", "Next", ("PageDown",), "Teaching: the next stage; → does it too.", "teaching"),
-    Action("teach_back", "Back", ("PageUp",), "Teaching: the stage before; ← does it too.", "teaching"),
-    Action("teach_play", "Play stage", ("k",), "Teaching: play or pause what moves.", "teaching"),
+    Action("teach_back", "Back", ("PageUp",), "Teaching: the previous stage; ← does it too.", "teaching"),
+    Action("teach_play", "Play stage", ("k",), "Teaching: play or pause the animation.", "teaching"),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
-    Action("export", "Export", ("x",), "Take the session away: page, report, figures, animation.", "page"),
+    Action("export", "Export", ("x",), "Export the session: page, report, figures, animation.", "page"),
     Action(
         "settings",
         "Settings",
         ("Ctrl+,",),
-        "What can be set, each with its reset, and the numbers of the method.",
+        "Settings, each with its reset, and the parameters of the method.",
         "page",
     ),
     Action("palette", "Commands", ("Ctrl+k",), "Find a command by a few letters of its name.", "page"),
     Action("log", "Messages", ("l",), "Show all messages.", "page"),
     Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
-    Action("help", "Keys", ("?",), "Show this sheet.", "page"),
+    Action("help", "Keys", ("?",), "Show the keys.", "page"),
 )
 
 
 def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
-    """Return the session command behind an action's name, as it would be meant now.
+    """Return the session command of an action at present.
 
-    ``arguments`` may hold ``view_index`` (the view the user saw) and ``reason``. A decision without
-    a view is meant for the pending one; -1 if there is none, which the session then refuses.
+    ``arguments`` may contain ``view_index`` (the view the user saw) and ``reason``. A decision
+    without a view refers to the pending one; without one it is -1, which the session refuses.
     """
     document = state.document
     pending = -1 if document.pending is None else document.pending.view_index
     view = arguments.get("view_index")
     match name:
         case "step":
-            # A cancelled start leaves nothing to step from: the step is the start itself then.
+            # After a cancelled start there is no start view yet: the step is the start.
             return Start() if document.start_view is None else Propose()
         case "view":
             return Start(view) if document.start_view is None else Propose(view)
@@ -322,7 +368,7 @@ def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> 
 
 
 def why_not(name: str, state: SessionState) -> str | None:
-    """Say why an action is not allowed now, or None if it is."""
+    """Return why an action is not allowed now, or None if it is allowed."""
     if name == "auto":
         if state.phase is Phase.FINISHED:
             return state.document.finished
@@ -359,9 +405,9 @@ def _description(action: Action, state: SessionState | None) -> str:
 
 
 def action_table(state: SessionState | None) -> list[dict[str, Any]]:
-    """Return the table for the page, with the reason where an action is not allowed now.
+    """Return the table for the page, with the reason if an action is not allowed now.
 
-    Without a state it is the table of live mode, which knows no decisions.
+    Without a state it is the table of live mode, which has no decisions.
     """
     return [
         {
@@ -382,7 +428,7 @@ def _why_not_live(action: Action) -> str | None:
 
 
 def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-    """Return the motion of a nudge: a turn about the proposal's own centre, then a shift."""
+    """Return the motion of a nudge: a rotation about the proposal's own centre, then a shift."""
     if not all(math.isfinite(x) for x in (*center_uv_m, theta_rad, u_m, v_m)):
-        return Rigid2(math.nan, math.nan, math.nan)  # the session says why this is refused
+        return Rigid2(math.nan, math.nan, math.nan)  # the session refuses it with a reason
     return Rigid2(theta_rad, u_m, v_m).about(center_uv_m)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What the page may say to the server: parsed strictly, so that a bad message is only a notification.
+"""The messages of the page to the server, parsed strictly; a bad message becomes a notification.
 
 Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
 which the page's own types can be generated. Bounds stand in the types: whatever number comes in, a
@@ -23,6 +23,8 @@ MAX_NAME_CHARS = 80
 MAX_FPS = 240.0
 MAX_PAIRS = 50
 MAX_ANGLE_DEG = 3600.0
+MAX_STROKE_POINTS = 1000
+MAX_BRUSH_M = 0.2
 
 Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
 """A place on a garment's plane, or a shift there."""
@@ -33,6 +35,15 @@ Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
 Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 """A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
 Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]
+StrokePixels = Annotated[
+    tuple[tuple[Annotated[float, Meta(ge=-1.0, le=1e5)], Annotated[float, Meta(ge=-1.0, le=1e5)]], ...],
+    Meta(min_length=1, max_length=MAX_STROKE_POINTS),
+]
+"""A line of pixels (row, col) of a recorded image."""
+StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=MAX_STROKE_POINTS)]
+"""A line of places (u, v) of the flattened plane."""
+BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
+StrokeSide = Literal["this", "other"]
 Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
 
 SessionAction = Literal[
@@ -42,11 +53,11 @@ CaptureAction = Literal["begin", "keep", "repeat", "turned", "aim", "finish"]
 
 
 class MessageError(FlatclothError):
-    """A message that the page's server does not understand; names the field and what was expected."""
+    """A message of the page is not valid; the text names the field and what was expected."""
 
 
 class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
-    """What all messages of the page have in common: their ``type``."""
+    """The common part of all messages: their ``type``."""
 
 
 class Do(_Said, tag="do", frozen=True, kw_only=True):
@@ -86,6 +97,12 @@ class TakePart(_Said, tag="take_part", frozen=True, kw_only=True):
     component: Count
 
 
+class PlacePiece(_Said, tag="place_piece", frozen=True, kw_only=True):
+    """Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies."""
+
+    label: str
+
+
 class Refine(_Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
@@ -115,6 +132,20 @@ class Hover(_Said, tag="hover", frozen=True, kw_only=True):
     u_m: Pointed
     v_m: Pointed
     view: Count | None = None
+
+
+class HoverRay(_Said, tag="hover_ray", frozen=True, kw_only=True):
+    """Ask what a ray of the eye (object frame) hits first in 3D, and where that lies on the plane."""
+
+    id: Count
+    origin_m: tuple[Pointed, Pointed, Pointed]
+    direction: tuple[Pointed, Pointed, Pointed]
+
+
+class TurnTo(_Said, tag="turn_to", frozen=True, kw_only=True):
+    """Let the 3D camera look from where the real camera stood at a view."""
+
+    view_index: Count
 
 
 class Measure(_Said, tag="measure", frozen=True, kw_only=True):
@@ -174,12 +205,13 @@ class SetAuto(_Said, tag="auto", frozen=True, kw_only=True):
 
 
 class Set(_Said, tag="set", frozen=True, kw_only=True):
-    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` sets all as at first, before."""
+    """Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults."""
 
     reset: bool = False
     auto_threshold: Finite | None = None
     advance: bool | None = None
     follow: bool | None = None
+    turn_to_pick: bool | None = None
     step_mm: Finite | None = None
     step_deg: Finite | None = None
 
@@ -213,15 +245,53 @@ class Ready(_Said, tag="ready", frozen=True, kw_only=True):
     layer: str
 
 
+class StrokeImage(_Said, tag="stroke_image", frozen=True, kw_only=True):
+    """Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth."""
+
+    side: StrokeSide
+    view_index: Count
+    points_rc: StrokePixels
+    radius_m: BrushRadius
+
+
+class StrokeShape(_Said, tag="stroke_shape", frozen=True, kw_only=True):
+    """Say which side the cloth under a stroke on the flattened shape is."""
+
+    side: StrokeSide
+    points_uv_m: StrokePlaces
+    radius_m: BrushRadius
+
+
+class CutShape(_Said, tag="cut_shape", frozen=True, kw_only=True):
+    """Say that the cloth beyond a line on the flattened shape is not of interest."""
+
+    points_uv_m: StrokePlaces
+    beyond_uv_m: tuple[Metres, Metres]
+
+
+class Brush(_Said, tag="brush", frozen=True, kw_only=True):
+    """Paint by clicks in the 3D scene as well, or (``side`` None) pick there again."""
+
+    side: StrokeSide | None = None
+    radius_m: BrushRadius = 0.01
+
+
+class WhereToStroke(_Said, tag="where_to_stroke", frozen=True, kw_only=True):
+    """Ask where the next stroke tells most."""
+
+
 Message = (
     Do
     | Move
     | Choose
     | Preview
     | Refine
+    | PlacePiece
     | TakePart
     | Pairs
     | Hover
+    | HoverRay
+    | TurnTo
     | Measure
     | PickAt
     | ShowPick
@@ -234,6 +304,11 @@ Message = (
     | Play
     | Ready
     | Capture
+    | StrokeImage
+    | StrokeShape
+    | CutShape
+    | Brush
+    | WhereToStroke
 )
 
 KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
@@ -306,6 +381,6 @@ def _check(message: Message) -> None:
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
             raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
         case Ready(layer=layer) if layer not in LAYERS:
-            raise MessageError(f"There is no layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
+            raise MessageError(f"Unknown layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

@@ -1,15 +1,15 @@
-"""The picks: the one that is current, the list that is kept, and their places on the flattened view."""
+"""The picks: the current one, the list, and their positions on the flattened view."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_held, held_from_camera
 from flatcloth.core.types import Float64, Floats, RotationAxis, finite
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from flatcloth.session.store import SessionFolder
 
 TOO_FAR_M = 0.030
-"""A click in 3D further than this from the shape picks nothing; nearer, it picks the nearest of it."""
+"""A click in 3D farther than this from the shape picks nothing; a nearer one picks its nearest point."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a 3D point lies on the present shape: pixel, plane coordinates, distance in space."""
+    """The position of a 3D point on the present shape: pixel, plane coordinates, distance in space."""
 
     rc: tuple[int, int]
     uv_m: tuple[float, float]
@@ -42,13 +42,13 @@ class Place:
 
     @property
     def in_shape(self) -> bool:
-        """Whether the present shape holds the point."""
+        """Whether the present shape contains the point."""
         return self.distance_m <= LOST_AT_M
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentPick:
-    """The pick that both sides of the page show; ``miss_m`` is how far the click was off the cloth."""
+    """The pick shown in both panes; ``miss_m`` is the distance of the click from the cloth."""
 
     pick: Pick
     miss_m: float = 0.0
@@ -62,7 +62,7 @@ class CurrentPick:
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
-    ``show(position, normal, gripper)`` puts the ball, the arrow and the gripper's lines into the
+    ``show(position, normal, gripper)`` shows the ball, the arrow and the gripper's lines in the
     scene, or hides them.
     """
 
@@ -75,17 +75,17 @@ class PickStore:
         self._folder = folder
         self._axis = axis
         self._show = show
-        # A session that is kept in memory keeps its grips there too.
+        # A session in memory also has its grips in memory.
         self._book = GripStore(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
         self.current: CurrentPick | None = None
 
     def turn_about(self, axis: RotationAxis) -> None:
-        """Take the turning axis that is in force from now on."""
+        """Set the turning axis."""
         self._axis = axis
 
     def add(self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None) -> None:
-        """Pick the cloth nearest to a place of the plane, keep the pick and show it."""
+        """Pick the cloth nearest to a position of the plane, store the pick and show it."""
         picture = _shown(picture)
         grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)
         number = max((p.id for p in self.picks), default=0) + 1
@@ -98,7 +98,7 @@ class PickStore:
     def add_on_ray(
         self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
     ) -> bool:
-        """Pick what a ray of the eye hits first; False if it hits nothing."""
+        """Pick the first point that a click's ray hits; return False if it hits nothing."""
         picture = _shown(picture)
         hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
         if hit is None:
@@ -106,8 +106,8 @@ class PickStore:
         rc, distance_m = pixel_of_point(picture.view, points_m[hit])
         if distance_m > TOO_FAR_M:
             raise FlatclothError(
-                f"That point is not part of the flattened shape yet: the nearest of it is"
-                f" {1000 * distance_m:.0f} mm away. Click another, or step on."
+                f"That point is not part of the flattened shape yet: its nearest point is"
+                f" {1000 * distance_m:.0f} mm away. Click another point, or step."
             )
         u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
         self.add(picture, u_m, v_m, miss_m=distance_m)
@@ -115,7 +115,7 @@ class PickStore:
 
     @property
     def grips(self) -> Mapping[int, Grip]:
-        """How picks are to be gripped, where the operator chose."""
+        """The operator's choices for gripping the picks."""
         return self._book.grips
 
     def show(self, pick_id: int | None, picture: Picture | None) -> None:
@@ -126,7 +126,7 @@ class PickStore:
             self._set(CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id)), picture)
 
     def redraw(self, picture: Picture | None) -> None:
-        """Draw the current pick on another shape: its outline may lie elsewhere now."""
+        """Draw the current pick on another shape, whose outline may differ."""
         if self.current is not None:
             self._set(self.current, picture)
 
@@ -152,13 +152,13 @@ class PickStore:
             self._set(replace(self.current, grip=grip), picture)
 
     def rename(self, pick_id: int, name: str, picture: Picture | None) -> None:
-        """Give a pick another name."""
+        """Rename a pick."""
         self._listed(pick_id)
         self._folder.rename_pick(pick_id, name)
         self._reload(picture)
 
     def delete(self, pick_id: int, picture: Picture | None) -> None:
-        """Take a pick off the list."""
+        """Remove a pick from the list."""
         self._listed(pick_id)
         self._folder.delete_pick(pick_id)
         self._book.forget(pick_id)
@@ -186,21 +186,44 @@ class PickStore:
         raise FlatclothError(f"Pick {pick_id} is no longer in the list.")
 
 
+def faces_away(pick: Pick, axis: RotationAxis, angle_deg: float) -> bool:
+    """Say whether a pick's cloth faces away from where the camera stands at an angle; unknown: no."""
+    eye_m = held_from_camera(axis, angle_deg).translation_m
+    towards = (eye_m - np.asarray(pick.position_held_m)) @ np.asarray(pick.normal_held)
+    return bool(np.isfinite(towards) and towards < 0)
+
+
+def hit_by(
+    picture: Picture | None, points_m: Floats, origin_m: Sequence[float], direction: Sequence[float]
+) -> dict[str, Any]:
+    """Return what a ray hits first, ``xyz_m``, and where it lies on the plane, ``uv_m``; None: nothing."""
+    nothing: dict[str, Any] = {"xyz_m": None, "uv_m": None}
+    if picture is None or not len(points_m) or not np.linalg.norm(direction) > 0:
+        return nothing
+    hit = point_on_ray(points_m, np.array(origin_m), np.array(direction))
+    if hit is None:
+        return nothing
+    xyz = points_m[hit]
+    rc, distance_m = pixel_of_point(picture.view, xyz)
+    uv = picture.view.uv_from_rc(np.array(rc)).tolist() if distance_m <= TOO_FAR_M else None
+    return {"xyz_m": [float(x) for x in xyz], "uv_m": uv}
+
+
 def _shown(picture: Picture | None) -> Picture:
     if picture is None:
-        raise FlatclothError("Nothing is flattened yet; wait for the start view, then click.")
+        raise FlatclothError("Nothing is flattened yet; wait for the start view, then click again.")
     return picture
 
 
 class PlaceStore:
-    """Remembers where each pick lies on the shape, until the shape changes."""
+    """Caches the position of each pick on the shape until the shape changes."""
 
     def __init__(self) -> None:
         self._revision = 0
         self._places: dict[bytes, Place] = {}
 
     def place(self, picture: Picture, position_held_m: Float64) -> Place:
-        """Return the pixel of the present shape that is nearest to a point of the held frame."""
+        """Return the pixel of the present shape nearest to a point in the object frame."""
         if picture.revision != self._revision:
             self._revision, self._places = picture.revision, {}
         key = np.asarray(position_held_m, dtype=np.float64).tobytes()

@@ -1,17 +1,19 @@
-"""Everything the page shows of one document, computed by the worker and never changed afterwards."""
+"""The picture of a document for the page, computed by the worker; immutable."""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, RotationAxis, finite
+from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import Sheet, lay_out
 from flatcloth.rendering.layers import legends
-from flatcloth.session.machine import Document
+from flatcloth.session.machine import Document, Pending
+from flatcloth.viewer.protocol.verdict import checks, foreseen
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration, Proposal
@@ -21,9 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Overlay:
-    """The pending view on the plane of the shape, at the placement in force.
+    """The pending view on the plane of the shape, at its effective placement.
 
-    ``own_center_uv_m`` is the centre of its part on its own plane: what nudges turn it about.
+    ``own_center_uv_m`` is the centre of its part on its own plane: what nudges turn it about. ``view``
+    lies on the sheet, where placements are shown; ``new_points`` are those beyond all cloth of the sheet.
     """
 
     revision: int
@@ -32,11 +35,35 @@ class Overlay:
     new_points: Bool
     score: AlignmentScore
     proposal: Proposal
+    sheet: Sheet
+    foreseen: dict[str, Any] = field(default_factory=dict)
+    checks: tuple[dict[str, Any], ...] = ()
+
+    def shown(self, pending: Pending) -> Rigid2:
+        """Return the placement in force as it is on the sheet."""
+        return self.sheet.shown(pending.current_from_new, np.array(self.own_center_uv_m))
+
+    def piece(self, pending: Pending) -> int:
+        """Return the piece of the sheet that the placement in force lies on, 0 the shape."""
+        center = np.array(self.own_center_uv_m)
+        return self.sheet.piece_on_plane(pending.current_from_new.apply(center))
+
+    def meant(self, pending: Pending, by: Rigid2) -> Rigid2:
+        """Return the nudge on the method's plane that is meant by a motion on the sheet."""
+        center, shown = np.array(self.own_center_uv_m), self.shown(pending)
+        target = by @ shown
+        if self.piece(pending) == self.sheet.piece_at(target.apply(center)) == 0:
+            if shown == pending.current_from_new:
+                return by  # exactly, as on a plane without pieces
+        return self.sheet.meant(target, center) @ pending.current_from_new.inverse()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """What a document looks like; ``revision`` changes whenever the flattened ``view`` does.
+    """The picture of a document; ``revision`` changes whenever the flattened ``view`` does.
+
+    ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of live
+    mode has no sheet.
 
     ``document`` is None for a frame that is played in live mode.
     """
@@ -50,19 +77,23 @@ class Picture:
     legends: dict[str, Any]
     document: Document | None = None
     overlay: Overlay | None = None
+    sheet: Sheet | None = None
 
 
 def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
-    """Compute what a document with a start view looks like; revisions go on from ``previous``."""
-    view = integration.canonical(document).view
+    """Compute the picture of a document with a start view; revisions continue from ``previous``."""
+    canonical = integration.canonical(document)
     present = document.present_view
     assert present is not None
-    same = previous if previous is not None and previous.view is view else None
+    kept = None if previous is None else previous.sheet
+    sheet = kept if kept is not None and kept.canonical is canonical else lay_out(canonical)
+    view = sheet.view
+    same = previous if sheet is kept else None
     revision = 1 if previous is None else previous.revision + (same is None)
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
-        overlay = _overlay(integration, document, before)
+        overlay = _overlay(integration, document, sheet, before)
     angles_deg = integration.recording.angles_deg
     return Picture(
         revision=revision,
@@ -74,26 +105,76 @@ def make_picture(integration: Integration, document: Document, previous: Picture
         energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
         legends=legends(view, integration.axis, angles_deg) if same is None else same.legends,
         overlay=overlay,
+        sheet=sheet,
     )
 
 
 _overlay_revisions = itertools.count(1)
 
 
-def _overlay(integration: Integration, document: Document, before: Overlay | None) -> Overlay:
+def _overlay(integration: Integration, document: Document, sheet: Sheet, before: Overlay | None) -> Overlay:
     pending = document.pending
     assert pending is not None
-    view = integration.overlay(document)
-    if before is not None and before.view is view:
+    part = integration.part(pending.view_index, pending.component)
+    center = _center_uv_m(part)
+    shown = sheet.shown(pending.current_from_new, np.array(center))
+    if shown == pending.current_from_new:
+        view = integration.overlay(document)
+    else:
+        view = integration.overlay(
+            replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2()))
+        )
+    if before is not None and before.view is view and before.sheet is sheet:
         return before
-    return Overlay(
+    made = Overlay(
         revision=next(_overlay_revisions),
         view=view,
-        own_center_uv_m=_center_uv_m(integration.part(pending.view_index, pending.component)),
-        new_points=integration.new_points(document),
+        own_center_uv_m=center,
+        new_points=_beyond(view, sheet.view),
+        sheet=sheet,
         score=integration.score(document),
         proposal=integration.proposal(document),
     )
+    others = _other_components(integration, document, sheet, made.proposal)
+    return replace(
+        made,
+        foreseen=foreseen(made, made.piece(pending), others),
+        checks=tuple(checks(made, integration.axis)),
+    )
+
+
+def _other_components(
+    integration: Integration, document: Document, sheet: Sheet, proposal: Proposal
+) -> list[tuple[FlattenedView, Bool]]:
+    """Return the other components of the proposed view, and where each has cloth that the sheet has not.
+
+    They join the shape together with the chosen one; one without a place floats, and is new altogether.
+    """
+    pending, found = document.pending, []
+    assert pending is not None
+    for other in proposal.placement.parts:
+        if other.component == pending.component:
+            continue
+        part = integration.part(pending.view_index, other.component)
+        if other.hypothesis is None:
+            found.append((part, part.valid))
+            continue
+        shown = sheet.shown(other.hypothesis.current_from_new, np.array(_center_uv_m(part)))
+        placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
+        view = integration.overlay(replace(document, pending=placed))
+        found.append((view, _beyond(view, sheet.view)))
+    return found
+
+
+def _beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:
+    """Return (H, W) where a view has cloth and the shape has none."""
+    rc = np.rint(shape.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
+    inside = ((rc >= 0) & (rc < shape.shape)).all(axis=1)
+    known = np.zeros(len(rc), dtype=bool)
+    known[inside] = shape.valid[rc[inside, 0], rc[inside, 1]]
+    fresh: Bool = overlay.valid.copy()
+    fresh[overlay.valid] = ~known
+    return fresh
 
 
 def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
@@ -106,7 +187,7 @@ def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
 def attributes_at(
     view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
 ) -> dict[str, Any] | None:
-    """Return all attributes of the pixel at a place of the plane, None off the cloth.
+    """Return all attributes of the pixel at a position of the plane, None off the cloth.
 
     ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the rotation
     ``angle_deg``, which can be compared between views.

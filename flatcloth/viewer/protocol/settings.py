@@ -1,7 +1,7 @@
-"""What the operator may set on the page: few, behind one door, kept with the session in ``settings.json``.
+"""The settings of the page, few in number, saved with the session in ``settings.json``.
 
-One table defines them, and the dialog is made from it. The numbers of the method are shown beside
-them; a session keeps those that it was begun with, since every decision depends on them.
+They are defined in one table, from which the dialog is made. The parameters of the method are shown beside
+them; a session keeps those that it was started with, because every decision depends on them.
 """
 
 from __future__ import annotations
@@ -33,25 +33,26 @@ FORMAT = "flatcloth-settings/1"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the operator has set; see ``SETTINGS`` for what each means."""
+    """The operator's settings; ``SETTINGS`` describes each."""
 
     auto_threshold: float = 0.75
     advance: bool = False
     follow: bool = True
+    turn_to_pick: bool = True
     step_mm: float = 2.0
     step_deg: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _File(Settings):
-    """The settings as they are kept."""
+    """The settings as they are saved."""
 
     format: Literal["flatcloth-settings/1"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """One row of the table; ``low``, ``high`` and ``step`` are None for a switch."""
+    """A row of the table; ``low``, ``high`` and ``step`` are None for a switch."""
 
     name: str
     title: str
@@ -64,13 +65,13 @@ class Setting:
 SETTINGS = (
     Setting(
         name="advance",
-        title="Go on after a verdict",
-        description="After Accept, Reject or Skip the next view is proposed at once.",
+        title="Continue after a verdict",
+        description="After Accept, Reject or Skip, propose the next view.",
     ),
     Setting(
         name="auto_threshold",
         title="Auto accepts from",
-        description="Auto accepts a proposal with this score or more; below it stops for you to decide.",
+        description="Auto accepts a proposal with at least this score, and stops below it.",
         low=0.0,
         high=1.0,
         step=0.05,
@@ -78,7 +79,7 @@ SETTINGS = (
     Setting(
         name="step_mm",
         title="Arrow key, mm",
-        description="How far an arrow key moves the proposal; with Shift ten times as far.",
+        description="Step of the arrow keys for the proposal; tenfold with Shift.",
         low=0.1,
         high=50.0,
         step=0.1,
@@ -86,7 +87,7 @@ SETTINGS = (
     Setting(
         name="step_deg",
         title="Bracket key, °",
-        description="How far [ or ] turns the proposal; with Shift ten times as far.",
+        description="Step of [ and ] for the proposal; tenfold with Shift.",
         low=0.05,
         high=45.0,
         step=0.05,
@@ -94,7 +95,13 @@ SETTINGS = (
     Setting(
         name="follow",
         title="3D camera follows",
-        description="The 3D camera stands where the real camera stood for the view that is shown.",
+        description="The 3D camera takes the real camera's position of the shown view.",
+    ),
+    Setting(
+        name="turn_to_pick",
+        title="Turn the item to a pick",
+        description="A pick that faces away from the 3D camera is looked at from where it was seen."
+        " Off: its mark shows through the cloth.",
     ),
 )
 
@@ -114,7 +121,7 @@ class SettingsStore:
         self.now = defaults if self._path is None else _read(self._path, defaults)
 
     def change(self, **values: float | bool) -> None:
-        """Set some, on disk before they count.
+        """Change settings and save them.
 
         Raises
         ------
@@ -126,7 +133,7 @@ class SettingsStore:
         self._keep(dataclasses.replace(self.now, **values))  # type: ignore[arg-type]
 
     def reset(self) -> None:
-        """Set all to what they are without the operator.
+        """Reset all settings to their defaults.
 
         Raises
         ------
@@ -153,18 +160,18 @@ class SettingsStore:
                 replace_file(self._path, json.dumps(content, indent=1).encode() + b"\n")
             except OSError as error:
                 raise FlatclothError(
-                    f"{self._path}: cannot be written ({error.strerror}). Nothing was set; make room."
+                    f"{self._path}: cannot be written ({error.strerror}). Nothing was set. Free disk space."
                 ) from error
         self.now = settings
 
 
 def check(setting: Setting, value: float | bool | None) -> None:
-    """Refuse a value out of its range.
+    """Raise if a value is out of its range.
 
     Raises
     ------
     FlatclothError
-        With the range.
+        The message gives the range.
     """
     low, high = setting.low, setting.high
     if value is not None and low is not None and high is not None and not low <= value <= high:
@@ -181,13 +188,13 @@ def _read(path: Path, defaults: Settings) -> Settings:
     except FileNotFoundError:
         return defaults
     except OSError as error:
-        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Mend its permissions.") from error
+        raise FlatclothError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     except (ValueError, FlatclothError) as error:
-        raise FlatclothError(f"{path}: is damaged ({error}). Delete it: all is as at first then.") from error
+        raise FlatclothError(f"{path}: is damaged ({error}). Delete it to restore the defaults.") from error
 
 
 def method_numbers(config: Config) -> list[dict[str, Any]]:
-    """Return the numbers of the method for the page, by section: name, value, default, meaning."""
+    """Return the parameters of the method for the page, by section: name, value, default, meaning."""
     now, first = config.to_dict(), Config().to_dict()
     meanings = _meanings(numbers)
     classes = {field.name: type(getattr(config, field.name)).__name__ for field in dataclasses.fields(config)}
@@ -209,7 +216,7 @@ def method_numbers(config: Config) -> list[dict[str, Any]]:
 
 
 def numbers_route(config: Config) -> Route:
-    """Return where the page gets the numbers of the method."""
+    """Return the route to the parameters of the method."""
     told = method_numbers(config)
 
     async def answer(_: Request) -> JSONResponse:
@@ -220,7 +227,7 @@ def numbers_route(config: Config) -> Route:
 
 @cache
 def _meanings(module: ModuleType) -> Mapping[tuple[str, str], str]:
-    """Read the sentence that stands below each field of the configuration."""
+    """Read the docstring below each field of the configuration."""
     found = {}
     for section in ast.parse(inspect.getsource(module)).body:
         if not isinstance(section, ast.ClassDef):

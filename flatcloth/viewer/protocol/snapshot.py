@@ -1,4 +1,4 @@
-"""The small state that every tab gets in full, as plain JSON values."""
+"""The state that every tab receives in full, as plain JSON values."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.engine.sheet import Sheet, label_of
+from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """Something the operator is told; ``level`` is ``info``, ``warning`` or ``error``."""
+    """A notification for the operator; ``level`` is ``info``, ``warning`` or ``error``."""
 
     id: int
     level: str
@@ -38,7 +40,7 @@ class Note:
 
 @dataclass(frozen=True, kw_only=True)
 class PageStatus:
-    """What belongs to the page and not to the session: Auto, progress, messages."""
+    """The state of the page outside the session: Auto, progress, messages."""
 
     auto: bool = False
     edges: bool = False
@@ -74,13 +76,15 @@ def snapshot(
         else {"kind": state.request.kind, "view_index": state.request.view_index},
         "present_view": present,
         "angle_deg": None if present is None else recording.angles_deg[present],
-        "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
+        "views": [
+            _view(state, i, recording.angles_deg[i], integration.accept_score) for i in range(len(recording))
+        ],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
         "progress": None
         if status.progress is None
         else {"share": status.progress[0], "text": status.progress[1]},
-        "pending": _pending(document, None if picture is None else picture.overlay),
+        "pending": _pending(document, picture),
     }
 
 
@@ -93,7 +97,7 @@ def live_snapshot(
     integration: Integration,
     places: PlaceStore,
 ) -> dict[str, Any]:
-    """Return the whole state of the page in live mode; what changes with each frame comes with it."""
+    """Return the whole state of the page in live mode, without the data sent with each frame."""
     angles_deg = integration.recording.angles_deg
     present = None if shown is None else shown.frame
     return {
@@ -149,7 +153,7 @@ def _common(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
+def _view(state: SessionState, index: int, angle_deg: float, accept_score: float) -> dict[str, Any]:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -159,6 +163,7 @@ def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
         "state": word,
         "detail": detail,
         "score": score,
+        "flagged": word in {"accepted", "fixed", "later"} and score is not None and score < accept_score,
         "follows": _follows(document, index),
         "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         "why_not_reopen": why_illegal(state, Reopen(index)),
@@ -184,14 +189,14 @@ def _verdict(document: Document, index: int) -> tuple[str, str, float | None]:
 
 
 def _follows(document: Document, index: int) -> int:
-    """Return how many later views follow an accepted one if it is decided again."""
+    """Return the number of later views that follow an accepted one if it is decided again."""
     order = [*document.accepted, *(later.decision for later in document.later)]
     at = next((n for n, a in enumerate(order) if a.view_index == index), None)
     return 0 if at is None else len(order) - 1 - at
 
 
-def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | None:
-    pending = document.pending
+def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | None:
+    pending, overlay = document.pending, None if picture is None else picture.overlay
     if pending is None:
         return None
     if overlay is not None and overlay.proposal.view_index != pending.view_index:
@@ -210,6 +215,9 @@ def _pending(document: Document, overlay: Overlay | None) -> dict[str, Any] | No
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
         "also": [{"view_index": part.view_index, "component": part.component} for part in pending.also],
+        "extends": None if overlay is None else label_of(overlay.piece(pending)),
+        "foreseen": None if overlay is None else overlay.foreseen,
+        "checks": [] if overlay is None else list(overlay.checks),
         **_placing(overlay),
     }
 
@@ -232,22 +240,26 @@ def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
     """Return a nudge as a turn about the proposal's own centre and the shift of that, as one sees it."""
     if overlay is None:
         return pending.nudge
-    center = pending.proposed.apply(np.array(overlay.own_center_uv_m))
-    shift = pending.nudge.apply(center) - center
+    own = np.array(overlay.own_center_uv_m)
+    shift = overlay.shown(pending).apply(own) - overlay.sheet.shown(pending.proposed, own).apply(own)
     return Rigid2(pending.nudge.theta_rad, float(shift[0]), float(shift[1]))
 
 
 def _placing(overlay: Overlay | None) -> dict[str, Any]:
-    """Return what the method ``robust`` tells besides: margin, open directions, hypotheses."""
+    """Return additional results of the method ``robust``: margin, undetermined directions, hypotheses."""
     placement = None if overlay is None else overlay.proposal.placement
-    if placement is None or not placement.hypotheses:
+    if overlay is None or placement is None or not placement.hypotheses:
         return {"margin": None, "cameras": "", "undetermined": [], "hypotheses": []}
     return {
         "cameras": placement.cameras,
         "margin": finite(float(placement.margin)),
         "undetermined": list(placement.hypotheses[0].undetermined),
         "hypotheses": [
-            {"source": h.source, "score": finite(h.score.total), **_motion(h.current_from_new)}
+            {
+                "source": h.source,
+                "score": finite(h.score.total),
+                **_motion(_shown(overlay, h.current_from_new)),
+            }
             for h in placement.hypotheses
         ],
     }
@@ -258,7 +270,7 @@ def _motion(motion: Rigid2) -> dict[str, float]:
 
 
 def grid(view: FlattenedView) -> dict[str, Any]:
-    """Return the size of a view's grid and its place on the plane."""
+    """Return the size of a view's grid and its position on the plane."""
     return {
         "rows": view.shape[0],
         "cols": view.shape[1],
@@ -271,19 +283,39 @@ def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
-        "area_cm2": picture.view.area_m2 * 1e4,
+        "area_cm2": (picture.view if picture.sheet is None else picture.sheet.canonical.view).area_m2 * 1e4,
+        "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
         **grid(picture.view),
     }
 
 
+def _floating(sheet: Sheet) -> list[dict[str, Any]]:
+    """Return the floating pieces: letter, area, reason, views, color, and their rectangles on the sheet."""
+    return [
+        {
+            "label": piece.label,
+            "area_cm2": 1e4 * piece.view.area_m2,
+            "reason": piece.reason,
+            "views": list(piece.views),
+            "color": "#" + bytes(piece_color(n).tolist()).hex(),
+            "grid": grid(piece.view),
+        }
+        for n, piece in enumerate(sheet.pieces, start=1)
+    ]
+
+
+def _shown(overlay: Overlay, motion: Rigid2) -> Rigid2:
+    return overlay.sheet.shown(motion, np.array(overlay.own_center_uv_m))
+
+
 def _overlay(picture: Picture) -> dict[str, Any] | None:
-    """Return where the proposal is drawn; ``placement`` leads there from its own plane."""
+    """Return the position of the proposal; ``placement`` maps its own plane to it."""
     overlay, pending = picture.overlay, None if picture.document is None else picture.document.pending
     if overlay is None or pending is None:
         return None
-    at = pending.current_from_new
+    at = overlay.shown(pending)
     return {
         "revision": overlay.revision,
         "view_index": overlay.proposal.view_index,
@@ -295,8 +327,8 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
 
 
 def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
-    """Return where the centre of the proposal lies on the plane: what a nudge turns about."""
-    u_m, v_m = pending.current_from_new.apply(np.array(overlay.own_center_uv_m)).tolist()
+    """Return the centre of the proposal on the plane, about which nudges rotate."""
+    u_m, v_m = overlay.shown(pending).apply(np.array(overlay.own_center_uv_m)).tolist()
     return float(u_m), float(v_m)
 
 
@@ -310,7 +342,13 @@ def _pick(
 
 
 def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:
-    listed: dict[str, Any] = {"id": pick.id, "name": pick.name, "view_index": pick.view_index, "uv_m": None}
+    listed: dict[str, Any] = {
+        "id": pick.id,
+        "name": pick.name,
+        "view_index": pick.view_index,
+        "position_held_m": [float(x) for x in pick.position_held_m],
+        "uv_m": None,
+    }
     if picture is not None:
         place = places.place(picture, pick.position_held_m)
         if place.in_shape:

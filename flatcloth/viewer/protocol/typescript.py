@@ -1,7 +1,7 @@
-"""The messages of the page as TypeScript, so that the page's own modules are checked against them.
+"""The messages of the page as TypeScript, to check the page's modules against them.
 
-``python -m flatcloth.viewer.protocol.typescript`` writes ``static/page/messages.d.ts`` anew; a test
-compares the two. The page itself needs no TypeScript: the file is read by ``make lint`` only.
+``python -m flatcloth.viewer.protocol.typescript`` writes ``static/page/messages.d.ts``; a test compares the
+two. The page itself needs no TypeScript: only ``make lint`` reads the file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SCALARS: dict[type, str] = {
 
 
 def declarations() -> str:
-    """Return one interface a message, and the union of all, as the text of a ``.d.ts`` file."""
+    """Return one interface per message, and the union of all, as the text of a ``.d.ts`` file."""
     kinds = [_interface(kind) for kind in KINDS.values()]
     names = " | ".join(kind.__name__ for kind in KINDS.values())
     return "\n".join(

@@ -1,4 +1,4 @@
-"""What the server answers over HTTP: layers, source images, exports, capture.
+"""HTTP routes: layers, source images, exports, capture.
 
-In: requests. Out: bytes with their type.
+Input: requests. Output: bytes with their media type.
 """

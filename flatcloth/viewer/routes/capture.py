@@ -1,9 +1,9 @@
-"""Guided capture over HTTP: a turntable or a robot announces the angles, and asks how things stand.
+"""Guided capture over HTTP: a turntable or a robot announces the angles and reads the status.
 
-``GET /capture`` tells the status; ``POST /capture/angle`` with ``{"angle_deg": 20.0}`` says that the item
-stands at an angle now, since view 0. ``POST /capture/begin``, ``keep``, ``repeat`` and ``finish`` do what the
-buttons of the page do. Every answer is the status as JSON, or ``{"error": why}`` with code 400 (not
-understood), 404 (no such address), 409 (not allowed now) or 503 (the camera has ended).
+``GET /capture`` returns the status; ``POST /capture/angle`` with ``{"angle_deg": 20.0}`` announces the item's
+present angle, since view 0. ``POST /capture/begin``, ``keep``, ``repeat`` and ``finish`` act like the buttons
+of the page. Every answer is the status as JSON, or ``{"error": reason}`` with code 400 (malformed), 404 (no
+such address), 409 (not allowed now) or 503 (the camera has ended).
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "re
 
 
 class Captures(Protocol):
-    """What the addresses work on; see :class:`flatcloth.viewer.modes.capture.CaptureApplication`."""
+    """The object behind the routes; see :class:`flatcloth.viewer.modes.capture.CaptureApplication`."""
 
     @property
     def view_png(self) -> bytes:
-        """The picture of the view that was taken last, empty if there is none."""
+        """The picture of the last view, empty if there is none."""
         ...
 
     def status(self) -> dict[str, Any]:
-        """Return how the capture stands."""
+        """Return the status of the capture."""
         ...
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
-        """Do what is said; raises ``FlatclothError`` if it is not allowed."""
+        """Execute an action; raises ``FlatclothError`` if it is not allowed."""
         ...
 
     def announce(self) -> None:
-        """Tell every tab."""
+        """Send the state to every tab."""
         ...
 
 
 def capture_routes(captures: Captures) -> list[BaseRoute]:
-    """Return the addresses of a guided capture."""
+    """Return the routes of a guided capture."""
 
     async def status(_request: Request) -> Response:
         told = await run_in_threadpool(captures.status)
@@ -60,7 +60,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
     async def hear(request: Request) -> Response:
         word = request.path_params["action"]
         if word not in _ACTIONS:
-            return _refused(f"There is no /capture/{word:.40}; known are {', '.join(_ACTIONS)}.", 404)
+            return _refused(f"Unknown address /capture/{word:.40}; choose one of {', '.join(_ACTIONS)}.", 404)
         angle_deg, keeps_itself = None, False
         if word == "angle":
             try:
@@ -84,17 +84,17 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
 
 
 async def _body(request: Request) -> bytes:
-    """Return what was sent, as long as it is no more than an announcement can be."""
+    """Return the body of a request, up to the limit of its size."""
     body = b""
     async for piece in request.stream():
         body += piece
         if len(body) > MAX_BODY_BYTES:
-            raise ValueError(f"That was longer than {MAX_BODY_BYTES} bytes; an angle takes some 20.")
+            raise ValueError(f"The body is longer than {MAX_BODY_BYTES} bytes; an angle takes about 20.")
     return body
 
 
 class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The body of ``POST /capture/angle``; without ``keep`` the view keeps itself."""
+    """The body of ``POST /capture/angle``; without ``keep`` the view is kept automatically."""
 
     angle_deg: Annotated[float, msgspec.Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
     keep: bool = True
@@ -106,12 +106,12 @@ def _announcement(body: bytes) -> tuple[float, bool]:
         given = msgspec.json.decode(body, type=_Announcement)
     except msgspec.ValidationError as error:
         if "unknown field" in str(error):
-            raise ValueError(f"That has other fields. {wanted}") from error
+            raise ValueError(f"The body has other fields. {wanted}") from error
         raise ValueError(
             f"angle_deg must be a number up to {MAX_ANGLE_DEG:g}, and keep true or false. {wanted}"
         ) from error
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"That was not JSON. {wanted}") from error
+        raise ValueError(f"The body is not JSON. {wanted}") from error
     return given.angle_deg, given.keep
 
 

@@ -1,4 +1,4 @@
-"""What the page offers to take away: made when asked for, from the session as it is on disk."""
+"""The exports offered by the page: made on request from the session on disk."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _figures(session: OpenedSession) -> bytes:
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
         for figure in all_figures(session):
-            # Without a date of its own, so that the same session gives the same bytes.
+            # Without a date, so that the same session gives identical bytes.
             archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.drawing.png())
             info = zipfile.ZipInfo(f"{figure.name}.svg")
             archive.writestr(info, figure.drawing.svg(), compress_type=zipfile.ZIP_DEFLATED)
@@ -83,18 +83,18 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
     "outline.json": ("application/json", _outline(".json")),
 }
-"""What can be asked for: the media type, and what makes it."""
+"""The available exports: the media type, and the function that makes them."""
 
 
-BUSY = "Another export is being made; ask again when it is done."
+BUSY = "Another export is running; try again when it is done."
 _LOOK_S = 0.25
 """Interval at which the client is checked for having left."""
 
 
 class ExportRoutes:
-    """Makes exports, one at a time and in a thread of its own: each uses all processors.
+    """Makes exports on its own thread, one at a time, because each uses all processors.
 
-    Requests that come meanwhile are answered 429. An export is cancelled when its client leaves.
+    Concurrent requests are answered with 429. An export is cancelled when its client leaves.
 
     Parameters
     ----------
@@ -110,16 +110,16 @@ class ExportRoutes:
         self._left = threading.Event()
 
     def stop(self) -> None:
-        """Take no more, and give up the one that is being made."""
+        """Accept no more requests, and cancel the running export."""
         self._left.set()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, request: Request) -> Response:
-        """Answer with the file that was asked for, or with one line that says why not."""
+        """Answer with the file, or with one line that gives the reason."""
         name = request.path_params["name"]
         if name not in KINDS:
             known = ", ".join(KINDS)
-            return PlainTextResponse(f"There is no export {name!r:.40}; known are {known}.", status_code=404)
+            return PlainTextResponse(f"Unknown export {name!r:.40}; choose one of {known}.", status_code=404)
         if not self._turn.acquire(blocking=False):
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = self._left = threading.Event()
@@ -130,16 +130,16 @@ class ExportRoutes:
                 await asyncio.wait([asyncio.wrap_future(work)], timeout=_LOOK_S)
                 if not work.done() and await request.is_disconnected():
                     left.set()
-                    return PlainTextResponse("Nobody waits for this export.", status_code=499)
+                    return PlainTextResponse("The client of this export has left.", status_code=499)
             data = work.result()
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
-        except Exception as error:  # noqa: BLE001 - told and logged
+        except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("the export of %s failed", name)
             return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         finally:
             left.set()
-        # As a file to keep, never shown in the page's own place: its texts come from the recording.
+        # As a download, never shown with the page's origin: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
         return Response(data, media_type=KINDS[name][0], headers=headers)
 
@@ -153,7 +153,7 @@ class ExportRoutes:
             go_on(0.0, "")
             return KINDS[name][1](opened)
         except CancelledError:
-            _log.info("the export of %s was given up: nobody waits for it", name)
+            _log.info("the export of %s was cancelled: its client left", name)
             return None
 
     def _stem(self) -> str:

@@ -1,4 +1,4 @@
-"""The pictures that the page fetches: layers, the proposal, differences; encoded when first asked for."""
+"""The pictures of the page: layers, the proposal, differences; encoded on first request."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ PICTURES_KEPT = 12
 
 
 class LayerRoutes:
-    """Answers requests for pictures of what the page shows at present.
+    """Answers requests for pictures of the present view of the page.
 
     Parameters
     ----------
     application : PageController
-        Knows the present picture.
+        Provides the present picture.
     integration : Integration
         The session's; only its axis and number of views are read.
     """
@@ -46,7 +46,7 @@ class LayerRoutes:
         self._difference: tuple[Hashable, Difference] | None = None
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of this."""
+        """Return the routes of this object."""
         return [
             Route("/layers/{revision:int}/{name}.png", self._layer),
             Route("/overlay/{revision:int}.png", self._overlay),
@@ -67,7 +67,7 @@ class LayerRoutes:
         return await _answer(request, lambda look: self.compare(*of, request.path_params["name"], look))
 
     def layer(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return a layer of the shape at a revision; None if it is no longer shown, or unknown."""
+        """Return a layer of the shape at a revision; None if it is outdated or unknown."""
 
         def make(picture: Picture) -> bytes | None:
             if picture.revision != revision or name not in layers.LAYERS:
@@ -77,7 +77,7 @@ class LayerRoutes:
         return self._get(("layer", revision, name, look), make)
 
     def overlay(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return the proposal at a revision, in the colours of the shape's layer; None as for a layer."""
+        """Return the proposal at a revision, in the colours of the shape's layer; None if it is outdated."""
 
         def make(picture: Picture) -> bytes | None:
             overlay = picture.overlay
@@ -89,7 +89,7 @@ class LayerRoutes:
         return self._get(("overlay", revision, name, look), make)
 
     def compare(self, revision: int, overlay_revision: int, kind: str, look: Appearance) -> bytes | None:
-        """Return the heat map of a difference between proposal and shape; None as for a layer."""
+        """Return the heat map of a difference between proposal and shape; None if it is outdated."""
 
         def make(picture: Picture) -> bytes | None:
             overlay, key = picture.overlay, (revision, overlay_revision)
@@ -141,18 +141,18 @@ async def _answer(request: Request, make: Callable[[Appearance], bytes | None]) 
         return PlainTextResponse(str(error), status_code=400)
     data = await run_in_threadpool(make, look)
     if data is None:
-        text = "This picture is no longer shown; a newer state is on its way."
-        return PlainTextResponse(text, status_code=404)
+        text = "This picture is no longer shown; a newer state follows."
+        return PlainTextResponse(text, status_code=410)
     return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
 
 
 def appearance_of(query: Mapping[str, str]) -> Appearance:
-    """Read an address's ``map``, ``low`` and ``high``.
+    """Read ``map``, ``low`` and ``high`` from an address.
 
     Raises
     ------
     FlatclothError
-        If one of them is not what it should be.
+        If one of them is not valid.
     """
     shares = []
     for name, default in (("low", "0"), ("high", "1")):

@@ -1,4 +1,4 @@
-"""The source images beside the flattened view: a view's color and mask, and every view that saw a point."""
+"""The source images beside the flattened view: color and mask of a view, and all views of a point."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ THUMB_PX = 72
 IMAGES_KEPT = 16
 _JPEG_QUALITY = 88
 _SHADE = 150
-"""How dark what is not the item is made, of 255."""
+"""Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
 
 
@@ -38,9 +38,9 @@ class SourceRoutes:
     Parameters
     ----------
     application : PageController
-        Knows the picks.
+        Provides the picks.
     integration : Integration
-        Reads the views; safe to be used by several threads.
+        Reads the views; safe to use from several threads.
     """
 
     def __init__(self, application: PageController, integration: Integration) -> None:
@@ -50,7 +50,7 @@ class SourceRoutes:
         self._kept: OrderedDict[Any, Any] = OrderedDict()
 
     def routes(self) -> list[BaseRoute]:
-        """Return what the web server serves of this."""
+        """Return the routes of this object."""
         return [
             Route("/source/{view:int}/color.jpg", self._color),
             Route("/source/{view:int}/mask.png", self._mask),
@@ -81,7 +81,7 @@ class SourceRoutes:
     async def _answer(self, request: Request, kind: str, make: Callable[[RgbdFrame], bytes]) -> Response:
         view = request.path_params["view"]
         if view >= len(self._integration.recording):
-            return PlainTextResponse(f"There is no view {view}.", status_code=404)
+            return PlainTextResponse(f"View {view} does not exist.", status_code=404)
 
         def read() -> bytes:
             key = (kind, view, self._axis_key())
@@ -131,7 +131,7 @@ class SourceRoutes:
 def place_in_view(
     integration: Integration, view_index: int, position_held_m: Floats, normal_held: Floats
 ) -> Projection:
-    """Return where a point of the held frame falls in the image of a view; see ``visibility.project``."""
+    """Return the position of a point (object frame) in the image of a view; see ``visibility.project``."""
     recording = integration.recording
     angle_deg = recording.angles_deg[view_index]
     return project(position_held_m, normal_held, integration.axis, angle_deg, recording.intrinsics)
@@ -140,9 +140,9 @@ def place_in_view(
 def place_under(
     integration: Integration, view_index: int, *attributes: Mapping[str, Any] | None
 ) -> dict[str, Any] | None:
-    """Return where the first cloth of some read-outs falls in the image of a view; None if it cannot.
+    """Return the position of the first valid read-out in the image of a view; None if there is none.
 
-    ``attributes`` are as ``picture.attributes_at`` gives them.
+    ``attributes`` are those of ``picture.attributes_at``.
     """
     found = next((a for a in attributes if a is not None), None)
     if found is None or not 0 <= view_index < len(integration.recording):
@@ -156,11 +156,11 @@ def place_under(
 
 
 def views_that_saw(integration: Integration, position_held_m: Floats, normal_held: Floats) -> dict[str, Any]:
-    """Return for JSON the views that saw a point, each with pixel and picture, and how many did not.
+    """Return for JSON the views that saw a point, each with pixel and picture, and the number of others.
 
     Notes
     -----
-    Only views that may have seen it are read: about half of a turn, 10 ms each at 480x848 px.
+    Only views that may have seen the point are read: about half of a turn, 10 ms each at 480x848 px.
     """
     seen, hidden = [], dict.fromkeys((s.value for s in Sight if s is not Sight.SEEN), 0)
     for view, angle_deg in enumerate(integration.recording.angles_deg):
@@ -195,7 +195,7 @@ def crop(color: Uint8, row: float, col: float, size_px: int = THUMB_PX) -> Uint8
 
 
 def mask_rgba(item: Bool) -> Uint8:
-    """Return the cover (H, W, 4) of a source image: dark beside the item, its outline bright."""
+    """Return the overlay (H, W, 4) of a source image: dark off the item, with a bright outline."""
     import cv2
 
     filled = item.astype(np.uint8)
@@ -207,7 +207,7 @@ def mask_rgba(item: Bool) -> Uint8:
 
 
 def jpeg(rgb: Uint8) -> bytes:
-    """Encode an image (H, W, 3) RGB for looking at."""
+    """Encode an image (H, W, 3) RGB for display."""
     import cv2
 
     done, data = cv2.imencode(

@@ -1,4 +1,4 @@
 """The 3D scene in viser: the item in the object frame, clouds, the axis, the pick, and the panels.
 
-In: pictures of documents. Out: viser nodes.
+Input: pictures of documents. Output: viser nodes.
 """

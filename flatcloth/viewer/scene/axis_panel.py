@@ -1,4 +1,4 @@
-"""The turning axis set by hand: four sliders in viser's panel, a preview in the scene, and Apply."""
+"""Setting the turning axis by hand: four sliders in viser's panel, a preview in the scene, and Apply."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ SLIDERS = (
     ("Top leans right (deg)", 15.0, 0.1),
     ("Top leans away (deg)", 15.0, 0.1),
 )
-"""Label, largest value to either side, step; seen from the camera of view 0."""
+"""Label, largest value in either direction, step; as seen from the camera of view 0."""
 
 
 class AxisPanel:
-    """A folder of the panel; its callbacks come from viser's threads.
+    """A folder of the panel; viser calls it from its threads.
 
     Parameters
     ----------
     server : viser.ViserServer
-        Whose panel it joins.
+        The server of the panel.
     axis : RotationAxis
-        In force now, held frame; its point is what it leans about.
+        The present axis, object frame; it leans about its point.
     on_preview : callable
-        Told the axis as the sliders say, while they are moved.
+        Called with the axis of the sliders while they move.
     on_apply : callable
-        Told the axis that everything is to be derived with.
+        Called with the axis to use from now on.
     """
 
     def __init__(
@@ -55,8 +55,8 @@ class AxisPanel:
                 gui.add_slider(label, min=-most, max=most, step=step, initial_value=0.0)
                 for label, most, step in SLIDERS
             ]
-            apply = gui.add_button("Apply", hint="Derive everything again with this axis.")
-            reset = gui.add_button("Back", hint="Forget what the sliders say.")
+            apply = gui.add_button("Apply", hint="Compute everything again with this axis.")
+            reset = gui.add_button("Back", hint="Reset the sliders.")
         for slider in self._sliders:
 
             @slider.on_update
@@ -73,8 +73,8 @@ class AxisPanel:
 
     @property
     def chosen(self) -> RotationAxis:
-        """The axis as the sliders say."""
-        right_mm, away_mm, lean_right_deg, lean_away_deg = (float(s.value) for s in self._sliders)
+        """The axis of the sliders."""
+        right_mm, away_mm, lean_right_deg, lean_away_deg = (_within(s) for s in self._sliders)
         return moved_axis(
             self._axis,
             right_m=right_mm / 1000.0,
@@ -84,12 +84,18 @@ class AxisPanel:
         )
 
     def set_axis(self, axis: RotationAxis) -> None:
-        """Take the axis that is in force now; the sliders count from it."""
+        """Set the present axis; the sliders are relative to it."""
         self._axis = axis
         self._text.content = _described(axis)
         for slider in self._sliders:
             slider.value = 0.0  # type: ignore[misc]  # viser declares it read-only, but means it
         self._on_preview(axis)
+
+
+def _within(slider: Any) -> float:
+    """Return a slider's value; viser passes on whatever a browser says."""
+    value = float(slider.value)
+    return min(max(value, float(slider.min)), float(slider.max)) if math.isfinite(value) else 0.0
 
 
 def moved_axis(
@@ -100,7 +106,7 @@ def moved_axis(
     lean_right_deg: float = 0.0,
     lean_away_deg: float = 0.0,
 ) -> RotationAxis:
-    """Return an axis shifted, and leaned about its point; right and away are those of view 0's camera."""
+    """Return an axis shifted, and leaned about its point, as seen from view 0's camera."""
     lean = rotation_about(np.array([1.0, 0.0, 0.0]), -math.radians(lean_away_deg))
     lean = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(lean_right_deg)) @ lean
     direction = lean @ axis.direction

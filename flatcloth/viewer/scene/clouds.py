@@ -1,4 +1,4 @@
-"""Which points the 3D scene shows, and in which colours: chosen in viser's panel."""
+"""The points of the 3D scene and their colours, selected in viser's panel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.layers import difference
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
@@ -44,7 +44,7 @@ _HINTS = {
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points (N, 3) in the held frame, colors (N, 3), and how large each is drawn."""
+    """Points (N, 3) in the object frame, colors (N, 3), and how large each is drawn."""
 
     points_m: Floats
     colors: Uint8
@@ -75,7 +75,7 @@ def clouds_of(
     if points == SHAPE:
         live = picture.cloud
         found[LIVE] = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest), 0.0015)
-        found[HELD] = _cloud(view, view.valid, color, axis, n_views, 0.0018)
+        found[HELD] = _with_pieces(_cloud(view, view.valid, color, axis, n_views, 0.0018), picture, color)
     if overlay is None:
         return found
     if points in (SHAPE, NEW):
@@ -92,6 +92,17 @@ def clouds_of(
     return found
 
 
+def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:
+    """Tint the points of floating pieces in the colours that the flattened view marks them with."""
+    if picture.sheet is None or not picture.sheet.pieces or color != "color":
+        return cloud
+    piece = picture.sheet.piece[picture.view.valid]
+    colors = cloud.colors.astype(np.float64)
+    for n in range(1, len(picture.sheet.pieces) + 1):
+        colors[piece == n] = 0.5 * colors[piece == n] + 0.5 * piece_color(n)
+    return Cloud(cloud.points_m, colors.astype(np.uint8), cloud.size_m)
+
+
 def _cloud(
     view: FlattenedView, where: Bool, color: str, axis: RotationAxis, n_views: int, size_m: float
 ) -> Cloud:
@@ -102,7 +113,7 @@ def _cloud(
 
 
 def all_views(integration: Integration, color: str) -> Cloud:
-    """Return the points of all views of the recording, held frame, thinned; in color, or by view."""
+    """Return the points of all views of the recording, object frame, subsampled; in color, or by view."""
     views = range(len(integration.recording))
     each = max(1, MOST_POINTS // len(views))
     points, colors = [], []
@@ -111,7 +122,7 @@ def all_views(integration: Integration, color: str) -> Cloud:
         try:
             cloud = integration.cloud(view)
         except FlatclothError:
-            continue  # one that cannot be read; the timeline says so when it is asked for
+            continue  # unreadable; the timeline reports it on request
         here = np.flatnonzero(cloud.of_interest)
         here = here[np.linspace(0, len(here) - 1, min(each, len(here))).astype(np.intp)]
         points.append(cloud.xyz_m[here])
@@ -122,7 +133,7 @@ def all_views(integration: Integration, color: str) -> Cloud:
 
 
 def dimmed(rgb: Uint8, of_interest: Bool) -> Uint8:
-    """Return the colors (N, 3) with what is not of interest in grey."""
+    """Return the colors (N, 3), with points that are not of interest in grey."""
     grey = (0.25 * rgb + 0.75 * _GREY).astype(np.uint8)
     return np.where(of_interest[:, None], rgb, grey)
 
@@ -159,11 +170,11 @@ class CloudPanel:
             choice.on_update(lambda _event: self._on_change())
 
     def stop(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         self._worker.stop(timeout_s=2.0)
 
     def clouds(self, picture: Picture, axis: RotationAxis) -> Mapping[str, Cloud]:
-        """Return what is to be shown of a picture, as chosen."""
+        """Return the selected clouds of a picture."""
         points, color = self._points.value, COLORS[self._color.value]
         found = clouds_of(picture, axis, len(self._integration.recording), points, color)
         if points == ALL:

@@ -1,4 +1,4 @@
-"""viser's own panel beside the scene: what is shown, and the curves behind a decision."""
+"""viser's own panel beside the scene: visibility, and the curves behind a decision."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Panels:
 
         @follow.on_update
         def _(event: Any) -> None:
-            # Only what a user does is news; our own updates have no client.
+            # Only changes by a user are handled; our own updates have no client.
             if event.client is not None:
                 on_follow(follow.value)
 
@@ -84,7 +84,7 @@ class Panels:
         )
 
     def set_follow(self, follow: bool) -> None:
-        """Show the state of the switch that the page has changed."""
+        """Show the state of the switch that was changed on the page."""
         if self._follow.value != follow:
             self._follow.value = follow  # type: ignore[misc]  # viser declares it read-only, but means it
 
@@ -106,7 +106,7 @@ class Panels:
 
 
 def planned_curves(proposal: Proposal) -> ColumnCurves | None:
-    """Return the curves from which a proposal's rotation was chosen; None if it was chosen by hand."""
+    """Return the curves behind a proposal's rotation; None if the operator chose it."""
     if proposal.plan is None:
         return None
     return next((side.curves for side in proposal.plan.sides if side.side is proposal.side), None)

@@ -1,6 +1,6 @@
-"""A viser server that nothing but this process can reach: it listens on a socket file in a private folder.
+"""A viser server that only this process can reach: it listens on a socket file in a private folder.
 
-viser itself asks no key and checks no Origin, so any web page could connect to a port of it.
+viser itself requires no token and does not check the Origin, so any web page could connect to its port.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _ONE_AT_A_TIME = threading.Lock()
 _MAX_PATH_CHARS = 90
-"""The system takes 107 bytes for the address of a socket file."""
+"""The system allows 107 bytes for the address of a socket file."""
 
 
 class PrivateViser:
@@ -30,7 +30,7 @@ class PrivateViser:
     Raises
     ------
     ServerError
-        If this version of viser listens in a way that is not known here.
+        If this version of viser listens in an unknown way.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class PrivateViser:
             listening.append(serve(handler, unix=True, path=str(self.path), **options))
             return listening[-1]
 
-        # viser prints an address; ours is the only one a user may open.
+        # Suppress the address that viser prints; the user opens only ours.
         with (
             _ONE_AT_A_TIME,
             patch.object(sockets, "serve", listen),
@@ -70,9 +70,9 @@ class PrivateViser:
         if len(listening) != 1:
             server.stop()
             raise ServerError(
-                "This viser listens in another way. Install viser 1.1: pip install 'viser<1.2'."
+                "This version of viser is not supported. Install viser 1.1: pip install 'viser<1.2'."
             )
-        # Any client could open a public tunnel to this computer with it.
+        # It would allow any client to open a public tunnel to this computer.
         server._websock_server.unregister_handler(_messages.ShareUrlRequest)
         return server
 

@@ -1,7 +1,8 @@
-"""The 3D scene: the item in the held frame, with the camera, the axis, the proposal and the pick."""
+"""The 3D scene: the item in the object frame, with the camera, the axis, the proposal and the pick."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
 
 MAX_POINTS = 60_000
-"""More points than this make the browser slow, and show no more."""
+"""More points make the browser slow without showing more."""
 
 MAX_LIVE_POINTS = 25_000
-"""Of a frame that is played; more would be sent faster than browsers take them."""
+"""Points of a played frame; browsers cannot receive more at this rate."""
 
 BALL_RADIUS_M = 0.006
 ARROW_LENGTH_M = 0.06
@@ -39,9 +40,9 @@ class Scene:
     Parameters
     ----------
     axis : RotationAxis
-        Held frame.
+        Turning axis, object frame.
     intrinsics : Intrinsics
-        Of the real camera, for its frustum.
+        The real camera, for its frustum.
     """
 
     def __init__(self, axis: RotationAxis, intrinsics: Intrinsics) -> None:
@@ -117,20 +118,20 @@ class Scene:
         self._viser.stop()
 
     def visible_points(self) -> Float32:
-        """Return the points (N, 3) of all clouds that are switched on."""
+        """Return the points (N, 3) of all visible clouds."""
         with self._lock:
             seen = [p for name, p in self._points.items() if self._is_visible(name)]
         return np.concatenate(seen) if seen else np.zeros((0, 3), dtype=np.float32)
 
     def show(self, picture: Picture | None) -> None:
-        """Show what a document looks like, or an empty scene."""
+        """Show a document, or an empty scene."""
         with self._lock, self._server.atomic():
             self._show(picture)
             self._panels.show(picture)
         self._server.flush()
 
     def play(self, picture: Picture | None) -> None:
-        """Show a frame of a recording that is played: its points only, thinned, framed once."""
+        """Show a frame of a recording in live mode: only its points, subsampled, framed once."""
         with self._lock, self._server.atomic():
             if picture is None:
                 self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
@@ -146,7 +147,7 @@ class Scene:
         self._server.flush()
 
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
-        """Show the cloud of a camera, in its own frame; ``anew`` frames it."""
+        """Show the cloud of a camera in its own frame; ``anew`` frames the view again."""
         with self._lock, self._server.atomic():
             self._fill("/live/cloud", points_m, colors, 0.0022)
             if len(points_m) and (anew or self._view_from is None):
@@ -179,7 +180,7 @@ class Scene:
     def show_pick(
         self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None = None
     ) -> None:
-        """Show ball, outward arrow and gripper (S, 2, 3) of a pick (held frame), or hide them."""
+        """Show ball, outward arrow and gripper (S, 2, 3) of a pick (object frame), or hide them."""
         with self._lock, self._server.atomic():
             there = position_m is not None
             if position_m is not None:
@@ -200,7 +201,7 @@ class Scene:
         self._server.flush()
 
     def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
-        """Draw edges (K, 2, 3) in the held frame with colours (K, 2, 3), or hide them."""
+        """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
         with self._lock, self._server.atomic():
             there = ends_m is not None and len(ends_m) > 0
             if there:
@@ -210,11 +211,20 @@ class Scene:
         self._server.flush()
 
     def follow(self, on: bool) -> None:
-        """Let the cameras go where the real camera stands at each new view, or leave them alone."""
+        """Let the cameras go to the real camera's position at each new view, or not."""
         self._follow = on
         self._panels.set_follow(on)
         if on:
             self._aim_all()
+
+    def look_from(self, angle_deg: float) -> None:
+        """Let all cameras look from where the real camera stood at an angle, the item in the middle."""
+        with self._lock:
+            if self._view_from is None:
+                return
+            eye_m = held_from_camera(self._axis, angle_deg).translation_m
+            self._view_from = (self._view_from[0], eye_m, *self._view_from[2:])
+        self._aim_all()
 
     def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
         self._filled[name] = len(points_m) > 0
@@ -278,10 +288,11 @@ class Scene:
             self._aim_all()
 
     def _fov_rad(self, aspect: float) -> float:
-        """Return the vertical field of view in which the whole item is seen from the camera's place."""
+        """Return the vertical field of view that contains the whole item from the camera's position."""
         assert self._view_from is not None
         center, camera, half_width, half_height = self._view_from
         distance = max(float(np.linalg.norm(camera - center)) - half_width, 0.05)
+        aspect = aspect if math.isfinite(aspect) else 1.0  # viser passes on what a browser says
         tangent = FRAME_MARGIN * max(half_height, half_width / max(aspect, 0.2)) / distance
         return float(np.clip(2 * np.arctan(tangent), 0.2, 2.2))
 
@@ -299,11 +310,11 @@ class Scene:
         client.flush()
 
     def offer_axis(self, on_apply: Callable[[RotationAxis], None]) -> None:
-        """Offer to set the turning axis by hand; ``on_apply`` is told, from viser's threads."""
+        """Add the panel for the turning axis; ``on_apply`` is called from viser's threads."""
         self._axis_panel = AxisPanel(self._server, self._axis, self._draw_axis, on_apply)
 
     def offer_clouds(self, integration: Integration) -> None:
-        """Offer to choose the points that are shown, and their colours."""
+        """Add the panel for the choice of points and colours."""
         self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
 
     def _show_again(self) -> None:
@@ -313,7 +324,7 @@ class Scene:
         self._server.flush()
 
     def set_axis(self, axis: RotationAxis) -> None:
-        """Take the turning axis that is in force from now on."""
+        """Set the turning axis."""
         with self._lock, self._server.atomic():
             self._axis = axis
             self._draw_axis(axis)
@@ -343,10 +354,10 @@ def quaternion_from_matrix(rotation: Floats) -> Float64:
 
 
 def quaternion_from_z(direction: Floats) -> Float64:
-    """Return the unit quaternion (w, x, y, z) that turns +z to a direction (3,), the shortest way."""
+    """Return the unit quaternion (w, x, y, z) of the smallest rotation from +z to a direction (3,)."""
     d = np.asarray(direction, dtype=np.float64)
     d = d / np.linalg.norm(d)
     if d[2] < -1 + 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])  # half a turn; any horizontal axis will do
+        return np.array([0.0, 1.0, 0.0, 0.0])  # 180 degrees; any horizontal axis will do
     q = np.array([1 + d[2], -d[1], d[0], 0.0])
     return np.asarray(q / np.linalg.norm(q), dtype=np.float64)

@@ -1,4 +1,4 @@
 """The web server: one port for the page, its messages, and viser behind a relay.
 
-In: a mode. Out: a running server.
+Input: a mode. Output: a running server.
 """

@@ -23,6 +23,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError, ServerError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -32,11 +34,12 @@ from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.robot import RobotRoutes
 from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.hub import Hub, Tab
-from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol
+from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limit_logs
 from flatcloth.viewer.server.relay import relay
 from flatcloth.viewer.server.token import kept_token, new_token
 
@@ -48,11 +51,11 @@ _log = logging.getLogger(__name__)
 
 STATIC = static_folder()
 _ALL_HEADERS = {
-    # Pages of other addresses cannot embed what is served here.
+    # Pages of other origins cannot embed these files.
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 _PAGE_HEADERS = {
-    # Scripts from our own files only. 'unsafe-eval' is for browser drivers, which wait for expressions;
+    # Scripts only from our own files. 'unsafe-eval' is for browser drivers, which evaluate expressions;
     # the page itself never evaluates text.
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-eval'; img-src 'self' data:;"
     " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
@@ -68,20 +71,22 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        What to show, see :class:`flatcloth.viewer.modes.controller.PageController`.
+        The session; see :class:`flatcloth.viewer.modes.controller.PageController`.
     host : str
         Address to bind.
     port : int
-        0 chooses a free one.
+        0 chooses a free port.
     token : bool
-        Ask for the token that is part of :attr:`url`. False lets every user and program of this
-        computer in; beyond loopback that is refused.
+        Require the token that is part of :attr:`url`. False admits every user and program of this
+        computer; beyond loopback it is refused.
     player : Player, optional
-        Given for live mode: flattens the frames that are played.
+        For live mode: flattens the played frames.
     fps : float
-        In live mode, frames a second to begin with.
+        Initial frames per second in live mode.
     controller : callable, optional
-        Makes the application of another mode, such as that of a camera.
+        Makes the application of another mode, such as a camera's.
+    base_from_camera : Rigid3, optional
+        Hand-eye transform, for what robots are told (docs/robots.md).
     """
 
     def __init__(
@@ -95,11 +100,13 @@ class PageServer:
         player: Player | None = None,
         fps: float = DEFAULT_FPS,
         controller: Callable[[SceneView, ClientSink], PageController] | None = None,
+        base_from_camera: Rigid3 | None = None,
     ) -> None:
         if not token and not is_loopback(host):
             raise ServerError(
-                f"Without a token {host} would let everybody in; use --host 127.0.0.1, or a token."
+                f"Without a token, {host} would admit everybody; use --host 127.0.0.1, or a token."
             )
+        return_freed_memory()
         self._integration = integration
         self._socket = bind(host, port)
         self.token = _token(host) if token else None
@@ -125,6 +132,7 @@ class PageServer:
         self._sources = SourceRoutes(self.application, integration)
         self._teaching = TeachingRoutes(integration)
         self._exports = ExportRoutes(integration, folder)
+        self._robot = RobotRoutes(self.application, integration, base_from_camera)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
@@ -144,13 +152,13 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address to open, with the token if one is needed."""
+        """The address to open, with the token if one is required."""
         host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def start(self) -> PageServer:
-        """Start serving; returns when the page answers."""
+        """Start serving; returns when the page can be opened."""
         self._thread.start()
         self._ready.wait()
         self.application.start()
@@ -169,7 +177,7 @@ class PageServer:
     def join(self) -> None:
         """Wait until the server ends."""
         while self._thread.is_alive():
-            # A bare join() would not let Ctrl-C through on every system.
+            # On some systems join() without timeout blocks Ctrl-C.
             self._thread.join(timeout=1.0)
 
     def __enter__(self) -> PageServer:
@@ -187,7 +195,7 @@ class PageServer:
         @contextlib.asynccontextmanager
         async def lifespan(_app: Starlette) -> AsyncIterator[None]:
             self._hub.open(asyncio.get_running_loop())
-            # The socket listens already: whoever connects from now on is answered.
+            # The socket is already listening: connections are answered from now on.
             self._ready.set()
             yield
 
@@ -199,6 +207,7 @@ class PageServer:
             Route("/export/{name}", self._exports.serve),
             Route("/teaching/{part}", self._teaching.serve),
             *self.application.routes(),
+            *self._robot.routes(),
             WebSocketRoute("/ws", self._messages),
             Route("/viser/", _viser_page),
             WebSocketRoute("/viser", self._viser_socket),
@@ -209,13 +218,20 @@ class PageServer:
 
     async def _messages(self, browser: WebSocket) -> None:
         def receive(key: int, tab: Tab, text: str) -> None:
-            hover = _hover(text)
-            if hover is None:
+            answer = self._pointed_at(text)
+            if answer is None:
                 self.application.receive(key, text)
             else:
-                tab.put(json.dumps(self.application.describe(hover), allow_nan=False))
+                tab.put(json.dumps(answer, allow_nan=False))
 
         await self._hub.serve(browser, self.application.last_snapshot, receive)
+
+    def _pointed_at(self, text: str) -> dict[str, Any] | None:
+        """Answer a question about what is under the pointer; None for any other message."""
+        hover = _hover(text)
+        if isinstance(hover, messages.HoverRay):
+            return self.application.describe_ray(hover)
+        return None if hover is None else self.application.describe(hover)
 
     async def _viser_socket(self, browser: WebSocket) -> None:
         await relay(browser, self._scene.path)
@@ -235,7 +251,7 @@ def _token(host: str) -> str:
 
 
 class _Headers:
-    """ASGI middleware that adds protective headers; viser's page gets fewer."""
+    """ASGI middleware that adds protective headers; viser's page gets fewer of them."""
 
     def __init__(self, app: Any) -> None:
         self._app = app
@@ -256,7 +272,7 @@ class _Headers:
 
 
 async def _page(_request: Request) -> Response:
-    # The page's own files carry no version in their names, so they are asked for anew each time.
+    # The page's files have no version in their names, so browsers must check them each time.
     return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
 
 
@@ -267,15 +283,15 @@ async def _viser_page(_request: Request) -> Response:
     return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
 
 
-def _hover(text: str) -> messages.Hover | None:
-    # Hover read-outs need no turn in the queue: they only read the present picture.
-    if '"hover"' not in text[:200]:
+def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
+    # Hover read-outs bypass the queue: they only read the present picture.
+    if '"hover' not in text[:200]:
         return None
     try:
         message = messages.parse(text)
     except FlatclothError:
         return None  # the application thread reports it
-    return message if isinstance(message, messages.Hover) else None
+    return message if isinstance(message, messages.Hover | messages.HoverRay) else None
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -284,7 +300,7 @@ def bind(host: str, port: int) -> socket.socket:
     Raises
     ------
     ServerError
-        If the port is busy or the host is not one of this computer; the message tells the remedy.
+        If the port is busy or the host does not belong to this computer; the message gives the remedy.
     """
     if not 0 <= port <= 65535:
         raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
@@ -316,22 +332,24 @@ def serve(
     player: Player | None = None,
     fps: float = DEFAULT_FPS,
     controller: Callable[[SceneView, ClientSink], PageController] | None = None,
+    base_from_camera: Rigid3 | None = None,
     open_url: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, token, player, fps, controller
+    integration, folder, host, port, token, player, fps, controller, base_from_camera
         See :class:`PageServer`.
     open_url
-        Called with the page's address once it answers; the default prints it.
+        Called with the page's address when it can be opened; by default prints it.
 
     Raises
     ------
     ServerError
-        If the address cannot be bound, or would let everybody in.
+        If the address cannot be bound, or would admit everybody.
     """
+    limit_logs()
     with PageServer(
         integration,
         folder,
@@ -341,6 +359,7 @@ def serve(
         player=player,
         fps=fps,
         controller=controller,
+        base_from_camera=base_from_camera,
     ) as server:
         (open_url or _print_url)(server.url)
         try:

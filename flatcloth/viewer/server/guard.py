@@ -1,7 +1,7 @@
-"""Access control: only pages of the server's own address, and only with its token.
+"""Access control: only pages of the server's own origin, and only with its token.
 
-Without it, any web page that the operator has open could drive the session or read it (also through a host
-name that resolves to this computer), and so could any other user of this computer.
+Otherwise any web page that the operator has open could control or read the session (also through a host name
+that resolves to this computer), and so could any other user of this computer.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ MAX_QUERY_CHARS = 2000
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 _ORIGIN = re.compile(r"null|[a-z][a-z0-9+.-]{0,30}://" + _HOST.pattern)
 _LONG_NUMBER = re.compile(r"\d{16}")
-"""No route has a number that JavaScript cannot count to."""
+"""No valid route contains a number beyond JavaScript's exact integers."""
 _SINGLE = (b"host", b"origin", b"sec-fetch-site", b"authorization")
 
 
 def is_loopback(host: str) -> bool:
-    """Say whether a host name or address to bind is reachable from this computer only."""
+    """Return whether a host name or address to bind is reachable only from this computer."""
     if host == "localhost":
         return True
     try:
@@ -38,7 +38,7 @@ def is_loopback(host: str) -> bool:
 
 
 def own_names(host: str) -> frozenset[str]:
-    """Return the host names by which a browser may call a server bound to ``host``."""
+    """Return the host names that a browser may use for a server bound to ``host``."""
     if is_loopback(host):
         return frozenset({"localhost", "127.0.0.1", "::1", host})
     names = {host, "localhost", "127.0.0.1", "::1", socket.gethostname(), socket.getfqdn()}
@@ -46,7 +46,7 @@ def own_names(host: str) -> frozenset[str]:
 
 
 class _Refusal(Exception):  # noqa: N818
-    """A request that is not served; ``status`` is 400 (malformed) or 403 (not allowed)."""
+    """A refused request; ``status`` is 400 (malformed) or 403 (not allowed)."""
 
     def __init__(self, status: Literal[400, 403], reason: str) -> None:
         super().__init__(reason)
@@ -56,7 +56,7 @@ class _Refusal(Exception):  # noqa: N818
 class Guard:
     """ASGI middleware that refuses malformed requests, foreign hosts and origins, and missing tokens.
 
-    ``token`` None asks for none.
+    With ``token`` None no token is required.
     """
 
     def __init__(self, app: ASGIApp, names: frozenset[str], token: str | None, port: int) -> None:
@@ -67,7 +67,7 @@ class Guard:
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on, refuse it, or (with the token in the address) set the cookie."""
+        """Pass the request on, refuse it, or set the cookie if the address contains the token."""
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
@@ -92,7 +92,7 @@ class Guard:
         await self._app(scope, receive, send)
 
     def _check_source(self, scope: Scope, headers: dict[str, str]) -> None:
-        """Refuse what was sent to another name, or by another page."""
+        """Refuse requests to another host name, or from another page."""
         host = headers["host"]
         name = (urlsplit(f"//{host}").hostname or "").lower()
         reached = str((scope.get("server") or ("",))[0]).lower()
@@ -102,10 +102,10 @@ class Guard:
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             raise _Refusal(403, f"Refused: pages of {origin!r:.80} may not use this server.")
         if origin is None and scope["type"] == "websocket":
-            # Browsers always send it with a socket; what does not is no page of ours.
+            # Browsers always send it with a socket; other clients are not our page.
             raise _Refusal(403, "Refused: a socket without an Origin.")
-        # Images, links and frames of other pages carry no Origin, but browsers tell where they come
-        # from. "same-site" is another port of this computer. The page itself may be opened by a link.
+        # Images, links and frames of other pages have no Origin, but browsers send their site.
+        # "same-site" is another port of this computer. A link may open the page itself.
         site = headers.get("sec-fetch-site", "none")
         opened = scope["path"] == "/" and headers.get("sec-fetch-mode") == "navigate"
         framed = headers.get("sec-fetch-dest", "document") != "document"
@@ -113,12 +113,14 @@ class Guard:
             raise _Refusal(403, "Refused: pages of other addresses may not use this server.")
 
     def _check_token(self, headers: dict[str, str]) -> None:
-        bearer = headers.get("authorization", "").removeprefix("Bearer ")  # of a program, not a browser
+        bearer = headers.get("authorization", "").removeprefix("Bearer ")  # from a program, not a browser
         if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name) or bearer):
-            raise _Refusal(403, "This page needs the address with the token that the program printed.")
+            raise _Refusal(
+                403, "Open this page with the address that the program printed, which contains a token."
+            )
 
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # To the page, never to the path that was given: "//host/" would lead elsewhere.
+        # To the page, never to the given path: "//host/" would be another server.
         response = RedirectResponse("/", status_code=303)
         response.set_cookie(self._cookie_name, self._token or "", httponly=True, samesite="strict")
         await response(scope, receive, send)
@@ -138,7 +140,7 @@ def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
 
 
 def _check_form(scope: Scope, headers: dict[str, str]) -> None:
-    """Refuse what no browser sends, before anything else looks at it."""
+    """Refuse requests that no browser sends, before any other processing."""
     if not _HOST.fullmatch(headers.get("host", "")):
         raise _Refusal(400, "Malformed request: no valid Host.")
     if not _ORIGIN.fullmatch(headers.get("origin", "null")):
@@ -146,7 +148,7 @@ def _check_form(scope: Scope, headers: dict[str, str]) -> None:
     if len(scope["path"]) > MAX_PATH_CHARS or len(scope["query_string"]) > MAX_QUERY_CHARS:
         raise _Refusal(400, "Malformed request: the address is too long.")
     if not scope["path"].isprintable() or _LONG_NUMBER.search(scope["path"]):
-        raise _Refusal(400, "Malformed request: the address is none of this server's.")
+        raise _Refusal(400, "Malformed request: not an address of this server.")
 
 
 def _cookie(header: str, name: str) -> str:

@@ -1,4 +1,4 @@
-"""The open tabs: each gets every message meant for it, and of the states only the newest."""
+"""The open tabs: each receives all its messages, but only the newest state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WAITING_LIMIT = 1000
 
 
 class Tab:
-    """What one tab still has to be sent; used on the event loop only."""
+    """The outgoing messages of one tab; used on the event loop only."""
 
     def __init__(self) -> None:
         self.news = asyncio.Event()
@@ -29,17 +29,17 @@ class Tab:
         self.news.set()
 
     def put_state(self, text: str) -> None:
-        """Queue a state; it replaces one that was not sent yet, so a slow tab never lags behind."""
+        """Queue a state; it replaces one that has not been sent, so that a slow tab does not lag behind."""
         self._state = text
         self.news.set()
 
     def put_frame(self, data: bytes) -> None:
-        """Queue a frame of live mode; it replaces one that was not sent yet."""
+        """Queue a frame of live mode; it replaces one that has not been sent."""
         self._frame = data
         self.news.set()
 
     def take(self) -> list[str | bytes]:
-        """Return what is to be sent now."""
+        """Remove and return the queued messages."""
         self.news.clear()
         waiting: list[str | bytes] = list(self._messages)
         self._messages.clear()
@@ -55,7 +55,7 @@ class Tab:
 class Hub:
     """Sends to the tabs; ``show``, ``tell`` and ``send_frame`` may be called from any thread.
 
-    ``on_leave`` is told the number of a tab that has closed.
+    ``on_leave`` is called with the number of a closed tab.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class Hub:
         self.on_leave: Callable[[int], None] = lambda _client: None
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to send, on this event loop."""
+        """Start sending on this event loop."""
         self._loop = loop
 
     def show(self, state: dict[str, Any]) -> None:
@@ -106,7 +106,7 @@ class Hub:
     async def serve(
         self, socket: WebSocket, first: dict[str, Any], receive: Callable[[int, Tab, str], None]
     ) -> None:
-        """Serve one tab until it closes: ``receive(tab_id, tab, text)`` for what it says."""
+        """Serve one tab until it closes; ``receive(tab_id, tab, text)`` gets its messages."""
         await socket.accept()
         tab, key = Tab(), next(self._ids)
         self._tabs[key] = tab

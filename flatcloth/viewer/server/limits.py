@@ -1,4 +1,4 @@
-"""Limits on what clients may take: connections, the time for a request's headers, lines in the log."""
+"""Limits for clients: connections, time for a request's headers, lines in the log."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Any
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MAX_CONNECTIONS = 256
-"""More are closed at once; a tab takes up to eight."""
+"""Further connections are closed; a tab needs up to eight."""
 MAX_REQUESTS = 128
-"""More connections than this are answered 503."""
+"""With more connections than this, requests are answered with 503."""
 REQUEST_TIMEOUT_S = 10.0
-"""Within this a request's headers must have come."""
+"""Time limit for the headers of a request."""
 MAX_MESSAGE_BYTES = 2**20
-"""Of a message that a browser sends, to the page or to viser."""
+"""Largest message of a browser, to the page or to viser."""
 
 
 class LimitedProtocol(H11Protocol):
-    """uvicorn's HTTP, closing connections beyond a number and those that never finish a request."""
+    """uvicorn's HTTP protocol with a limit of connections and of the time for a request."""
 
     _late: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Take a connection, or close it."""
+        """Accept a connection, or close it."""
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS:
             transport.abort()
@@ -33,7 +33,7 @@ class LimitedProtocol(H11Protocol):
             self._await_request()
 
     def data_received(self, data: bytes) -> None:
-        """Take what has come; the clock runs until a request's headers are complete."""
+        """Process received data; the timer runs until a request's headers are complete."""
         super().data_received(data)
         if self.transport.get_protocol() is not self or self.transport.is_closing() or self._is_answering():
             self._stop_clock()
@@ -41,7 +41,7 @@ class LimitedProtocol(H11Protocol):
             self._await_request()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Remove the connection."""
         self._stop_clock()
         super().connection_lost(exc)
 
@@ -63,10 +63,17 @@ class LimitedProtocol(H11Protocol):
             self._late = None
 
 
-class RateLimit(logging.Filter):
-    """Passes a few lines of a kind a minute; the next that passes says how many were left out.
+def limit_logs() -> None:
+    """Limit what this process writes to its log."""
+    for handler in (logging.lastResort, *logging.getLogger().handlers):
+        if handler is not None and not any(isinstance(f, RateLimit) for f in handler.filters):
+            handler.addFilter(RateLimit())
 
-    A kind is a logger and its text before values are filled in.
+
+class RateLimit(logging.Filter):
+    """Passes a limited number of similar lines per minute; the next line tells how many were left out.
+
+    Lines are similar if they have the same logger and the same text before formatting.
     """
 
     def __init__(self, most: int = 20, seconds: float = 60.0) -> None:
@@ -75,7 +82,7 @@ class RateLimit(logging.Filter):
         self._seen: dict[tuple[str, str], tuple[float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Say whether a line is written."""
+        """Return whether a line is written."""
         kind, now = (record.name, str(record.msg)[:200]), time.monotonic()
         began, count = self._seen.get(kind, (now, 0))
         if now - began > self._seconds:

@@ -1,4 +1,4 @@
-"""Passes viser's socket through our port: what the browser says, and what viser answers."""
+"""Relays viser's socket through our port, in both directions."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from websockets.typing import Subprotocol
 
 
 async def relay(browser: WebSocket, path: Path) -> None:
-    """Join a browser's socket with viser's, a socket file, until either closes.
+    """Connect a browser's socket with viser's, a socket file, until either closes.
 
-    The sub-protocol (viser's version) goes through unchanged; nothing is compressed, and what
-    viser sends is not limited in size, since point clouds are neither small nor compressible.
+    The sub-protocol (viser's version) is passed on unchanged; nothing is compressed, and viser's
+    messages have no size limit, because point clouds are neither small nor compressible.
     """
     wanted = [Subprotocol(p) for p in browser.scope.get("subprotocols", [])]
     try:

@@ -1,4 +1,4 @@
-"""The token of the page: kept for the user, so that an open page finds the program again after a restart."""
+"""The token of the page, saved for the user, so that an open page reconnects after a restart."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _TOKEN = re.compile(rb"[A-Za-z0-9_-]{32,64}\n")
 
 
 def new_token() -> str:
-    """Return a token that nobody has used."""
+    """Return a new random token."""
     return secrets.token_urlsafe(24)
 
 
 def kept_token() -> str:
-    """Return the user's token for pages on this computer, made when first asked for.
+    """Return the user's token for pages on this computer; it is created on first use.
 
-    It is readable by the user only. Where it cannot be kept, or others can read it, it is a new one.
+    Only the user can read it. If it cannot be saved, or others can read it, a new one is returned.
     """
     path = state_folder() / FILE
     with contextlib.suppress(OSError):

@@ -125,7 +125,7 @@ def test_unavailable_views_are_passed_over_and_in_the_end_the_side_is_done() -> 
     assert second.view_index == 4
     done = plan_side(Side.LEFT, curves, 1.0, 0, ANGLES, frozenset(range(6)), 0.0, CONFIG)
     assert done.view_index is None
-    assert "no view is left" in done.reason
+    assert "no view remains" in done.reason
 
 
 def test_a_full_turn_ends_the_side() -> None:
@@ -140,7 +140,7 @@ def test_a_side_without_occluding_edge_has_nothing_to_give() -> None:
     assert "no occluding edge" in side.reason
     plan = choose([side], None)
     assert plan.view_index is None
-    assert "Nothing more" in plan.reason
+    assert "No view can add anything" in plan.reason
 
 
 def test_the_side_of_the_last_view_goes_on_else_the_longer_edge() -> None:

@@ -10,7 +10,8 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
-from flatcloth.methods.robust.joint import _robust_weight, _solved, floating_pieces, with_poses
+from flatcloth.methods.robust.joint import _solved, floating_pieces, with_poses
+from flatcloth.methods.robust.layout import _robust_weight
 from flatcloth.methods.robust.observations import averaged
 
 UV = grid(10, 24)
@@ -77,6 +78,7 @@ def test_a_piece_that_nothing_joins_floats_and_a_bridge_brings_it_down() -> None
         observations=(*apart.observations, bridge),
         held_from_camera=(STILL,) * 3,
         weight=np.concatenate([apart.weight, np.ones(len(bridge.edges))]),
+        is_cut=np.concatenate([apart.is_cut, np.zeros(len(bridge.edges), dtype=bool)]),
     )
     joined = _solved(more)
     assert set(joined.piece) == {0}

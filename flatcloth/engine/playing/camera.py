@@ -13,7 +13,7 @@ from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.live import LiveFrame, LivePlayer
+from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
 
 NOTHING_YET_S = 2.0

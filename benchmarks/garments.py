@@ -1,0 +1,250 @@
+"""What garment, how large, where its points are: against the truth of synthetic recordings.
+
+Nothing is fitted to recordings but three constants of ``flatcloth.garments.recognition`` (temperature,
+misfit and its width); the table tells what they become when each garment is left out.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.output import Options, save, save_page, say
+from benchmarks.unattended import sources, unattended
+from flatcloth.engine.garment.recognition import seen_from
+from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
+from flatcloth.garments import recognition
+from flatcloth.garments.distance import inside_outline
+from flatcloth.garments.evidence import PieceEvidence, evidence_of
+from flatcloth.garments.fit import Pull
+
+_BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0001)
+
+
+def run(options: Options) -> None:
+    """Measure and print; write ``results/garments.json`` and ``.md`` unless ``quick``."""
+    rows: list[tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]] = []
+    for source in sources(options.recordings):
+        rows.append(row_of(source))
+        say(line_of(*rows[-1][:3]))
+    unknown = {name: unknown_of(loops) for name, loops in UNKNOWN.items()}
+    for name, (kind, none) in unknown.items():
+        say(f"{name}: {kind}, none of these {none:.2f}")
+    evaluations = [row[1] for row in rows]
+    figures = summary(evaluations)
+    for name, value in figures.items():
+        say(f"{name} {value:.3g}")
+    if options.quick:
+        return
+    names = [row[0] for row in rows]
+    written = [{"recording": name, **asdict(found), "seconds": seconds} for name, found, seconds, _ in rows]
+    save("garments", {"summary": figures, "unknown": unknown, "rows": written}, names)
+    save_page("garments", page_of(rows, figures, unknown), names)
+
+
+def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:
+    """Return a recording's name, its comparison, the seconds of the steps and what is learned from it."""
+    integration, document, truth = unattended(source)
+    canonical = integration.canonical(document)
+    points = read_true_points(Path(integration.recording.location))
+    assert points is not None, f"{source}: no truth/points.json"
+    views = seen_from(integration, document)
+    times = [time.perf_counter()]
+    evidence = [evidence_of(piece, views) for piece in (canonical.view, *canonical.floating)]
+    times.append(time.perf_counter())
+    found = recognition.recognise(canonical.view, evidence)
+    times.append(time.perf_counter())
+    name, point = next(iter(found.points.items()))
+    recognition.held_fit(found.fit, evidence[0], (Pull(name=name, uv_m=point.uv_m + 0.02),))
+    times.append(time.perf_counter())
+    steps = dict(zip(("evidence_s", "recognition_s", "drag_s"), np.diff(times).tolist(), strict=True))
+    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    learned = {
+        "garment": integration.recording.name.split("-")[0],
+        "misfit": found.fit.energy / len(evidence[0].edge_uv_m),
+        "right": found.fit.kind.name == points.kind,
+    }
+    return integration.recording.name, compared, steps, learned
+
+
+def line_of(name: str, found: GarmentEvaluation, seconds: dict[str, float]) -> str:
+    """Return a row of the table as text."""
+    return "  ".join(f"{cell:>10}" for cell in cells_of(name, found, seconds))
+
+
+def cells_of(name: str, found: GarmentEvaluation, seconds: dict[str, float]) -> list[str]:
+    """Return the cells of a row."""
+
+    def middle(values: Any, factor: float = 1.0, digits: int = 0) -> str:
+        every = np.abs(list(values))
+        return f"{factor * np.median(every):.{digits}f}" if every.size else "-"
+
+    return [
+        name,
+        "right" if found.kind == found.true_kind else f"WRONG: {found.kind}",
+        f"{found.probability:.2f}",
+        f"{found.none_probability:.2f}",
+        f"{middle(found.seen_mm.values())} ({len(found.seen_mm)})",
+        f"{middle(found.unseen_mm.values())} ({len(found.unseen_mm)})",
+        middle(found.dimension_errors.values(), 100.0, 1),
+        ", ".join(f"{e:.0f}" for e in found.pieces_mm) or "-",
+        f"{seconds['recognition_s']:.2f}",
+        f"{1e3 * seconds['drag_s']:.0f}",
+    ]
+
+
+_HEAD = (
+    "recording", "kind", "p of the true kind", "p of none", "seen points, mm (n)", "unseen points, mm (n)",
+    "dimensions, %", "pieces placed, mm", "recognition, s", "drag, ms",
+)  # fmt: skip
+
+
+def page_of(rows: list[Any], figures: dict[str, float], unknown: dict[str, tuple[str, float]]) -> str:
+    """Return the tables, the worst recordings first."""
+    worst = sorted(rows, key=lambda row: (row[1].kind == row[1].true_kind, row[1].probability))
+    lines = ["# Garments", "", "Medians of each recording; worst first.", ""]
+    lines += [f"| {' | '.join(_HEAD)} |", "|" + "---|" * len(_HEAD)]
+    lines += [f"| {' | '.join(cells_of(*row[:3]))} |" for row in worst]
+    lines += ["", "## All together", "", "| figure | value |", "|---|---|"]
+    lines += [f"| {name} | {value:.3g} |" for name, value in figures.items()]
+    lines += [
+        "",
+        "## Reliability of the probability of the answer",
+        "",
+        "| told | right | answers |",
+        "|---|---|---|",
+    ]
+    lines += reliability_of([row[1] for row in rows])
+    lines += [
+        "",
+        "## Leave one garment out: the misfit limit",
+        "",
+        "| left out | limit | rows right |",
+        "|---|---|---|",
+    ]
+    lines += left_out_of([row[3] for row in rows])
+    lines += ["", "## Shapes of no known kind", "", "| shape | answer | p of none |", "|---|---|---|"]
+    lines += [f"| {name} | {kind} | {none:.2f} |" for name, (kind, none) in unknown.items()]
+    return "\n".join(lines)
+
+
+def reliability_of(found: list[GarmentEvaluation]) -> list[str]:
+    """Return rows of what was told of the true kind of each recording, and of how often it was so."""
+    told = np.array([max(f.probability if f.kind == f.true_kind else 0.0, f.none_probability) for f in found])
+    right = np.array([f.kind == f.true_kind for f in found])
+    lines = []
+    for low, high in itertools.pairwise(_BINS):
+        own = (told >= low) & (told < high)
+        if own.any():
+            lines.append(f"| {told[own].mean():.2f} | {right[own].mean():.2f} | {own.sum()} |")
+    return lines
+
+
+def left_out_of(learned: list[dict[str, Any]]) -> list[str]:
+    """Return the limit of the misfit that the other garments alone would give, and whether it holds.
+
+    The limit lies midway between the largest misfit of a right fit and the smallest of an unknown shape.
+    """
+    least_unknown = min(misfit_of_unknown(loops) for loops in UNKNOWN.values() if len(loops) == 1)
+    lines = []
+    for garment in sorted({row["garment"] for row in learned}):
+        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]]
+        limit = (float(np.percentile(others, 90)) + least_unknown) / 2
+        own = [row for row in learned if row["garment"] == garment]
+        holds = sum((row["misfit"] < limit) == row["right"] for row in own)
+        lines.append(f"| {garment} | {limit:.3f} | {holds} of {len(own)} |")
+    return lines
+
+
+# ------------------------------------------------------------------ shapes of no known kind
+
+
+def _circle(u: float, v: float, radius: float, *, hole: bool = False) -> list[tuple[float, float]]:
+    around = np.arange(40) * 2 * np.pi / 40 * (-1 if hole else 1)
+    return [(u + radius * np.cos(a), v + radius * np.sin(a)) for a in around]
+
+
+UNKNOWN: dict[str, list[list[tuple[float, float]]]] = {
+    "scarf with a hole": [
+        [(0.0, 0.0), (1.4, 0.0), (1.4, 0.2), (0.0, 0.2)],
+        _circle(0.25, 0.1, 0.06, hole=True),
+    ],
+    "glove": [
+        [
+            (0.0, 0.6), (0.0, 0.3), (-0.12, 0.18), (-0.08, 0.13), (0.03, 0.22), (0.02, 0.0), (0.07, 0.0),
+            (0.09, 0.2), (0.10, -0.04), (0.15, -0.04), (0.16, 0.2), (0.19, -0.01), (0.24, 0.0), (0.23, 0.2),
+            (0.28, 0.06), (0.325, 0.075), (0.29, 0.3), (0.29, 0.6),
+        ]
+    ],
+    "star": [
+        [
+            (r * np.cos(k * np.pi / 5), r * np.sin(k * np.pi / 5))
+            for k, r in ((k, 0.4 if k % 2 == 0 else 0.16) for k in range(10))
+        ]
+    ],
+    "round cloth": [_circle(0.0, 0.0, 0.35)],
+    "stocking": [
+        [
+            (0.0, 0.0), (0.18, 0.0), (0.18, 0.35), (0.42, 0.42), (0.42, 0.58), (0.3, 0.62), (0.05, 0.6),
+            (0.0, 0.5),
+        ]
+    ],
+    "triangular shawl": [[(0.0, 0.0), (1.0, 0.0), (0.5, 0.6)]],
+}  # fmt: skip
+
+
+def unknown_evidence(loops: list[list[tuple[float, float]]]) -> PieceEvidence:
+    """Return the evidence of a flat shape whose whole border was seen, off by 4 mm at random."""
+    random = np.random.default_rng(0)
+    places, normals = [], []
+    for loop in loops:
+        corners = np.array(loop)
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            length = float(np.linalg.norm(b - a))
+            count = max(1, int(length / 0.006))
+            share = (np.arange(count) + 0.5) / count
+            places.append(a + share[:, None] * (b - a))
+            normals.append(np.tile([(b - a)[1] / length, -(b - a)[0] / length], (count, 1)))
+    outer = np.array(loops[0])
+    low, high = outer.min(axis=0), outer.max(axis=0)
+    grid = np.stack(np.meshgrid(*(np.arange(a, b, 0.018) for a, b in zip(low, high, strict=True))), axis=-1)
+    inside = grid.reshape(-1, 2)
+    inside = inside[inside_outline(inside, outer)]
+    holes = 0.0
+    for loop in loops[1:]:
+        corners = np.array(loop)
+        inside = inside[~inside_outline(inside, corners)]
+        holes += float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+    edges = np.concatenate(places)
+    return PieceEvidence(
+        edge_uv_m=edges + 0.004 * random.standard_normal(edges.shape),
+        edge_normal=np.concatenate(normals),
+        edge_std_m=np.zeros(len(edges)),
+        edge_free=np.ones(len(edges), dtype=bool),
+        unseen_uv_m=np.zeros((0, 2)),
+        inside_uv_m=inside,
+        inside_std_m=np.zeros(len(inside)),
+        inside_xyz_m=np.concatenate([inside, np.zeros((len(inside), 1))], axis=1),
+        area_m2=len(inside) * 0.018**2,
+        hole_edge_m=holes,
+        depth_m=np.zeros((1, 1), dtype=np.float32),
+        depth_origin_uv_m=low - 9.0,
+        depth_pixel_m=0.002,
+    )
+
+
+def unknown_of(loops: list[list[tuple[float, float]]]) -> tuple[str, float]:
+    """Return the answer for a shape, and the probability of none of the kinds."""
+    probabilities = recognition.probabilities_of(unknown_evidence(loops))
+    return max(probabilities, key=lambda name: probabilities[name]), probabilities[recognition.NONE]
+
+
+def misfit_of_unknown(loops: list[list[tuple[float, float]]]) -> float:
+    """Return the energy per true edge of the best fit of a shape."""
+    evidence = unknown_evidence(loops)
+    return recognition.fits_of(evidence)[0].energy / len(evidence.edge_uv_m)

@@ -1,0 +1,283 @@
+"""The side of interest without masks: how right it is, unaided and with strokes, and how sure it says it is.
+
+Recordings with truth, their masks taken away. A simulated operator strokes with a brush of 2 cm in the
+middle of the largest error that he sees in any view, never nearer than 10 mm to a boundary. Wrong is
+by area: every surface pixel of every view counts with the cloth under it. Unaided, the side is the
+one that the start view shows most, as it is for an operator who has not said otherwise.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.output import Options, recordings_of, save, say
+from benchmarks.unattended import sources
+from flatcloth.core.config import Config
+from flatcloth.core.strokes import Decision, ImageStroke
+from flatcloth.core.types import Bool, Float32, Float64
+from flatcloth.engine.integration import Integration
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.segmentation.certainty import CALIBRATION, agreement, features
+from flatcloth.segmentation.observed import Observed, observe
+from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
+from flatcloth.segmentation.solver import SideSolver
+
+STROKES = 6
+RADIUS_M = 0.010
+MARGIN_M = 0.010
+LEAST_ERROR_M2 = 4e-4
+STEP_M = 0.010
+BINS = (0.5, 0.7, 0.8, 0.9, 0.95, 1.01)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Truth of one view, cropped: 1 of interest, -1 other, 0 not known; and the distance to a boundary."""
+
+    side: Any
+    inside_m: Float32
+
+
+@dataclass(frozen=True)
+class Score:
+    """Shares by area: wrong of what is said to be of interest; found of the side; undecided, wrong of all."""
+
+    wrong: float
+    recall: float
+    undecided: float
+    error: float
+
+
+def seen_truth(observed: Observed, truth: Truth, panel: int, face: bool) -> dict[int, Seen]:
+    """Return what the views truly show of the side: the panel's outer face, or its inner one."""
+    result = {}
+    for n, view in observed.views.items():
+        true = truth[n]
+        rows, cols = view.cluster.shape
+        top, left = view.offset_rc
+        crop = np.s_[top : top + rows, left : left + cols]
+        known = (true.panel[crop] > 0) & view.item
+        side = np.where(known, -1, 0)
+        side[known & (true.panel[crop] == panel) & (true.outer_face[crop] == face)] = 1
+        edge = side == 0
+        for here, there in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+            crossed = (side[here] != side[there]) | (
+                np.abs(view.depth_m[here] - view.depth_m[there]) > STEP_M
+            )
+            edge[here] |= crossed
+            edge[there] |= crossed
+        pixels = cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 5)
+        result[n] = Seen(side, (pixels * view.depth_m / view.intrinsics.fx).astype(np.float32))
+    return result
+
+
+def shown(observed: Observed, side: Any, n: int) -> Any:
+    """Return the sides (h, w) of a view's surface pixels, ``NO_ITEM`` elsewhere."""
+    view = observed.views[n]
+    result = np.full(view.cluster.shape, NO_ITEM, dtype=np.int8)
+    result[view.surface] = side[view.cluster[view.surface]]
+    return result
+
+
+def scored(found: Segmentation, truth: dict[int, Seen]) -> Score:
+    """Compare by area, over the surface pixels of all views."""
+    said = right = side = undecided = error = total = 0.0
+    for n, view in found.observed.views.items():
+        label, true = shown(found.observed, found.side, n), truth[n].side
+        area = np.where((true != 0) & (label != NO_ITEM), view.area_m2, 0.0)
+        said += float(area[label == OF_INTEREST].sum())
+        right += float(area[(label == OF_INTEREST) & (true == 1)].sum())
+        side += float(area[true == 1].sum())
+        undecided += float(area[label == 0].sum())
+        error += float(area[label * true < 0].sum())
+        total += float(area.sum())
+    return Score(1.0 - right / max(said, 1e-9), right / max(side, 1e-9), undecided / total, error / total)
+
+
+def stroke_at_largest_error(found: Segmentation, truth: dict[int, Seen]) -> ImageStroke | None:
+    """Return the operator's next stroke; None if no error is left that can be stroked."""
+    best: tuple[float, ImageStroke | None] = (LEAST_ERROR_M2, None)
+    for n, view in found.observed.views.items():
+        label, seen = shown(found.observed, found.side, n), truth[n]
+        for wanted in (1, -1):
+            wrong = (seen.side == wanted) & (label != wanted) & (label != NO_ITEM)
+            if float(view.area_m2[wrong].sum()) <= best[0]:
+                continue
+            count, region = cv2.connectedComponents(wrong.astype(np.uint8), connectivity=4)
+            area = np.bincount(region.ravel(), np.where(wrong, view.area_m2, 0.0).ravel(), count)
+            deep = np.zeros(count)
+            np.maximum.at(deep, region.ravel(), np.where(wrong, seen.inside_m, 0.0).ravel())
+            area[deep < MARGIN_M + 0.4 * RADIUS_M] = 0.0
+            k = int(area.argmax())
+            if area[k] > best[0]:
+                at = np.unravel_index(int(np.where(region == k, seen.inside_m, -1.0).argmax()), wrong.shape)
+                stroke = ImageStroke(
+                    side="this" if wanted == 1 else "other",
+                    view_index=n,
+                    points_rc=((float(at[0] + view.offset_rc[0]), float(at[1] + view.offset_rc[1])),),
+                    radius_m=min(RADIUS_M, float(deep[k]) - MARGIN_M),
+                )
+                best = float(area[k]), stroke
+    return best[1]
+
+
+def side_shown_first(observed: Observed, solver: SideSolver, truth: Truth) -> tuple[int, bool]:
+    """Return panel and face of the sheet the segmentation starts from."""
+    view = observed.views[observed.start_view]
+    at = view.surface & np.isin(view.cluster, solver.start_sheet)
+    true = truth[observed.start_view]
+    rows, cols = np.nonzero(at)
+    rows, cols = rows + view.offset_rc[0], cols + view.offset_rc[1]
+    code = true.panel[rows, cols] * 2 + true.outer_face[rows, cols]
+    code = code[true.panel[rows, cols] > 0]
+    common = int(np.bincount(code).argmax())
+    return common // 2, bool(common % 2)
+
+
+def calibration_rows(
+    found: Segmentation, solver: SideSolver, truth: dict[int, Seen]
+) -> tuple[Float64, Bool, Float64]:
+    """Return features, whether right, and area of each cluster of the present state."""
+    observed = found.observed
+    votes = np.zeros((2, observed.clusters.count))
+    for n, view in observed.views.items():
+        for k, value in enumerate((1, -1)):
+            at = view.surface & (truth[n].side == value)
+            votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
+    state = solver._state(found.decisions)
+    anchors = [touched for _, touched in state.strokes] or [solver.start_sheet]
+    held = np.concatenate([np.empty(0, int), *(touched for _, touched in state.strokes)]).astype(int)
+    agreed = agreement(observed, state.side, anchors)
+    right = np.where(state.side > 0, votes[0], votes[1])
+    used = (votes.sum(axis=0) > 0) & state.known
+    used[held] = False
+    share = right / np.maximum(votes.sum(axis=0), 1e-12)
+    return features(observed, agreed)[used], share[used] > 0.5, votes.sum(axis=0)[used]
+
+
+def learned(rows: list[tuple[Float64, Bool, Float64]]) -> Float64:
+    """Return the weights of the logistic regression; each recording counts alike."""
+    from scipy.optimize import minimize
+
+    def loss(w: Float64) -> float:
+        total = 0.0
+        for x, right, area in rows:
+            margin = np.where(right, 1.0, -1.0) * (x @ w)
+            total += float((np.logaddexp(0.0, -margin) * area).sum() / area.sum())
+        return total / len(rows) + 1e-3 * float(np.square(w[1:]).sum())
+
+    return np.asarray(minimize(loss, np.asarray(CALIBRATION), method="L-BFGS-B").x)
+
+
+def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> list[dict[str, float]]:
+    """Return for each bin of the certainty how much of the area is right."""
+    sure = np.concatenate([np.clip(1 / (1 + np.exp(-(x @ weights))), 0.5, 1.0) for x, _, _ in rows])
+    right = np.concatenate([r for _, r, _ in rows])
+    area = np.concatenate([a / a.sum() for _, _, a in rows])
+    found = []
+    for low, high in itertools.pairwise(BINS):
+        at = (sure >= low) & (sure < high)
+        if area[at].sum() > 0:
+            found.append(
+                {
+                    "from": low,
+                    "said": round(float((sure * area)[at].sum() / area[at].sum()), 3),
+                    "right": round(float((right * area)[at].sum() / area[at].sum()), 3),
+                    "share": round(float(area[at].sum() / area.sum()), 3),
+                }
+            )
+    return found
+
+
+def measured(
+    source: str, strokes: int = STROKES
+) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]]]:
+    """Measure one recording."""
+    recording = open_recording(source)
+    truth = read_truth(source)
+    integration = Integration(recording)
+    frames = [recording[n] for n in range(len(recording))]
+    began, cpu = time.perf_counter(), time.process_time()
+    observed = observe(frames, integration.axis, integration.held_point_m, Config())
+    solver = SideSolver(observed)
+    found = solver.solve(())
+    prepare = time.perf_counter() - began, time.process_time() - cpu
+    first = seen_truth(observed, truth, *side_shown_first(observed, solver, truth))
+    true = seen_truth(observed, truth, truth.panel_of_interest, True)
+    rows = [calibration_rows(found, solver, first)]
+    unaided, as_asked = scored(found, first), scored(found, true)
+    scores, decisions, seconds = [as_asked], list[Decision](), list[float]()
+    for _ in range(strokes):
+        stroke = stroke_at_largest_error(found, true)
+        if stroke is not None:
+            decisions.append(stroke)
+            cpu = time.process_time()
+            found = solver.solve(decisions)
+            seconds.append(time.process_time() - cpu)
+            if len(decisions) in (2, 4):
+                rows.append(calibration_rows(found, solver, true))
+        scores.append(scored(found, true))
+    row: dict[str, Any] = {
+        "recording": recording.name,
+        "garment": truth.garment,
+        "clusters": observed.clusters.count,
+        "prepare_s": round(prepare[0], 2),
+        "prepare_cpu_s": round(prepare[1], 2),
+        "stroke_cpu_s": round(max(seconds, default=0.0), 3),
+        "unaided": _table(unaided),
+        "certainty_unaided": round(solver.solve(()).mean_certainty, 3),
+        "strokes": [_table(score) for score in scores],
+        "made": len(decisions),
+    }
+    return row, rows
+
+
+def _table(score: Score) -> dict[str, float]:
+    return {name: round(float(value), 4) for name, value in vars(score).items()}
+
+
+def told(row: dict[str, Any]) -> str:
+    """Return a line about a recording, in percent."""
+    line = " ".join(f"{100 * s['wrong']:.1f}/{100 * s['recall']:.1f}" for s in row["strokes"])
+    u = row["unaided"]
+    return (
+        f"{row['recording']}: unaided {100 * u['wrong']:.1f}/{100 * u['recall']:.1f} "
+        f"(undecided {100 * u['undecided']:.0f}, sure {100 * row['certainty_unaided']:.0f}), "
+        f"strokes 0.. {line}; {row['prepare_cpu_s']} s, stroke {row['stroke_cpu_s']} s"
+    )
+
+
+def run(options: Options) -> None:
+    """Measure, print and write ``results/segmentation.json``."""
+    table, rows = [], dict[str, list[tuple[Float64, Bool, Float64]]]()
+    for source in sources(options.recordings):
+        row, own = measured(source, 2 if options.quick else STROKES)
+        table.append(row)
+        rows.setdefault(row["garment"], []).extend(own)
+        say(told(row))
+    everything = [r for own in rows.values() for r in own]
+    weights = np.asarray(CALIBRATION)
+    found: dict[str, Any] = {"rows": table, "reliability": reliability(everything, weights)}
+    if options.learn or len(rows) > 1:
+        kept_out = [
+            (reliability(own, learned([r for g, o in rows.items() if g != garment for r in o])), garment)
+            for garment, own in rows.items()
+        ]
+        found["reliability_leave_one_garment_out"] = {garment: bins for bins, garment in kept_out}
+        say("weights: " + ", ".join(f"{w:.2f}" for w in learned(everything)))
+    for bins in found["reliability"]:
+        say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
+    for garment, bins_ in found.get("reliability_leave_one_garment_out", {}).items():
+        sure = [b for b in bins_ if b["from"] >= 0.9]
+        say(
+            f"  without {garment}: " + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure)
+        )
+    if not options.quick:
+        save("segmentation", found, recordings_of(table))

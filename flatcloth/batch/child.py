@@ -1,0 +1,44 @@
+"""The process that a worker keeps for its tasks: a program, not to be imported.
+
+A task that crashes, hangs or fills the memory ends this process and not the worker's.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+
+from flatcloth.batch import jobs
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.subprocess_worker import Message, serve
+from flatcloth.core.types import Progress
+
+_LOOK_EVERY_S = 0.3
+
+
+def _end_with(parent: int) -> None:
+    """End when the worker does, also if that was killed: its task is done by another then."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_EVERY_S)
+    os._exit(1)
+
+
+def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
+    def told(share: float, text: str) -> None:
+        try:
+            progress(share, text)
+        except OSError:  # nobody listens: the worker was killed, and that is no failure of the task
+            os._exit(1)
+
+    return Message(jobs.answer(question, told))
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    cv2.setNumThreads(1)
+    serve(_answer, FlatclothError)

@@ -1,0 +1,188 @@
+"""A batch: what is not done yet is run, each result is kept at once, and the table is written."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import functools
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flatcloth.batch.engines import Answer, Engine
+from flatcloth.batch.review import verdicts
+from flatcloth.batch.rows import CRASHED, LASTING, read_row, rows_in, write_row
+from flatcloth.batch.runner import Limits
+from flatcloth.batch.table import write_table
+from flatcloth.batch.tasks import Task, quick_signature
+from flatcloth.core.errors import FlatclothError
+from flatcloth.methods.registry import method_entry
+
+Row = dict[str, Any]
+_TABLE_EVERY_S = 60.0
+_LOCK = ".batch.lock"
+
+
+@dataclass
+class Count:
+    """How far a batch is: tasks in all, already done before, and rows that came now, with their times."""
+
+    total: int
+    before: int
+    rows: list[Row] = field(default_factory=list)
+    started: float = field(default_factory=time.monotonic)
+
+    @property
+    def done(self) -> int:
+        """Tasks that need nothing any more."""
+        return self.before + len(self.rows)
+
+    @property
+    def left_s(self) -> float | None:
+        """Estimate of the time left, from the pace so far; None before the first is done."""
+        if not self.rows:
+            return None
+        pace = (time.monotonic() - self.started) / len(self.rows)
+        return pace * (self.total - self.done)
+
+
+Tell = Callable[[Count, Row | None], None]
+"""Told how far the batch is, with each new row, and without one at its beginning."""
+
+
+def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
+    """Return the tasks that are not done: no row, another content or other settings, or one to try anew."""
+    if again:
+        return list(tasks)
+    waiting = []
+    for task in tasks:
+        row = read_row(out / task.name)
+        if (
+            row is None
+            or row["outcome"] not in LASTING
+            or row.get("quick") != quick_signature(task, settings_of(task.method))
+        ):
+            waiting.append(task)
+    return waiting
+
+
+@functools.cache
+def settings_of(method: str) -> dict[str, Any]:
+    """Return the settings that a result depends on."""
+    return method_entry(method).load().default_config().to_dict()
+
+
+def run_batch(
+    tasks: Sequence[Task],
+    out: Path,
+    start: Callable[[], Engine],
+    limits: Limits,
+    tell: Tell,
+    *,
+    again: bool = False,
+) -> Count:
+    """Run what is not done, and write the table.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        All of them; what is done is not done again.
+    out : Path
+        Where a folder for each is written, and the table.
+    start : callable
+        Returns the engine that runs them; called only if there is something to do.
+    limits : Limits
+        Of each task.
+    tell : callable
+        Told how far it is.
+    again : bool
+        Do also what is done.
+
+    Raises
+    ------
+    FlatclothError
+        If the output cannot be written, or another batch is at it.
+    KeyboardInterrupt
+        If the user stops it; the table then has what was done.
+    """
+    waiting = pending(tasks, out, again=again)
+    count = Count(total=len(tasks), before=len(tasks) - len(waiting))
+    tell(count, None)
+    questions = [
+        {
+            "job": "integrate",
+            "task": task.to_dict(),
+            "out": str(out.resolve()),
+            "settings": settings_of(task.method),
+            "again": again,
+        }
+        for task in waiting
+    ]
+    next_table_s = time.monotonic() + _TABLE_EVERY_S
+    try:
+        with start() if questions else contextlib.nullcontext() as engine:
+            for number, answer in engine.run(questions, limits) if engine else ():
+                row = _row_of(waiting[number], answer, out)
+                count.rows.append(row)
+                tell(count, row)
+                if time.monotonic() > next_table_s:
+                    write_results(out)
+                    next_table_s = time.monotonic() + _TABLE_EVERY_S
+    finally:
+        write_results(out)
+    return count
+
+
+def _row_of(task: Task, answer: Answer, out: Path) -> Row:
+    if isinstance(answer, dict) and "outcome" in answer:
+        return answer
+    if isinstance(answer, dict) and "lost" in answer:
+        outcome, reason = answer["lost"], answer["reason"]
+    else:
+        why = answer.get("error") if isinstance(answer, dict) else " ".join(str(answer).split())[:300]
+        outcome, reason = CRASHED, f"its worker gave no result ({why})."
+    row = {
+        "name": task.name,
+        "source": task.source,
+        "method": task.method,
+        "outcome": outcome,
+        "reason": reason,
+    }
+    write_row(row, out / task.name)
+    return row
+
+
+def write_results(out: Path) -> list[Path]:
+    """Write the table of what is in an output, with the operator's verdicts; return its files."""
+    decided = verdicts(out)
+    rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
+    return write_table(rows, out)
+
+
+@contextlib.contextmanager
+def owned(out: Path) -> Iterator[None]:
+    """Keep an output to this process: two batches at once would do everything twice.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written, or another process has it.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = os.open(out / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise FlatclothError(f"{out}: cannot be written ({error.strerror}); choose another --out.") from error
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise FlatclothError(
+                f"{out}: another batch is at it; wait for it, or choose another --out."
+            ) from error
+        yield
+    finally:
+        os.close(lock)

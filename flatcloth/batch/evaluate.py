@@ -1,0 +1,83 @@
+"""One recording with truth: integrated without an operator, and compared with its truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Progress, no_progress
+from flatcloth.engine.evaluation import Comparison, compare, picture
+from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.garment.truth import compare_garment, read_true_points
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.session.machine import Document, MemorySession, SessionState
+
+
+def evaluate_one(
+    source: str, method: str, pictures: Path | None = None, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Return the figures of a recording, by name.
+
+    Parameters
+    ----------
+    source : str
+        A synthetic recording.
+    method : str
+        Way of integrating.
+    pictures : Path, optional
+        Folder for a picture of the result beside its truth.
+    progress : callable
+        Told how far the work is.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be read or integrated, has no truth, or the picture cannot be written.
+    """
+    integration = Integration(open_recording(source), method=method, segmenter=prepare)
+    recording = integration.recording
+    truth = read_truth(recording.location)
+    started = time.perf_counter()
+    state = Run(integration, MemorySession(SessionState(len(recording)))).finish(progress)
+    view = integration.canonical(state.document).view
+    seconds = time.perf_counter() - started
+    comparison = compare(view, truth, recording)
+    if pictures is not None:
+        _write_picture(pictures, recording.name, comparison)
+    return {
+        "recording": recording.name,
+        "method": method,
+        **dataclasses.asdict(comparison.evaluation),
+        "views": sorted(state.document.used_views),
+        "seconds": round(seconds, 2),
+        **_garment(integration, state.document, truth),
+    }
+
+
+def _garment(integration: Integration, document: Document, truth: Truth) -> dict[str, Any]:
+    """Return the garment compared with ``truth/points.json``; nothing where there is none."""
+    points = read_true_points(Path(integration.recording.location))
+    if points is None:
+        return {}
+    found = garment_of(integration, document)
+    if isinstance(found, str):
+        return {"garment": {"kind": None, "true_kind": points.kind, "reason": found}}
+    canonical = integration.canonical(document)
+    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    return {"garment": dataclasses.asdict(compared)}
+
+
+def _write_picture(folder: Path, name: str, comparison: Comparison) -> None:
+    import cv2
+
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}.png"
+    if not cv2.imwrite(str(file), picture(comparison)[..., ::-1]):
+        raise FlatclothError(f"{file}: cannot be written; choose another folder.")

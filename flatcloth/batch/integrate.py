@@ -1,0 +1,114 @@
+"""One recording, unattended, from its source to the files of its session folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.strokes import Decision
+from flatcloth.core.types import Progress, no_progress
+from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.outcome import earlier_scores, outcome_of, write_outcome
+from flatcloth.engine.segmenting import take_strokes
+from flatcloth.export.data import export_shape
+from flatcloth.export.garment import garment_points, keep_garment, outcome_entry
+from flatcloth.export.session import frames_of
+from flatcloth.garments.recognition import Recognition
+from flatcloth.grasping.grips import read_grips
+from flatcloth.methods.base import Canonical
+from flatcloth.session.axis_file import settle_axis
+from flatcloth.session.store import SessionFolder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integrated:
+    """A finished integration: the report, the shape behind it, and the files that were written.
+
+    ``garment`` is what the shape was recognised as, or why nothing can be said of it.
+    """
+
+    outcome: dict[str, Any]
+    canonical: Canonical
+    garment: Recognition | str
+    files: list[Path]
+
+
+@dataclass
+class Stages:
+    """Seconds of wall time by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of a block to a stage."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
+
+
+def integrate(
+    integration: Integration,
+    out: Path,
+    *,
+    base_from_camera: Rigid3 | None = None,
+    strokes: Sequence[Decision] = (),
+    progress: Progress = no_progress,
+    stages: Stages | None = None,
+) -> Integrated:
+    """Integrate a recording without an operator, and write the result to its session folder.
+
+    A session that is there is resumed.
+
+    Parameters
+    ----------
+    integration : Integration
+        Of the recording.
+    out : Path
+        The session folder.
+    base_from_camera : Rigid3, optional
+        Hand-eye transform, for grasp poses in the robot's frame.
+    strokes : sequence of Decision
+        Strokes and cuts that say which side is of interest, for a recording without masks.
+    progress : callable
+        Told how far the work is.
+    stages : Stages, optional
+        Told how long each stage took.
+
+    Raises
+    ------
+    FlatclothError
+        If nothing can be flattened, or the folder cannot be written.
+    """
+    stages = stages or Stages()
+    folder = SessionFolder.open(out, integration.recording, integration.config, integration.method)
+    try:
+        settle_axis(folder.folder, integration)
+        take_strokes(integration, folder, strokes)
+        with stages.stage("integrating"):
+            unattended = Run(integration, folder)
+            document = unattended.finish(progress).document
+            canonical = integration.canonical(document)
+        with stages.stage("garment"):
+            garment = garment_of(integration, document)
+        progress(1.0, "writing")
+        with stages.stage("writing"):
+            frames = frames_of(integration, document, read_grips(out), base_from_camera)
+            named = () if isinstance(garment, str) else garment_points(garment, canonical.view)
+            files = export_shape(canonical.view, folder.picks, out, frames, canonical.floating, named)
+            outcome = outcome_of(integration, unattended, earlier_scores(out))
+            outcome["garment"] = outcome_entry(garment)
+            files.append(write_outcome(outcome, out))
+            files += keep_garment(garment, canonical.view, canonical.floating, out)
+    finally:
+        folder.close()
+    return Integrated(outcome=outcome, canonical=canonical, garment=garment, files=files)

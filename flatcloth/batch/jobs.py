@@ -1,0 +1,243 @@
+"""What a task's process does: one recording, from its source to its row."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import gc
+import importlib.metadata
+import json
+import os
+import platform
+import socket
+import time
+import traceback
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from flatcloth import __version__
+from flatcloth.batch.evaluate import evaluate_one
+from flatcloth.batch.garments import garment_columns
+from flatcloth.batch.integrate import Integrated, Stages, integrate
+from flatcloth.batch.measure import coverage_estimate, write_thumbnail
+from flatcloth.batch.rows import DONE, FAILED, LASTING, MEMORY, read_row, write_row
+from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
+from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.subprocess_worker import memory_limit_bytes
+from flatcloth.core.types import Progress
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import prepare
+from flatcloth.recordings import open_recording
+
+ERROR_FILE = "error.txt"
+SUPERSEDED = ".superseded"
+_LOCK_WAIT_S = 15.0
+"""The process of a worker that was killed lets go of its session within a second."""
+
+
+def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+    """Do a job: ``integrate`` answers with a row, ``evaluate`` with figures.
+
+    ``spent`` in the answer means that the process is not to be used again.
+    """
+    if question["job"] == "evaluate":
+        pictures = question["pictures"]
+        return evaluate_one(
+            question["source"], question["method"], None if pictures is None else Path(pictures), progress
+        )
+    task, out = Task.from_dict(question["task"]), Path(question["out"])
+    return _to_row(task, out / task.name, question, progress)
+
+
+def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+    started, cpu_started = time.perf_counter(), time.process_time()
+    _reset_peak_memory()
+    stages = Stages()
+    row: dict[str, Any] = {
+        "name": task.name,
+        "source": task.source,
+        "method": task.method,
+        "options": json.dumps(task.options.to_dict()),
+        "version": __version__,
+        "versions": _versions(),
+        "worker": f"{socket.gethostname()}:{os.getpid()}",
+    }
+    spent = False
+    try:
+        with stages.stage("opening"):
+            row["quick"] = quick_signature(task, question["settings"])
+            row["content"] = content_signature(task, question["settings"])
+            kept = _kept(folder, row, again=question["again"])
+            if kept is not None:
+                return {**kept, "again": False}
+            _begin(folder, task, row["content"])
+        row |= _integrated(task, folder, stages, progress)
+        row["outcome"] = DONE
+    except FlatclothError as error:
+        row |= {"outcome": FAILED, "reason": str(error)}
+    except Exception as error:  # noqa: BLE001 - one recording must not end the others
+        spent = True
+        row |= _unexpected(error, folder)
+    row |= {f"seconds_{name}": round(seconds, 3) for name, seconds in stages.seconds.items()}
+    row |= {
+        "seconds": round(time.perf_counter() - started, 3),
+        "cpu_seconds": round(time.process_time() - cpu_started, 3),
+        "peak_memory_mb": _status_mb("VmHWM"),
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    gc.collect()
+    _give_back_memory()
+    row["memory_after_mb"] = _status_mb("VmRSS")
+    write_row(row, folder)
+    return {**row, "again": True, "spent": spent}
+
+
+def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) -> dict[str, Any]:
+    with stages.stage("opening"):
+        integration = Integration(
+            open_recording(task.source, task.options), method=task.method, segmenter=prepare
+        )
+    done = _patiently(integration, folder, stages, progress)
+    progress(1.0, "measuring")
+    with stages.stage("measuring"):
+        coverage = coverage_estimate(integration, done.canonical)
+        write_thumbnail(done.canonical.view, folder)
+    return {
+        **_told(done.outcome, integration),
+        "coverage_estimate": round(coverage, 4),
+        **garment_columns(folder),
+    }
+
+
+def _patiently(integration: Integration, folder: Path, stages: Stages, progress: Progress) -> Integrated:
+    """Integrate; wait for a session that another process is just letting go of."""
+    until = time.monotonic() + _LOCK_WAIT_S
+    while True:
+        try:
+            return integrate(integration, folder, progress=progress, stages=stages)
+        except JournalError as error:
+            if "is open in another" not in str(error) or time.monotonic() > until:
+                raise
+            time.sleep(0.2)
+
+
+def _told(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:
+    """Return the columns that an outcome tells."""
+    scores = [a["score"] for a in outcome["accepted"] if a["score"] is not None]
+    cameras = outcome.get("cameras", {})
+    turned = [abs(view["turned_deg"]) for view in cameras.get("views", ())]
+    floating = outcome["floating_cm2"]
+    return {
+        "views": len(integration.recording),
+        "views_used": 1 + len(outcome["accepted"]),
+        "views_left": len(outcome["left"]),
+        "area_cm2": outcome["area_cm2"],
+        "reliable_share": outcome.get("reliable_share", outcome.get("firm_share")),
+        "uncertainty_mm": outcome.get("placement_std_median_mm"),
+        "floating_cm2": round(sum(floating), 1),
+        "floating_pieces": len(floating),
+        "least_score": min(scores, default=None),
+        "angles_off_deg": max(turned, default=None),
+        "cameras": cameras.get("found"),
+        "notes": " ".join(integration.notes),
+    }
+
+
+# --- what was there before -------------------------------------------------------------------
+
+
+def _kept(folder: Path, row: Mapping[str, Any], *, again: bool) -> dict[str, Any] | None:
+    """Return the row of the same task if it is done; set aside what another task has left there."""
+    kept = read_row(folder)
+    if (
+        kept is not None
+        and kept.get("content") == row["content"]
+        and kept["outcome"] in LASTING
+        and not again
+    ):
+        kept["quick"] = row["quick"]  # the files were touched, but are the same
+        write_row(kept, folder)
+        return kept
+    if folder.exists() and (again or _content_begun(folder) != row["content"]):
+        _set_aside(folder)
+    return None
+
+
+def _content_begun(folder: Path) -> str | None:
+    try:
+        return str(json.loads(read_plain(folder / TASK_FILE))["content"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _set_aside(folder: Path) -> None:
+    """Move a result away: an operator's decisions are in it."""
+    place = folder.parent / SUPERSEDED / f"{folder.name}-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
+    try:
+        place.parent.mkdir(exist_ok=True)
+        folder.rename(place)
+    except OSError as error:
+        raise FlatclothError(f"{folder}: cannot be moved to {place} ({error}); move it by hand.") from error
+
+
+def _begin(folder: Path, task: Task, content: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        partial = folder / f".{TASK_FILE}.partial"
+        partial.write_text(json.dumps({**task.to_dict(), "content": content}, indent=1) + "\n")
+        os.replace(partial, folder / TASK_FILE)
+        (folder / ERROR_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        raise FlatclothError(f"{folder}: cannot be written ({error}); choose another --out.") from error
+
+
+# --- what went wrong, and the process --------------------------------------------------------
+
+
+def _unexpected(error: Exception, folder: Path) -> dict[str, str]:
+    text = " ".join(str(error).split())[:300]
+    no_memory = isinstance(error, MemoryError) or (
+        isinstance(error, cv2.error) and "nsufficient memory" in text
+    )
+    if no_memory:
+        limit = memory_limit_bytes() / 1e9
+        return {
+            "outcome": MEMORY,
+            "reason": f"needs more than {limit:.1f} GB of memory; give more by --memory.",
+        }
+    with contextlib.suppress(OSError):
+        (folder / ERROR_FILE).write_text(traceback.format_exc())
+    reason = f"an error of flatcloth itself ({type(error).__name__}: {text}); see {ERROR_FILE} there."
+    return {"outcome": FAILED, "reason": reason}
+
+
+@functools.cache
+def _versions() -> str:
+    found = {"python": platform.python_version()}
+    for name in ("numpy", "scipy", "numba", "opencv-python-headless"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return json.dumps(found)
+
+
+def _reset_peak_memory() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _status_mb(name: str) -> float | None:
+    with contextlib.suppress(OSError, StopIteration), open("/proc/self/status") as file:
+        return round(next(int(line.split()[1]) for line in file if line.startswith(name)) / 1024, 1)
+    return None
+
+
+def _give_back_memory() -> None:
+    """Let the C library return free memory to the system, so that a process does not grow over many tasks."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -1,0 +1,170 @@
+"""The page of a batch: one HTML file with thumbnails, table, filters and the review queue; works offline."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from flatcloth.batch.measure import THUMBNAIL_FILE
+from flatcloth.batch.review import reliability, review_order, verdicts
+from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, rows_in
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.resources import static_folder
+from flatcloth.export.bundle import bundle
+from flatcloth.recordings.source import OPTION_NAMES
+from flatcloth.rendering.drawing import data_url
+
+REPORT_FILE = "report.html"
+RELIABILITY = Column(
+    "reliability",
+    "number",
+    "share of the seen cloth that is in one shape, placed to 10 mm: the review's order",
+)
+_MOST_THUMBNAIL_BYTES = 100_000
+
+
+def write_report(out: Path) -> Path:
+    """Write ``report.html`` from the rows that an output keeps; return the file.
+
+    Raises
+    ------
+    FlatclothError
+        If there are none, or it cannot be written.
+    """
+    text = report_html(out, served=False)
+    file, partial = out / REPORT_FILE, out / f".{REPORT_FILE}.partial"
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, file)
+    except OSError as error:
+        raise FlatclothError(f"{file}: cannot be written ({error}); make room.") from error
+    return file
+
+
+def report_html(out: Path, *, served: bool) -> str:
+    """Return the page; ``served`` by the program, it keeps verdicts and opens sessions.
+
+    Raises
+    ------
+    FlatclothError
+        If there are no results.
+    """
+    rows = rows_in(out)
+    if not rows:
+        raise FlatclothError(
+            f"{out}: has no results of a batch; run one: flatcloth batch SOURCE... --out {out}"
+        )
+    static = static_folder()
+    style = "\n".join((static / name).read_text("utf-8") for name in ("page/page.css", "batch/report.css"))
+    script = bundle(static, "batch/report.js")
+    parts = {
+        "policy": _policy(script, style),
+        "title": escape(f"{out.resolve().name} \u00b7 flatcloth batch"),
+        "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
+        "style": style,
+        # No text can end the element that it stands in.
+        "data": json.dumps(_data(rows, out, served), allow_nan=False).replace("<", "\\u003c"),
+        "script": script,
+    }
+    template = (static / "batch/report.html").read_text("utf-8")
+    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
+
+
+def _policy(script: str, style: str) -> str:
+    """Return a policy by which the page runs its own script and speaks to its own server only."""
+
+    def digest(text: str) -> str:
+        return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+
+    # Widths and heights of bars are set by script, which a policy for styles does not concern.
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest(script)}'; style-src 'sha256-{digest(style)}';"
+        " img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:
+    decided = verdicts(out)
+    ordered = sorted(rows, key=review_order)
+    names = [column.name for column in COLUMNS]
+    shown = []
+    for place, row in enumerate(ordered):
+        told = {name: row[name] for name in names if row.get(name) is not None}
+        done = row["outcome"] == DONE
+        told |= {
+            "place": place,
+            "reliability": round(reliability(row), 4) if done else None,
+            "review": decided.get(row["name"]),
+            "edited": done and _edited(out / row["name"]),
+            "command": command_of(row, out),
+            "thumbnail": _thumbnail(out / row["name"]),
+        }
+        shown.append(told)
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in counted(rows).items() if n)
+    seconds = sum(row.get("seconds") or 0.0 for row in rows)
+    return {
+        "title": out.resolve().name,
+        "counts": f"{len(rows)} recordings: {counts}; {seconds / 3600:.1f} h of computing",
+        "notes": _notes(rows),
+        "served": served,
+        "serve": f"flatcloth batch {shlex.quote(str(out.resolve()))} --review",
+        "columns": [
+            {"name": c.name, "kind": c.kind, "meaning": c.meaning}
+            for c in (*COLUMNS[:4], RELIABILITY, *COLUMNS[4:])
+        ],
+        "rows": shown,
+    }
+
+
+def _notes(rows: Sequence[Mapping[str, Any]]) -> str:
+    versions = sorted({str(row["version"]) for row in rows if row.get("version")})
+    if len(versions) > 1:
+        listed = ", ".join(versions)
+        return f"The results are of several versions of flatcloth ({listed}); --again makes them alike."
+    return ""
+
+
+def command_of(row: Mapping[str, Any], out: Path) -> str:
+    """Return the command that opens a result's session in the operator page."""
+    return shlex.join(["flatcloth", "view", *view_arguments(row, out)])
+
+
+def view_arguments(row: Mapping[str, Any], out: Path) -> list[str]:
+    """Return the arguments of ``flatcloth view`` for a result's session."""
+    arguments = [str(row["source"]), "--session", str((out / row["name"]).resolve())]
+    arguments += ["--method", str(row["method"])]
+    try:
+        said = json.loads(row.get("options") or "{}")
+    except (ValueError, RecursionError):
+        said = {}
+    for name, option in OPTION_NAMES.items():
+        if name in said:
+            values = said[name] if isinstance(said[name], list) else [said[name]]
+            negative = len(values) == 1 and str(values[0]).startswith("-")
+            arguments += [f"{option}={values[0]}"] if negative else [option, *map(str, values)]
+    return arguments
+
+
+def _edited(folder: Path) -> bool:
+    """Say whether an operator has decided something since the result was made."""
+    try:
+        made = (folder / ROW_FILE).stat().st_mtime
+        return (folder / "journal.jsonl").stat().st_mtime > made + 1.0
+    except OSError:
+        return False
+
+
+def _thumbnail(folder: Path) -> str | None:
+    try:
+        return data_url(read_plain(folder / THUMBNAIL_FILE, _MOST_THUMBNAIL_BYTES), "image/webp")
+    except OSError:
+        return None

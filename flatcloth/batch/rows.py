@@ -1,0 +1,124 @@
+"""A row of the results: what is told of each recording, and the files that keep it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain
+
+ROW_FILE = "row.json"
+FORMAT = "flatcloth-batch-row/1"
+
+DONE = "done"
+FAILED = "failed"
+CRASHED = "crashed"
+HUNG = "hung"
+MEMORY = "out of memory"
+OUTCOMES = (DONE, FAILED, CRASHED, HUNG, MEMORY)
+LASTING = (DONE, FAILED)
+"""What comes out the same again; the others are tried anew by the next run."""
+
+Kind = Literal["text", "number", "count", "flag"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table: its name, kind and meaning."""
+
+    name: str
+    kind: Kind
+    meaning: str
+
+
+COLUMNS = (
+    Column("name", "text", "folder of the result"),
+    Column("source", "text", "the recording"),
+    Column("outcome", "text", "done, failed, crashed, hung, or out of memory"),
+    Column("reason", "text", "why it is not done"),
+    Column("method", "text", "way of integrating"),
+    Column("views", "count", "views of the recording"),
+    Column("views_used", "count", "views in the shape"),
+    Column("area_cm2", "number", "area of the shape"),
+    Column(
+        "coverage_estimate", "number", "share of the cloth seen in any view that is in the shape or a piece"
+    ),
+    Column(
+        "reliable_share", "number", "share of the shape with a placement standard deviation of 10 mm or less"
+    ),
+    Column("uncertainty_mm", "number", "median standard deviation of a pixel's place"),
+    Column("floating_cm2", "number", "area of the pieces that nothing seen connects"),
+    Column("floating_pieces", "count", "their number"),
+    Column("least_score", "number", "score of the least certain view that was accepted"),
+    Column("views_left", "count", "views that were refused or skipped"),
+    Column("angles_off_deg", "number", "largest correction of a view's angle by the registration"),
+    Column("cameras", "text", "what the registration of the views found about axis and angles"),
+    Column("garment", "text", "kind of garment"),
+    Column("garment_probability", "number", "its probability"),
+    Column("dimensions_mm", "text", "its dimensions with standard deviations, as JSON"),
+    Column("review", "text", "the operator's verdict: accepted or rejected"),
+    Column("notes", "text", "what the recording's reader told"),
+    Column("seconds", "number", "wall time of the task"),
+    Column("seconds_opening", "number", "of it: comparing with what is done, opening, finding the axis"),
+    Column("seconds_integrating", "number", "of it: flattening, choosing views, aligning, joining"),
+    Column("seconds_garment", "number", "of it: recognising the garment"),
+    Column("seconds_writing", "number", "of it: exports"),
+    Column("seconds_measuring", "number", "of it: coverage estimate and thumbnail"),
+    Column("cpu_seconds", "number", "processor time of the task"),
+    Column("peak_memory_mb", "number", "largest resident memory of the task's process"),
+    Column("memory_after_mb", "number", "resident memory of that process after the task"),
+    Column("worker", "text", "host and process"),
+    Column("finished", "text", "time, UTC"),
+    Column("version", "text", "of flatcloth"),
+    Column("versions", "text", "of the libraries, as JSON"),
+    Column("options", "text", "options of the source, as JSON"),
+    Column("content", "text", "hash of content, options and settings"),
+)
+
+
+def read_row(folder: Path) -> dict[str, Any] | None:
+    """Return the row that a result's folder keeps; None if it keeps none, or a damaged one."""
+    try:
+        row = json.loads(read_plain(folder / ROW_FILE))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return row if isinstance(row, dict) and row.get("format") == FORMAT and "name" in row else None
+
+
+def write_row(row: Mapping[str, Any], folder: Path) -> None:
+    """Keep a row in its result's folder; a crash leaves the old or the new one.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be written.
+    """
+    file = folder / ROW_FILE
+    partial = folder / f".{ROW_FILE}.{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        partial.write_text(json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n")
+        os.replace(partial, file)
+    except OSError as error:
+        raise FlatclothError(
+            f"{file}: cannot be written ({error}); make room, or choose another --out."
+        ) from error
+
+
+def rows_in(out: Path) -> list[dict[str, Any]]:
+    """Return the rows that the folders of an output keep, by name."""
+    folders = sorted(file.parent for file in out.glob(f"*/{ROW_FILE}"))
+    return [row for folder in folders if (row := read_row(folder)) is not None]
+
+
+def counted(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    """Return how many rows have each outcome."""
+    count = dict.fromkeys(OUTCOMES, 0)
+    for row in rows:
+        count[row["outcome"]] = count.get(row["outcome"], 0) + 1
+    return count

@@ -1,0 +1,161 @@
+"""The command ``batch``: many recordings, one table, and the page to review them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flatcloth.commands.common import (
+    ProgressBar,
+    add_engine,
+    add_method,
+    add_source_options,
+    limits_of,
+    source_options_of,
+)
+from flatcloth.core.errors import FlatclothError
+
+if TYPE_CHECKING:
+    from flatcloth.batch.drive import Count
+    from flatcloth.batch.engines import Engine
+
+NAME = "batch"
+SUMMARY = "integrate many recordings, with a table and a page to review the results"
+EXAMPLES = """examples:
+  python app.py batch recordings/* --out night --jobs 4
+  python app.py batch MultimodalClothes --turning 240 --out night --scheduler tcp://host:8786
+  python app.py batch list.csv --out night                   a table: source, and options as columns
+  python app.py batch night --report                         night/report.html, one page, offline
+  python app.py batch night --review                         the same page, with verdicts and sessions"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "sources",
+        nargs="+",
+        metavar="SOURCE",
+        help="recordings, folders of them, patterns, a data set, or a list of sources (.csv, .jsonl); with "
+        "--report and --review the folder of a batch",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write; what is done there stays")
+    add_method(parser)
+    add_engine(parser)
+    parser.add_argument("--again", action="store_true", help="do again what is done; the old is set aside")
+    add_source_options(parser.add_argument_group("what sources do not tell (docs/datasets.md)"))
+    group = parser.add_argument_group("looking at the results")
+    group.add_argument("--report", action="store_true", help="write DIR/report.html from the results in DIR")
+    group.add_argument(
+        "--review", action="store_true", help="serve that page: verdicts are kept, a click opens the session"
+    )
+    group.add_argument(
+        "--port", type=int, default=8090, help="port of --review, 0 for any free one (default: 8090)"
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the batch, or make or serve its page."""
+    if options.report or options.review:
+        _look(options)
+        return
+    if options.out is None:
+        raise FlatclothError("--out names no folder; give one for the results.")
+    from flatcloth.batch.drive import owned, run_batch
+    from flatcloth.batch.engines import engine_of
+    from flatcloth.batch.report import write_report
+    from flatcloth.batch.table import PARQUET
+    from flatcloth.batch.tasks import tasks_of
+
+    out: Path = options.out.expanduser()
+    with owned(out):
+        tasks = tasks_of(options.sources, options.method, source_options_of(options), out)
+
+        def start() -> Engine:
+            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()))
+            print(f"{len(tasks)} recordings; {engine.about}", flush=True)
+            return engine
+
+        with _Teller() as teller:
+            try:
+                count = run_batch(tasks, out, start, limits_of(options), teller.tell, again=options.again)
+            except KeyboardInterrupt:
+                teller.stopped()
+                raise SystemExit(130) from None
+        report = write_report(out)
+    print(_summary(count))
+    table = out / PARQUET if (out / PARQUET).exists() else out / "results.csv"
+    print(f"Table: {table}. Page: {report}")
+    if count.rows and not count.before and all(row["outcome"] != "done" for row in count.rows):
+        raise FlatclothError(f"{out}: no recording could be integrated; the table has the reasons.")
+
+
+def _look(options: argparse.Namespace) -> None:
+    from flatcloth.batch.report import write_report
+
+    if len(options.sources) != 1 or options.out is not None:
+        raise FlatclothError(
+            "--report and --review take one folder, that of a batch: flatcloth batch DIR --report"
+        )
+    out = Path(options.sources[0]).expanduser()
+    print(f"Page: {write_report(out)}")
+    if options.review:
+        from flatcloth.viewer.server.review import serve_review
+
+        serve_review(out, options.port)
+
+
+def _summary(count: Count) -> str:
+    from flatcloth.batch.rows import counted
+
+    outcomes = (
+        ", ".join(f"{n} {outcome}" for outcome, n in counted(count.rows).items() if n) or "nothing to do"
+    )
+    before = f"; {count.before} were done before" if count.before else ""
+    return f"{outcomes}{before}."
+
+
+class _Teller(ProgressBar):
+    """Tells how far a batch is: a bar on a terminal, lines in a log; failures are lines in both."""
+
+    def __init__(self) -> None:
+        super().__init__("batch")
+        self._count: Count | None = None
+
+    def tell(self, count: Count, row: dict[str, Any] | None) -> None:
+        """Tell of a new row."""
+        self._count = count
+        left = "" if count.left_s is None else f", {_time(count.left_s)} left"
+        if row is None:
+            if count.before:
+                print(f"{count.before} of {count.total} are done already.", flush=True)
+        elif row["outcome"] != "done":
+            clear = "\r\033[K" if self._shown else ""
+            print(f"{clear}{row['name']}: {row['outcome']}: {row.get('reason')}", file=sys.stderr, flush=True)
+        elif not self._shown:
+            reliable = row.get("reliable_share")
+            known = "" if reliable is None else f", {reliable:.0%} reliable"
+            print(
+                f"[{count.done}/{count.total}] {row['name']}: {row['area_cm2']:.0f} cm2{known}, "
+                f"{row['seconds']:.1f} s{left}",
+                flush=True,
+            )
+        failed = sum(r["outcome"] != "done" for r in count.rows)
+        text = f"{count.done} of {count.total}" + (f", {failed} failed" if failed else "") + left
+        self.show(count.done / max(1, count.total), text)
+
+    def stopped(self) -> None:
+        """Tell that the user has stopped it."""
+        done = 0 if self._count is None else self._count.done
+        total = 0 if self._count is None else self._count.total
+        print(
+            f"\nStopped: {done} of {total} are done and kept. The same command goes on from there.",
+            file=sys.stderr,
+        )
+
+
+def _time(seconds: float) -> str:
+    if seconds < 90:
+        return f"about {max(1, round(seconds))} s"
+    return f"about {round(seconds / 60)} min" if seconds < 5400 else f"about {seconds / 3600:.1f} h"

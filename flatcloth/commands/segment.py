@@ -1,0 +1,79 @@
+"""The command ``segment``: the side of interest of a recording without masks, as masks."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.commands.common import ProgressBar, add_source, integration_of, source_options_of
+
+if TYPE_CHECKING:
+    from flatcloth.core.strokes import Decision
+
+NAME = "segment"
+SUMMARY = "find the side of interest of a recording without masks, and write masks"
+EXAMPLES = """examples:
+  python app.py segment my-recording --out masks
+  python app.py segment my-recording --out my-masked-recording --copy --strokes strokes.json"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_source(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new or empty folder to write")
+    parser.add_argument(
+        "--copy", action="store_true", help="write a complete recording with the masks, not the masks alone"
+    )
+    add_strokes(parser)
+
+
+def add_strokes(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--strokes``."""
+    parser.add_argument(
+        "--strokes", type=Path, metavar="FILE", help="strokes and cuts that say which side is of interest"
+    )
+
+
+def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
+    """Read the file of ``--strokes``; without one, there are none."""
+    import json
+
+    from flatcloth.core.errors import SegmentationError
+    from flatcloth.core.plain_files import read_plain
+    from flatcloth.core.strokes import decisions_from_plain
+
+    if options.strokes is None:
+        return ()
+    try:
+        content = json.loads(read_plain(options.strokes))
+    except OSError as error:
+        why = error.strerror or error
+        raise SegmentationError(f"{options.strokes}: cannot be read ({why}); give a strokes file.") from error
+    except (ValueError, RecursionError) as error:
+        raise SegmentationError(f"{options.strokes}: is not JSON ({error}); give a strokes file.") from error
+    return decisions_from_plain(content, str(options.strokes))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Segment, and write the masks."""
+    from flatcloth.engine.segmenting import MaskedRecording, prepare, summary
+    from flatcloth.recordings.copying import copy_recording
+    from flatcloth.recordings.mask_files import write_masks
+
+    decisions = strokes_of(options)
+    integration = integration_of(options.source, None, source_options_of(options))
+    recording = integration.recording
+    with ProgressBar(recording.name) as bar:
+        found = prepare(integration, bar.show).solve(decisions)
+        masked = MaskedRecording(recording, found)
+        if options.copy:
+            count = copy_recording(masked, options.out, progress=bar.show)
+        else:
+            count = write_masks(masked, options.out, summary(found), bar.show)
+    if recording.has_masks:
+        print(f"{recording.name}: has masks; they were not used.")
+    print(found.text)
+    for line in [cut.text for cut in found.cut_off] + [conflict.text for conflict in found.conflicts]:
+        print(line)
+    print(f"Written to {options.out}: {count} {'views with masks' if options.copy else 'masks'}.")

@@ -1,0 +1,179 @@
+"""Recordings without masks, in a session: the side of interest is found, and the recording has masks then.
+
+``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke);
+``MaskedRecording`` is what the rest of the program integrates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flatcloth.core.errors import SegmentationError
+from flatcloth.core.strokes import Decision, ImageStroke
+from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.engine.views import RecordedViews
+from flatcloth.recordings.base import Recording, check_index
+from flatcloth.segmentation.observed import observe
+from flatcloth.segmentation.result import Segmentation
+from flatcloth.segmentation.solver import SideSolver
+from flatcloth.session.commands import paint
+from flatcloth.session.machine import Keeper
+
+
+class MaskedRecording:
+    """A recording whose views have the masks of a segmentation.
+
+    Parameters
+    ----------
+    recording : Recording
+        The views; masks of its own are not used.
+    segmentation : Segmentation
+        Of these views.
+
+    Notes
+    -----
+    It says of itself what the recording says, ``has_masks`` included, so that a session folder knows it
+    for the same recording; ``segmentation`` tells it apart.
+    """
+
+    def __init__(self, recording: Recording, segmentation: Segmentation) -> None:
+        self._recording, self.segmentation = recording, segmentation
+
+    @property
+    def name(self) -> str:
+        """Short name, for titles and session folders."""
+        return self._recording.name
+
+    @property
+    def description(self) -> str:
+        """One sentence of free text; may be empty."""
+        return self._recording.description
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the operator must know about it: what was found, cut off, and in conflict."""
+        found = self.segmentation
+        kinds = sorted({cut.kind for cut in found.cut_off})
+        cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
+        own = tuple(getattr(self._recording, "notes", ()))
+        return (*own, found.text, *cut, *(conflict.text for conflict in found.conflicts))
+
+    @property
+    def location(self) -> str:
+        """Where the recording was read from."""
+        return self._recording.location
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The camera, after lens distortion was undone."""
+        return self._recording.intrinsics
+
+    @property
+    def rotation_axis(self) -> RotationAxis | None:
+        """The turning axis in the camera frame; None if the recording does not tell."""
+        return self._recording.rotation_axis
+
+    @property
+    def held_point_m(self) -> Float64 | None:
+        """The point (3,) where the item is held, camera frame; None if the recording does not tell."""
+        return self._recording.held_point_m
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Angle of each view about the axis since view 0."""
+        return self._recording.angles_deg
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether the recording itself has masks."""
+        return self._recording.has_masks
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self._recording)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Read one view, with the mask of the side of interest."""
+        check_index(self, view_index)
+        frame = self._recording[view_index]
+        mask = self.segmentation.mask(view_index)
+        return replace(frame, mask=np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask)
+
+
+def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:
+    """Look at all views of a recording, without their masks, and return what finds the sides.
+
+    Raises
+    ------
+    SegmentationError
+        If no view shows an item, or there are two.
+    RecordingError
+        If a view cannot be read.
+    """
+    frames = [views.recorded(n) for n in range(len(views.recording))]
+    observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
+    return SideSolver(observed)
+
+
+def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:
+    """Record strokes that a session does not have yet, before it goes on.
+
+    Raises
+    ------
+    SegmentationError
+        If the recording has masks that contradict them; masks that agree make strokes needless.
+    """
+    if views.recording.has_masks:
+        check_against_masks(views.recording, strokes, views.recording.location)
+        return
+    for stroke in strokes:
+        if stroke not in session.state.document.strokes:
+            session.record(paint(stroke))
+
+
+def check_against_masks(recording: Recording, decisions: Sequence[Decision], where: str) -> None:
+    """Refuse strokes that contradict the masks of a recording.
+
+    Raises
+    ------
+    SegmentationError
+        If a stroke says of most of the cloth under it the opposite of the mask of its view.
+    """
+    for n, decision in enumerate(decisions):
+        if not isinstance(decision, ImageStroke) or not recording.has_masks:
+            continue
+        if decision.view_index >= len(recording):
+            raise SegmentationError(
+                f"{where}: decision {n + 1}: view {decision.view_index} does not exist; "
+                f"the recording has {len(recording)}."
+            )
+        mask = recording[decision.view_index].mask
+        assert mask is not None
+        at = np.rint(np.asarray(decision.points_rc)).astype(int)
+        at = np.clip(at, 0, np.array(mask.shape) - 1)
+        inside = float(mask[at[:, 0], at[:, 1]].mean())
+        if (inside > 0.5) != (decision.side == "this"):
+            raise SegmentationError(
+                f"{where}: decision {n + 1} contradicts the mask of view {decision.view_index}; take out the "
+                "stroke, or segment a copy of the recording without its masks."
+            )
+
+
+def summary(segmentation: Segmentation) -> dict[str, Any]:
+    """Return what a report says about a segmentation, ready for JSON: areas in cm2."""
+    return {
+        "text": segmentation.text,
+        "certainty": round(segmentation.mean_certainty, 4),
+        "area_cm2": round(1e4 * segmentation.area_of_interest_m2, 1),
+        "undecided_cm2": round(1e4 * segmentation.area_undecided_m2, 1),
+        "decisions": len(segmentation.decisions),
+        "conflicts": [conflict.text for conflict in segmentation.conflicts],
+        "cut_off": [
+            {"view_index": cut.view_index, "kind": cut.kind, "area_cm2": round(1e4 * cut.area_m2, 1)}
+            for cut in segmentation.cut_off
+        ],
+    }

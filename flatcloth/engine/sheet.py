@@ -1,0 +1,259 @@
+"""The sheet: the shape with the pieces that float laid out beside it, as they are shown and picked.
+
+A method keeps floating pieces far off on the plane, where no cloth of the shape meets them. To be seen
+they are moved, by whole pixels, into columns to the right of the shape. Pieces that lie near the shape,
+but whose place there is not reliable, stay where they lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import FlattenedView, Floats, Rigid2
+from flatcloth.methods.base import Canonical
+
+if TYPE_CHECKING:
+    from flatcloth.flattening.flatten import Flattening
+
+GAP_M = 0.04
+"""Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth."""
+_NEAR_M = 1.0
+"""A piece whose middle is nearer to the shape than this lies where it would belong."""
+
+FLOATS = "Nothing seen connects it to the shape."
+LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
+
+
+@dataclass(frozen=True, kw_only=True)
+class SheetPiece:
+    """A floating piece on the sheet.
+
+    ``label`` B, C, ... by falling area; ``view`` is its raster on the sheet; ``shift_m`` (u, v) leads
+    there from the method's plane; ``reason`` says why it floats; ``views`` are the views that show it.
+    """
+
+    label: str
+    view: FlattenedView
+    shift_m: tuple[float, float]
+    reason: str
+    views: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """The shape and its floating pieces on one plane.
+
+    ``view`` holds all of them, ``piece`` (H, W) int16 tells them apart: 0 the shape, 1 piece B, ..., -1
+    nothing; ``canonical`` is what it was made of.
+    """
+
+    canonical: Canonical
+    view: FlattenedView
+    piece: NDArray[np.int16]
+    pieces: tuple[SheetPiece, ...]
+
+    @property
+    def floating_m2(self) -> float:
+        """Area of all floating pieces."""
+        return sum(piece.view.area_m2 for piece in self.pieces)
+
+    def piece_at(self, uv_m: Floats) -> int:
+        """Return which piece a place of the sheet belongs to: that whose rectangle holds it, else 0."""
+        at = np.asarray(uv_m, dtype=np.float64)
+        for n, piece in enumerate(self.pieces, start=1):
+            low, high = _box(piece.view)
+            if piece.shift_m != (0.0, 0.0) and bool(((at >= low) & (at <= high)).all()):
+                return n
+        return 0
+
+    def piece_on_plane(self, uv_m: Floats) -> int:
+        """Return which piece a place of the method's plane belongs to: the nearest far piece, else 0."""
+        at, best, nearest = np.asarray(uv_m, dtype=np.float64), 0, np.inf
+        candidates = [(0, self.canonical.view, (0.0, 0.0))]
+        candidates += [
+            (n, p.view, p.shift_m) for n, p in enumerate(self.pieces, 1) if p.shift_m != (0.0, 0.0)
+        ]
+        for n, view, shift in candidates:
+            low, high = (end - np.asarray(shift) for end in _box(view))
+            off = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - at, at - high))))
+            if off < nearest:
+                best, nearest = n, off
+        return best if nearest < _NEAR_M else 0
+
+    def shift(self, piece: int) -> Rigid2:
+        """Return the motion from the method's plane to the sheet of a piece, 0 the shape."""
+        return Rigid2() if piece == 0 else Rigid2(0.0, *self.pieces[piece - 1].shift_m)
+
+    def shown(self, placement: Rigid2, center_m: Floats) -> Rigid2:
+        """Return a placement (plane from a component's own plane) as it is on the sheet.
+
+        ``center_m`` (2,) is the component's middle on its own plane: it tells which piece is meant. A
+        placement far from all cloth, as of a piece that was reopened, is shown beside the shape.
+        """
+        center = placement.apply(center_m)
+        piece = self.piece_on_plane(center)
+        shown = self.shift(piece) @ placement
+        low, high = _box(self.canonical.view)
+        at = shown.apply(center_m)
+        if piece == 0 and bool((at < low - _NEAR_M).any() or (at > high + _NEAR_M).any()):
+            beside = np.array([high[0] + 4 * GAP_M, (low[1] + high[1]) / 2])
+            return Rigid2(0.0, *(beside - at).tolist()) @ placement
+        return shown
+
+    def meant(self, shown: Rigid2, center_m: Floats) -> Rigid2:
+        """Return the placement on the method's plane that is meant by one on the sheet."""
+        return self.shift(self.piece_at(shown.apply(center_m))).inverse() @ shown
+
+
+def lay_out(canonical: Canonical) -> Sheet:
+    """Lay the floating pieces of a canonical view out beside it."""
+    main = canonical.view
+    low, high = _box(main)
+    floating = sorted(canonical.floating, key=lambda view: -view.area_m2)
+    height = max(float(high[1] - low[1]), 0.2)
+    left, top, wide = float(high[0]) + GAP_M, float(low[1]), 0.0
+    pieces = []
+    for n, view in enumerate(floating):
+        own_low, own_high = _box(view)
+        middle = (own_low + own_high) / 2
+        near = bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
+        shift = (0.0, 0.0)
+        if not near:
+            size = own_high - own_low
+            if top > low[1] and top + size[1] > low[1] + height:
+                left, top, wide = left + wide + GAP_M, float(low[1]), 0.0
+            step = np.rint((np.array([left, top]) - own_low) / main.pixel_size_m) * main.pixel_size_m
+            # Both rasters begin at a whole number of pixels, so that their pixels coincide.
+            off = np.asarray(main.origin_uv_m) - (np.asarray(view.origin_uv_m) + step)
+            step = step + off - np.rint(off / main.pixel_size_m) * main.pixel_size_m
+            shift = (float(step[0]), float(step[1]))
+            top, wide = top + float(size[1]) + GAP_M, max(wide, float(size[0]))
+        origin = (view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1])
+        shown = np.unique(view.view_index[view.valid])
+        pieces.append(
+            SheetPiece(
+                label=label_of(n + 1),
+                view=replace(view, origin_uv_m=origin),
+                shift_m=shift,
+                reason=LOOSE if near else FLOATS,
+                views=tuple(int(v) for v in shown if v >= 0),
+            )
+        )
+    joined, piece = _joined(main, [p.view for p in pieces])
+    return Sheet(canonical=canonical, view=joined, piece=piece, pieces=tuple(pieces))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PiecePlace:
+    """Where a component of a view lies that shows most of a piece; ``placement`` leads to the sheet."""
+
+    view_index: int
+    component: int
+    placement: Rigid2
+
+
+class Parts(Protocol):
+    """What knows the single views."""
+
+    def flattening(self, view_index: int) -> Flattening:
+        """Return a flattened view with its components."""
+        ...
+
+
+def place_of_piece(views: Parts, piece: SheetPiece, accepted: Sequence[int]) -> PiecePlace:
+    """Return the component of an accepted view that shows most of a piece, and where it lies.
+
+    Raises
+    ------
+    FlatclothError
+        If only the start view shows the piece.
+    """
+    shown = [v for v in piece.views if v in set(accepted)]
+    if not shown:
+        raise FlatclothError(
+            f"Piece {piece.label} was seen by the start view only, which stays where it is."
+            " Step on: another view may connect it."
+        )
+    own = piece.view
+    pixels = {v: own.valid & (own.view_index == v) for v in shown}
+    view_index = max(shown, key=lambda v: int(pixels[v].sum()))
+    where = np.argwhere(pixels[view_index])
+    there = own.uv_from_rc(where)
+    source = own.source_rc[where[:, 0], where[:, 1]]
+    best: tuple[int, int, Rigid2] = (0, 0, Rigid2())
+    for n, component in enumerate(views.flattening(view_index).components):
+        pixel = np.argwhere(component.view.valid)
+        tree = cKDTree(component.view.source_rc[pixel[:, 0], pixel[:, 1]])
+        off, nearest = tree.query(source, distance_upper_bound=1.0)
+        same = np.isfinite(off)
+        if same.sum() > max(best[0], 2):
+            uv = component.view.uv_from_rc(pixel[nearest[same]])
+            best = int(same.sum()), n, fit_rigid2(uv, there[same])
+    if not best[0]:
+        raise FlatclothError(
+            f"No component of view {view_index} shows piece {piece.label}; reopen the view itself."
+        )
+    return PiecePlace(view_index=view_index, component=best[1], placement=best[2])
+
+
+def label_of(piece: int) -> str:
+    """Return the letter of a piece: A the shape, B, C, ..., Z, AA."""
+    letters = ""
+    number = piece + 1
+    while number:
+        number, digit = divmod(number - 1, 26)
+        letters = chr(65 + digit) + letters
+    return letters
+
+
+def _box(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rows, cols = view.shape
+    low = np.asarray(view.origin_uv_m, dtype=np.float64)
+    return low, low + view.pixel_size_m * np.array([cols - 1, rows - 1])
+
+
+def _joined(main: FlattenedView, pieces: list[FlattenedView]) -> tuple[FlattenedView, NDArray[np.int16]]:
+    """Return one raster of the shape and its pieces; where a piece meets the shape, the shape is kept."""
+    numbers = np.where(main.valid, 0, -1).astype(np.int16)
+    if not pieces:
+        return main, numbers
+    size = main.pixel_size_m
+    boxes = np.array([_box(view) for view in (main, *pieces)])
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    cols, rows = (np.rint((high - low) / size).astype(int) + 1).tolist()
+    arrays: dict[str, Any] = {
+        name: _empty(getattr(main, name), rows, cols) for name in _ARRAYS if _has(main, name)
+    }
+    piece = np.full((rows, cols), -1, dtype=np.int16)
+    for n, view in enumerate((main, *pieces)):
+        col, row = np.rint((np.asarray(view.origin_uv_m) - low) / size).astype(int).tolist()
+        where = np.s_[row : row + view.shape[0], col : col + view.shape[1]]
+        fresh = view.valid & (piece[where] < 0)
+        piece[where][fresh] = n
+        for name, array in arrays.items():
+            if _has(view, name):
+                array[where][fresh] = getattr(view, name)[fresh]
+    return replace(main, origin_uv_m=(float(low[0]), float(low[1])), **arrays), piece
+
+
+_ARRAYS = (
+    "rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc", "quality", "placement_std_m",
+)  # fmt: skip
+
+
+def _has(view: FlattenedView, name: str) -> bool:
+    return getattr(view, name) is not None
+
+
+def _empty(like: NDArray[Any], rows: int, cols: int) -> NDArray[Any]:
+    """Return an array of a raster without cloth."""
+    nothing = np.nan if like.dtype.kind == "f" else -1 if like.dtype.kind == "i" else 0
+    return np.full((rows, cols, *like.shape[2:]), nothing, dtype=like.dtype)

@@ -1,0 +1,55 @@
+"""What shorts and trousers have in common: a waist, two legs and a crotch."""
+
+from __future__ import annotations
+
+from flatcloth.core.types import Float64
+from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
+from flatcloth.garments.sizes import ARTF, FREE, SIZES
+
+
+def _nodes(p: Float64) -> Float64:
+    waist, inseam, rise, gap, leg, tilt, waist_bulge, hip = p
+    x = waist / 2
+    length = rise + inseam
+    zero = 0.0 * x
+    outer_x, inner_x = gap + leg, gap
+    return stacked(
+        (zero, waist_bulge),
+        (x, zero),
+        (outer_x, length),
+        (inner_x, length + tilt),
+        (zero, rise),
+        (0.55 * x, waist_bulge),
+        (x + 0.35 * (outer_x - x) + 2 * hip, 0.35 * length),
+    )
+
+
+def legs(name: str, inseam: Parameter, leg: Parameter, gap: Parameter) -> Kind:
+    """Return a kind of trousers of this inseam, width of the legs and half gap between them."""
+    return Kind(
+        name=name,
+        parameters=(
+            Parameter("waist_width", 0.39, 0.07, 0.22, 0.65, SIZES),
+            inseam,
+            Parameter("rise", 0.27, 0.035, 0.17, 0.38, SIZES),
+            gap,
+            leg,
+            Parameter("hem_tilt", 0.0, 0.018, -0.08, 0.08, ARTF),
+            Parameter("waist_bulge", 0.0, 0.015, -0.05, 0.06, FREE),
+            Parameter("hip_curve", 0.005, 0.012, -0.04, 0.06, FREE),
+        ),
+        nodes=_nodes,
+        stretches=(
+            Stretch(0, 1, 5, is_open=True),
+            Stretch(1, 2, 6),
+            Stretch(2, 3, is_open=True),
+            Stretch(3, 4),
+        ),
+        points={"waist_right": 1, "pipe_outer_right": 2, "pipe_inner_right": 3, "crotch": 4},
+        dimensions={
+            "waist_width": ("waist_left", "waist_right"),
+            "side_length": ("waist_right", "pipe_outer_right"),
+            "leg_width": ("pipe_outer_right", "pipe_inner_right"),
+            "inseam": ("crotch", "pipe_inner_right"),
+        },
+    )

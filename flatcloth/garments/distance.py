@@ -1,0 +1,153 @@
+"""Distances from places to a closed outline, with their derivatives; compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from flatcloth.core.types import Bool, Float64, Int64
+
+_AGAINST_M2 = 0.05**2
+"""A side that faces another way than the edge is taken only if all others are 5 cm farther."""
+_CORNER_SPAN = 1e-9
+
+
+@njit(cache=True, nogil=True)
+def to_edges(
+    q: Float64,
+    normal: Float64,
+    outline: Float64,
+    side: Int64,
+    share: Float64,
+    away: Float64,
+    distance: Float64,
+) -> None:
+    """Find for each true edge (N, 2) with its outward normal the side of the outline it belongs to.
+
+    Fills ``side`` (N,), the place along it ``share`` (N,), the direction ``away`` (N, 2) in which the
+    distance grows, and the signed ``distance`` (N,), positive outside.
+    """
+    count = len(outline)
+    for i in range(len(q)):
+        best = 1e30
+        for a in range(count):
+            b = a + 1 if a + 1 < count else 0
+            ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
+            length2 = ex * ex + ey * ey
+            if length2 < _CORNER_SPAN:
+                continue
+            px, py = q[i, 0] - outline[a, 0], q[i, 1] - outline[a, 1]
+            t = min(1.0, max(0.0, (px * ex + py * ey) / length2))
+            dx, dy = px - t * ex, py - t * ey
+            length = math.sqrt(length2)
+            nx, ny = ey / length, -ex / length
+            squared = dx * dx + dy * dy
+            rated = squared
+            if nx * normal[i, 0] + ny * normal[i, 1] < 0.5:
+                rated += _AGAINST_M2
+            if rated < best:
+                best = rated
+                side[i], share[i] = a, t
+                if 0.0 < t < 1.0:
+                    away[i, 0], away[i, 1] = nx, ny
+                    distance[i] = dx * nx + dy * ny
+                else:
+                    off = math.sqrt(squared)
+                    sign = 1.0 if dx * nx + dy * ny >= 0 else -1.0
+                    distance[i] = sign * off
+                    if off > 1e-9:
+                        away[i, 0], away[i, 1] = sign * dx / off, sign * dy / off
+                    else:
+                        away[i, 0], away[i, 1] = nx, ny
+                if rated > squared:
+                    distance[i] = math.copysign(math.sqrt(rated), distance[i])
+
+
+@njit(cache=True, nogil=True)
+def outside(
+    q: Float64, outline: Float64, side: Int64, share: Float64, away: Float64, distance: Float64
+) -> None:
+    """Find how far places (N, 2) with cloth lie outside of the outline, 0 inside; see :func:`to_edges`."""
+    count = len(outline)
+    for i in range(len(q)):
+        best = 1e30
+        inside = False
+        x, y = q[i, 0], q[i, 1]
+        for a in range(count):
+            b = a + 1 if a + 1 < count else 0
+            ax, ay, bx, by = outline[a, 0], outline[a, 1], outline[b, 0], outline[b, 1]
+            if (ay > y) != (by > y):
+                if x < (bx - ax) * (y - ay) / (by - ay) + ax:
+                    inside = not inside
+            ex, ey = bx - ax, by - ay
+            length2 = ex * ex + ey * ey
+            if length2 < _CORNER_SPAN:
+                continue
+            px, py = x - ax, y - ay
+            t = min(1.0, max(0.0, (px * ex + py * ey) / length2))
+            dx, dy = px - t * ex, py - t * ey
+            squared = dx * dx + dy * dy
+            if squared < best:
+                best = squared
+                side[i], share[i] = a, t
+                away[i, 0], away[i, 1] = dx, dy
+        if inside:
+            distance[i] = 0.0
+            away[i, 0], away[i, 1] = 0.0, 0.0
+        else:
+            off = math.sqrt(best)
+            distance[i] = off
+            if off > 1e-9:
+                away[i, 0] /= off
+                away[i, 1] /= off
+
+
+@njit(cache=True, nogil=True)
+def cost_of_poses(
+    edges: Float64, normals: Float64, insides: Float64, outline: Float64, poses: Float64, sigma_m: float
+) -> Float64:
+    """Return a robust mean cost (K,) of poses (K, 3), garment from piece: turn (rad) and shift (m)."""
+    result = np.empty(len(poses))
+    n, m = len(edges), len(insides)
+    size = max(n, m)
+    q, turned = np.empty((size, 2)), np.empty((size, 2))
+    side, share = np.empty(size, dtype=np.int64), np.empty(size)
+    away, distance = np.empty((size, 2)), np.empty(size)
+    for k in range(len(poses)):
+        cos, sin = math.cos(poses[k, 0]), math.sin(poses[k, 0])
+        total = 0.0
+        for i in range(m):
+            q[i, 0] = cos * insides[i, 0] - sin * insides[i, 1] + poses[k, 1]
+            q[i, 1] = sin * insides[i, 0] + cos * insides[i, 1] + poses[k, 2]
+        outside(q[:m], outline, side, share, away, distance)
+        for i in range(m):
+            z = distance[i] / sigma_m
+            total += min(z * z, 16.0) / max(m, 1)
+        for i in range(n):
+            q[i, 0] = cos * edges[i, 0] - sin * edges[i, 1] + poses[k, 1]
+            q[i, 1] = sin * edges[i, 0] + cos * edges[i, 1] + poses[k, 2]
+            turned[i, 0] = cos * normals[i, 0] - sin * normals[i, 1]
+            turned[i, 1] = sin * normals[i, 0] + cos * normals[i, 1]
+        to_edges(q[:n], turned[:n], outline, side, share, away, distance)
+        for i in range(n):
+            z2 = (distance[i] / sigma_m) ** 2
+            total += 4.0 * z2 / (4.0 + z2) / max(n, 1)
+        result[k] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def inside_outline(q: Float64, outline: Float64) -> Bool:
+    """Tell which places (N, 2) lie inside the outline."""
+    found = np.zeros(len(q), dtype=np.bool_)
+    count = len(outline)
+    for i in range(len(q)):
+        for a in range(count):
+            b = a + 1 if a + 1 < count else 0
+            if (outline[a, 1] > q[i, 1]) != (outline[b, 1] > q[i, 1]):
+                slope = (outline[b, 0] - outline[a, 0]) / (outline[b, 1] - outline[a, 1])
+                if q[i, 0] < slope * (q[i, 1] - outline[a, 1]) + outline[a, 0]:
+                    found[i] = not found[i]
+    return found

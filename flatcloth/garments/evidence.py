@@ -1,0 +1,358 @@
+"""What a flattened piece says of the outline: where the cloth truly ends, and where there is cloth.
+
+The border of a piece is of two sorts. At a *true edge* some view saw the surface end while it still
+faced the camera: a step outwards along the surface meets far background, or cloth well behind, or
+cloth of the other side of the item that goes on from here (the mask of the side of interest ends).
+Elsewhere the cloth was *not seen further*: it is hidden by cloth in front, grazing, or outside the
+image. Only true edges say where the outline is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from flatcloth.core.errors import GarmentError
+from flatcloth.core.geometry import Rigid3, project
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
+
+LEAST_AREA_M2 = 0.012
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth says nothing of a kind."""
+_SPACING_M = 0.006
+_INSIDE_M = 0.018
+_STEP_M = 0.001
+_FARTHEST_M = 0.020
+_FACING_COS = math.cos(math.radians(62.0))
+"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees)."""
+_SAME_M = 0.006
+"""Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
+_PATCH_M = 0.014
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenFrom:
+    """One view that a shape was made of.
+
+    ``depth_m`` (H, W) float32, 0 where nothing was measured; ``of_interest`` (H, W) bool, the mask of
+    the side of interest, or None; ``camera_from_held`` its camera.
+    """
+
+    view_index: int
+    depth_m: Float32
+    of_interest: Bool | None
+    intrinsics: Intrinsics
+    camera_from_held: Rigid3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PieceEvidence:
+    """What one piece says, in its own plane (u, v), metres.
+
+    ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
+    standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge;
+    ``unseen_uv_m`` (U, 2) the rest of the border; ``inside_uv_m`` (I, 2) places with cloth, with their
+    ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), held frame; ``area_m2`` of the cloth;
+    ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
+    cloth is inside of the border, its grid given by ``depth_origin_uv_m`` (2,) and ``depth_pixel_m``.
+    ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts:
+    errors of true edges are alike over 40 mm, and places are 6 mm apart.
+    """
+
+    edge_uv_m: Float64
+    edge_normal: Float64
+    edge_std_m: Float64
+    edge_free: Bool
+    unseen_uv_m: Float64
+    inside_uv_m: Float64
+    inside_std_m: Float64
+    inside_xyz_m: Float64
+    area_m2: float
+    hole_edge_m: float
+    depth_m: Float32
+    depth_origin_uv_m: Float64
+    depth_pixel_m: float
+    edge_weight: float = 0.15
+    inside_weight: float = 0.2
+
+    def depth_at(self, uv_m: Float64) -> Float64:
+        """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
+        at = np.rint((uv_m - self.depth_origin_uv_m) / self.depth_pixel_m).astype(int)
+        rows, cols = self.depth_m.shape
+        there = (at[:, 0] >= 0) & (at[:, 0] < cols) & (at[:, 1] >= 0) & (at[:, 1] < rows)
+        found = np.zeros(len(uv_m))
+        found[there] = self.depth_m[at[there, 1], at[there, 0]]
+        return found
+
+    def thinned(self, step: int) -> PieceEvidence:
+        """Return every ``step``-th true edge and place with cloth only."""
+        e, i = np.s_[::step], np.s_[::step]
+        return replace(
+            self,
+            edge_uv_m=self.edge_uv_m[e],
+            edge_normal=self.edge_normal[e],
+            edge_std_m=self.edge_std_m[e],
+            edge_free=self.edge_free[e],
+            inside_uv_m=self.inside_uv_m[i],
+            inside_std_m=self.inside_std_m[i],
+            inside_xyz_m=self.inside_xyz_m[i],
+            edge_weight=self.edge_weight * step,
+            inside_weight=self.inside_weight * step,
+        )
+
+
+def evidence_of(piece: FlattenedView, seen_from: Sequence[SeenFrom]) -> PieceEvidence:
+    """Return what a piece says of the outline.
+
+    Parameters
+    ----------
+    piece : FlattenedView
+        The canonical view, or a floating piece in a plane of its own.
+    seen_from : sequence of SeenFrom
+        The views it was made of.
+
+    Raises
+    ------
+    GarmentError
+        If places of its cloth are not numbers.
+    """
+    if not np.isfinite(piece.xyz_m[piece.valid]).all():
+        raise GarmentError("The shape has cloth whose 3D point is not a number; integrate it again.")
+    solid = _solid(piece)
+    inside_rc = _grid_of(solid & piece.valid, _INSIDE_M / piece.pixel_size_m)
+    std = piece.placement_std_m
+    inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
+    border_rc, outward, hole = _border(solid, piece.pixel_size_m)
+    border_uv = piece.uv_from_rc(border_rc)
+    at, free, known = _ends(piece, border_rc, outward, seen_from)
+    nearest = np.rint(border_rc).astype(int)
+    edge_std = np.zeros(len(border_rc))
+    if std is not None and len(border_rc):
+        filled = np.nan_to_num(std, nan=0.0).astype(np.float32)
+        edge_std = ndimage.maximum_filter(filled, 5)[
+            np.clip(nearest[:, 0], 0, std.shape[0] - 1), np.clip(nearest[:, 1], 0, std.shape[1] - 1)
+        ].astype(np.float64)
+    return PieceEvidence(
+        edge_uv_m=border_uv[known] + at[known, None] * outward[known],
+        edge_normal=outward[known],
+        edge_std_m=edge_std[known],
+        edge_free=free[known],
+        unseen_uv_m=border_uv[~known],
+        inside_uv_m=piece.uv_from_rc(inside_rc),
+        inside_std_m=np.nan_to_num(inside_std),
+        inside_xyz_m=piece.xyz_m[tuple(inside_rc.T)].astype(np.float64),
+        area_m2=float(solid.sum()) * piece.pixel_size_m**2,
+        hole_edge_m=_hole_edge_m(hole, known),
+        depth_m=cv2.distanceTransform(np.pad(solid.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        * np.float32(piece.pixel_size_m),
+        depth_origin_uv_m=np.array(piece.origin_uv_m),
+        depth_pixel_m=piece.pixel_size_m,
+    )
+
+
+def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:
+    """Return the length of the borders of holes that are true edges nearly all round."""
+    length = 0.0
+    for n in range(1, int(hole.max(initial=0)) + 1):
+        own = known[hole == n]
+        length += own.size * _SPACING_M if own.mean() > 0.7 else 0.0
+    return length
+
+
+def _solid(piece: FlattenedView) -> Bool:
+    """Return the cloth (H, W) without pinholes, threads and specks."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    padded = np.pad(piece.valid.astype(np.uint8), 8)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)[8:-8, 8:-8]
+    label, count = ndimage.label(opened)
+    if count == 0:
+        return np.zeros(piece.shape, dtype=np.bool_)
+    sizes = np.bincount(label.ravel())
+    sizes[0] = 0
+    kept: Bool = np.isin(label, np.flatnonzero(sizes * piece.pixel_size_m**2 >= 4e-4))
+    return kept
+
+
+def _grid_of(solid: Bool, spacing_px: float) -> NDArray[np.int64]:
+    """Return pixels (N, 2) of the cloth on a grid."""
+    step = max(1, round(spacing_px))
+    thinned = np.zeros_like(solid)
+    thinned[step // 2 :: step, step // 2 :: step] = True
+    found: NDArray[np.int64] = np.argwhere(solid & thinned)
+    return found
+
+
+def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray[np.int64]]:
+    """Return places (K, 2) (row, col) along the border, evenly spaced, and the outward directions (u, v).
+
+    The third is the number of the hole that each lies at, 0 for the outer border.
+    """
+    pad = 8
+    image = np.pad(solid.astype(np.uint8), pad)
+    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.006 / pixel_size_m)
+    slope_v, slope_u = np.gradient(soft)
+    contours, tree = cv2.findContours(image, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    places, holes, hole = [], [], 0
+    for n, contour in enumerate(contours):
+        line = contour[:, 0, :].astype(np.float64)
+        step = np.linalg.norm(np.diff(line, axis=0, append=line[:1]), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(step)])
+        count = int(along[-1] * pixel_size_m / _SPACING_M)
+        if count < 8:  # a hole or speck smaller than a button
+            continue
+        wanted = (np.arange(count) + 0.5) * along[-1] / count
+        closed = np.concatenate([line, line[:1]])
+        smooth = ndimage.gaussian_filter1d(closed, 0.003 / pixel_size_m, axis=0, mode="wrap")
+        places.append(np.stack([np.interp(wanted, along, smooth[:, k]) for k in (1, 0)], axis=1))
+        is_hole = tree[0, n, 3] >= 0
+        hole += int(is_hole)
+        holes.append(np.full(count, hole if is_hole else 0, dtype=np.int64))
+    if not places:
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+    rc = np.concatenate(places)
+    at = np.rint(rc).astype(int)
+    outward = -np.stack([slope_u[tuple(at.T)], slope_v[tuple(at.T)]], axis=1).astype(np.float64)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
+    return rc - pad, outward, np.concatenate(holes)
+
+
+def _ends(
+    piece: FlattenedView, border_rc: Float64, outward: Float64, seen_from: Sequence[SeenFrom]
+) -> tuple[Float64, Bool, Bool]:
+    """Tell where the cloth ends beyond each place of the border.
+
+    Returns
+    -------
+    at_m : (K,) float64
+        How far outwards.
+    free : (K,) bool
+        Whether nothing of the item was right behind.
+    known : (K,) bool
+        Whether it ends there at all, by the views that saw it facing.
+    """
+    count = len(border_rc)
+    start, normal, along, fine = _tangents(piece, border_rc, outward)
+    steps = np.arange(-0.004, _FARTHEST_M, _STEP_M)
+    ended, went_on = np.zeros(count), np.zeros(count)
+    moved, behind = np.zeros(count), np.zeros(count)
+    for view in seen_from:
+        weight, at, is_free, goes_on = _ends_in(view, start, normal, along, steps)
+        weight = np.where(fine, weight, 0.0)
+        stops = weight * ~goes_on
+        ended += stops
+        went_on += weight * goes_on
+        moved += stops * np.nan_to_num(at)
+        behind += stops * is_free
+    known = _in_runs((ended > 0.15) & (ended > 1.2 * went_on), border_rc * piece.pixel_size_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return moved / ended, behind > 0.5 * ended, known
+
+
+def _in_runs(known: Bool, places_m: Float64) -> Bool:
+    """Keep what is known where most neighbours along the border (K, 2), in its order, are known too."""
+    votes, voters = np.zeros(len(known)), np.zeros(len(known))
+    for shift in range(-3, 4):
+        near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * _SPACING_M
+        votes += near & np.roll(known, shift)
+        voters += near
+    kept: Bool = known & (votes >= 0.7 * voters)
+    return kept
+
+
+def _tangents(
+    piece: FlattenedView, border_rc: Float64, outward: Float64
+) -> tuple[Float64, Float64, Float64, Bool]:
+    """Return point, normal and outward direction in space (K, 3) at the border; whether they are known."""
+    count = len(border_rc)
+    start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
+    fine = np.zeros(count, dtype=np.bool_)
+    size = piece.pixel_size_m
+    reach = max(2, round(_PATCH_M / size))
+    rows, cols = piece.shape
+    for k in range(count):
+        r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
+        box = np.s_[
+            max(r - reach, 0) : min(r + reach + 1, rows), max(c - reach, 0) : min(c + reach + 1, cols)
+        ]
+        valid = piece.valid[box]
+        if valid.sum() < 12:
+            continue
+        rc = np.argwhere(valid) + np.array([max(r - reach, 0), max(c - reach, 0)])
+        xyz = piece.xyz_m[box][valid].astype(np.float64)
+        middle = np.median(xyz, axis=0)
+        near = np.linalg.norm(xyz - middle, axis=1) < 2.5 * _PATCH_M
+        offset = (rc[near] - border_rc[k])[:, ::-1] * size
+        matrix = np.concatenate([np.ones((len(offset), 1)), offset], axis=1)
+        gram = matrix.T @ matrix
+        if near.sum() < 12 or np.linalg.cond(gram) > 1e9:
+            continue
+        fitted = np.linalg.solve(gram, matrix.T @ xyz[near])
+        direction = outward[k] @ fitted[1:]
+        length = float(np.linalg.norm(direction))
+        if not 0.6 < length < 1.5:
+            continue
+        mean = np.nanmean(piece.normal[box][valid][near], axis=0)
+        start[k], along[k], fine[k] = fitted[0], direction / length, True
+        normal[k] = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    return start, normal, along, fine
+
+
+def _ends_in(
+    view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
+) -> tuple[Float64, Float64, Bool, Bool]:
+    """Tell for one view how well it sees each place of the border, and how it goes on from there.
+
+    Returns
+    -------
+    weight : (K,) float64
+        0 where the view says nothing, up to 1 where it faces the surface.
+    at_m : (K,) float64
+        Where the cloth ends.
+    is_free : (K,) bool
+        Whether nothing of the item is right behind.
+    goes_on : (K,) bool
+        Whether the cloth goes on as far as is looked.
+    """
+    points = start[:, None, :] + steps[None, :, None] * along[:, None, :]
+    camera = view.camera_from_held.apply(points)
+    count, m = len(start), len(steps)
+    rc = np.rint(project(camera.reshape(-1, 3), view.intrinsics)).reshape(count, m, 2)
+    rows, cols = view.depth_m.shape
+    with np.errstate(invalid="ignore"):
+        inside = (rc[..., 0] >= 0) & (rc[..., 0] < rows) & (rc[..., 1] >= 0) & (rc[..., 1] < cols)
+    pixel = np.where(inside[..., None], rc, 0).astype(int)
+    measured = view.depth_m[pixel[..., 0], pixel[..., 1]].astype(np.float64)
+    of_interest = (
+        np.ones(measured.shape, dtype=np.bool_)
+        if view.of_interest is None
+        else view.of_interest[pixel[..., 0], pixel[..., 1]]
+    )
+    expected = camera[..., 2]
+    ray = camera[:, 0] / np.maximum(np.linalg.norm(camera[:, 0], axis=1), 1e-9)[:, None]
+    cos = -(view.camera_from_held.turn(normal) * ray).sum(axis=1)
+    slack = _SAME_M + 0.25 * np.maximum(steps, 0.0)[None, :]
+    has = measured > 0
+    level = has & (np.abs(measured - expected) <= slack)
+    front = has & (measured < expected - slack)
+    same = level & of_interest & inside
+    # The place itself must be seen: the cloth just inside the border is what this view measured there.
+    seen = same[:, :3].sum(axis=1) >= 2
+    gone = ~same
+    # An end is three steps in a row, so that a dropout of the sensor is none.
+    three = gone[:, :-2] & gone[:, 1:-1] & gone[:, 2:]
+    first = np.where(three.any(axis=1), three.argmax(axis=1), m - 3)
+    goes_on = ~three.any(axis=1)
+    window = np.minimum(first[:, None] + np.arange(6)[None, :], m - 1)
+    pick = np.arange(count)[:, None]
+    hidden = front[pick, window].mean(axis=1) > 0.25
+    outside = ~inside[pick, window].all(axis=1)
+    right_behind = (has & (measured < expected + 0.08))[pick, window].mean(axis=1)
+    weight = np.clip((cos - _FACING_COS) / (1.0 - _FACING_COS), 0.0, 1.0)
+    weight = np.where(seen & ~(~goes_on & (hidden | outside)), weight, 0.0)
+    return weight, steps[first] - 0.5 * _STEP_M, right_behind < 0.5, goes_on

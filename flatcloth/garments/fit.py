@@ -1,0 +1,347 @@
+"""One kind of outline fitted to the evidence of the pieces: parameters and poses together, robustly.
+
+Levenberg-Marquardt on ``E = sum w rho(d / sigma) + sum ((p - mean) / std)^2 / 2``: Geman-McClure for the
+distances of true edges, a bounded hinge for cloth outside of the outline, and the prior. Steps are
+taken with iteratively reweighted least squares (Holland and Welsch 1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.types import Float64, Int64, Rigid2
+from flatcloth.garments.distance import cost_of_poses, outside, to_edges
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.model import Kind
+
+EDGE_STD_M = 0.008
+"""Of a true edge from the outline: patterns and their flattened cloth differ by 3 to 8 mm (NUMERICS)."""
+INSIDE_STD_M = 0.008
+_CROSSING_SPACING_M = 0.010
+_CROSSING_SLACK_M = 0.006
+_CROSSING_WEIGHT = 0.25
+"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart."""
+_EDGE_BOUND = 3.0
+_INSIDE_BOUND = 5.0
+_TURNS = 20
+_SCALES = (0.75, 1.0, 1.3)
+_SHIFTS = 5
+_COARSE_POINTS = 70
+_ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
+"""Factors on the standard deviations and how many steps are taken with each."""
+_POSE_STD = (3.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """One outline laid on the pieces.
+
+    ``parameters`` (P,); ``garment_from_piece`` one motion a piece, the main one first; ``energy`` E;
+    ``log_evidence`` of this optimum (Laplace); ``covariance`` (P + 3 n,) squared, parameters first, then
+    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1.
+    """
+
+    kind: Kind
+    parameters: Float64
+    garment_from_piece: tuple[Rigid2, ...]
+    energy: float
+    log_evidence: float
+    covariance: Float64
+    edge_cost: float
+
+    @property
+    def outline(self) -> Float64:
+        """(V, 2) the outline in the garment frame."""
+        drawn: Float64 = self.kind.outline(self.parameters[:, None])[:, :, 0]
+        return drawn
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull:
+    """A named point that is held at a place (2,) of the main piece's plane, within ``std_m``."""
+
+    name: str
+    uv_m: Float64
+    std_m: float = 0.001
+
+
+def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, Rigid2]]:
+    """Return parameters and poses to begin from, the most promising first, each far from the others."""
+    edges = _thinned(len(piece.edge_uv_m), _COARSE_POINTS)
+    insides = piece.inside_uv_m[_thinned(len(piece.inside_uv_m), _COARSE_POINTS)]
+    middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
+    found: list[tuple[float, Float64, Float64]] = []
+    for scale in _SCALES:
+        parameters = kind.mean.copy()
+        lengths = np.array([p.unit == "m" for p in kind.parameters])
+        parameters[lengths] *= scale
+        parameters = np.clip(parameters, kind.low, kind.high)
+        outline = kind.outline(parameters[:, None])[:, :, 0]
+        poses = _poses(outline, piece.inside_uv_m - middle)
+        cost = cost_of_poses(
+            piece.edge_uv_m[edges] - middle, piece.edge_normal[edges], insides - middle, outline, poses, 0.04
+        )
+        best = np.argsort(cost)[: 4 * count]
+        found += [(float(cost[k]), parameters, poses[k]) for k in best]
+    found.sort(key=lambda each: each[0])
+    kept: list[tuple[Float64, Float64]] = []
+    for _, parameters, pose in found:
+        turn = [abs((pose[0] - other[0] + np.pi) % (2 * np.pi) - np.pi) for _, other in kept]
+        shift = [float(np.linalg.norm(pose[1:] - other[1:])) for _, other in kept]
+        if all(t > 0.25 or s > 0.10 for t, s in zip(turn, shift, strict=True)):
+            kept.append((parameters, pose))
+        if len(kept) == count:
+            break
+    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
+    return [(parameters, Rigid2(float(p[0]), float(p[1]), float(p[2])) @ back) for parameters, p in kept]
+
+
+def _thinned(count: int, most: int) -> Int64:
+    every: Int64 = np.arange(count)
+    return every if count <= most else np.unique(np.linspace(0, count - 1, most).astype(int))
+
+
+def _poses(outline: Float64, insides: Float64) -> Float64:
+    """Return poses (K, 3) that spread a piece, centred at 0, over an outline in all turns."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    rows = []
+    for turn in np.arange(_TURNS) * 2 * np.pi / _TURNS:
+        cos, sin = np.cos(turn), np.sin(turn)
+        turned = insides @ np.array([[cos, sin], [-sin, cos]])
+        own_low, own_high = turned.min(axis=0), turned.max(axis=0)
+        first, last = low - own_low, high - own_high
+        axes = [
+            np.linspace(min(a, b), max(a, b), _SHIFTS) if abs(a - b) > 0.04 else np.array([(a + b) / 2])
+            for a, b in zip(first, last, strict=True)
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        rows.append(np.concatenate([np.full((len(grid), 1), turn), grid], axis=1))
+    return np.concatenate(rows)
+
+
+@dataclass
+class _Problem:
+    """The residuals of a kind and its pieces, and their derivatives."""
+
+    kind: Kind
+    pieces: tuple[PieceEvidence, ...]
+    pulls: tuple[Pull, ...] = ()
+
+    def normal_equations(self, x: Float64, widened: float) -> tuple[float, Float64, Float64, float]:
+        """Return E, its gradient (D,), the matrix (D, D) of a step, and the mean bounded cost of edges."""
+        kind, count = self.kind, len(self.kind.parameters)
+        parameters = x[:count]
+        outline, slope = kind.jacobian(parameters)
+        size = len(x)
+        gradient, matrix = np.zeros(size), np.zeros((size, size))
+        off = (parameters - kind.mean) / kind.std
+        energy = 0.5 * float(off @ off)
+        gradient[:count] += off / kind.std
+        matrix[np.arange(count), np.arange(count)] += 1.0 / np.square(kind.std)
+        edge_cost, edges = 0.0, 0.0
+        for n, piece in enumerate(self.pieces):
+            at = count + 3 * n
+            pose = x[at : at + 3]
+            cost, own_edges = self._add_edges(piece, pose, at, outline, slope, widened, gradient, matrix)
+            edge_cost, edges = edge_cost + cost, edges + own_edges
+            energy += self._add_insides(piece, pose, at, outline, slope, widened, gradient, matrix)
+        energy += edge_cost
+        energy += self._add_pulls(x, gradient, matrix)
+        most = 0.5 * _EDGE_BOUND**2 * edges
+        return energy, gradient, matrix, edge_cost / max(most, 1e-9)
+
+    def _add_edges(
+        self, piece: PieceEvidence, pose: Float64, at: int, outline: Float64, slope: Float64,
+        widened: float, gradient: Float64, matrix: Float64,
+    ) -> tuple[float, float]:  # fmt: skip
+        if not len(piece.edge_uv_m):
+            return 0.0, 0.0
+        turn = _turn(pose[0])
+        q = piece.edge_uv_m @ turn.T + pose[1:]
+        found = _Found(len(q))
+        to_edges(q, piece.edge_normal @ turn.T, outline, found.side, found.share, found.away, found.distance)
+        std = widened * np.hypot(EDGE_STD_M, piece.edge_std_m)
+        z = found.distance / std
+        bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
+        each = piece.edge_weight
+        cost = float((0.5 * each * np.square(z) * bounded).sum())
+        _add(found, q - pose[1:], slope, at, z / std, each * np.square(bounded), std, gradient, matrix)
+        return cost, each * len(q)
+
+    def _add_insides(
+        self, piece: PieceEvidence, pose: Float64, at: int, outline: Float64, slope: Float64,
+        widened: float, gradient: Float64, matrix: Float64,
+    ) -> float:  # fmt: skip
+        q = piece.inside_uv_m @ _turn(pose[0]).T + pose[1:]
+        found = _Found(len(q))
+        outside(q, outline, found.side, found.share, found.away, found.distance)
+        std = widened * np.hypot(INSIDE_STD_M, piece.inside_std_m)
+        z = found.distance / std
+        # Huber's cost: cloth far outside must not be forgotten.
+        far = np.maximum(z, _INSIDE_BOUND)
+        cost = np.where(z <= _INSIDE_BOUND, 0.5 * z * z, _INSIDE_BOUND * (z - 0.5 * _INSIDE_BOUND))
+        _add(
+            found,
+            q - pose[1:],
+            slope,
+            at,
+            z / std,
+            piece.inside_weight * _INSIDE_BOUND / far,
+            std,
+            gradient,
+            matrix,
+        )
+        return float(piece.inside_weight * cost.sum())
+
+    def _add_pulls(self, x: Float64, gradient: Float64, matrix: Float64) -> float:
+        if not self.pulls:
+            return 0.0
+        count = len(self.kind.parameters)
+        step = 1e-5
+        energy = 0.0
+        for pull in self.pulls:
+
+            def off(y: Float64, pull: Pull = pull) -> Float64:
+                place = self.kind.named(y[:count, None])[pull.name][:, 0]
+                there = _turn(y[count]) @ pull.uv_m + y[count + 1 : count + 3]
+                away: Float64 = (place - there) / pull.std_m
+                return away
+
+            residual = off(x)
+            jacobian = np.stack(
+                [(off(x + step * unit) - off(x - step * unit)) / (2 * step) for unit in np.eye(len(x))],
+                axis=1,
+            )
+            gradient += jacobian.T @ residual
+            matrix += jacobian.T @ jacobian
+            energy += 0.5 * float(residual @ residual)
+        return energy
+
+
+class _Found:
+    """Where places lie beside an outline."""
+
+    def __init__(self, count: int) -> None:
+        self.side = np.zeros(count, dtype=np.int64)
+        self.share, self.distance = np.zeros(count), np.zeros(count)
+        self.away = np.zeros((count, 2))
+
+
+def _turn(angle_rad: float) -> Float64:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def _add(
+    found: _Found, arm: Float64, slope: Float64, at: int, pull: Float64, weight: Float64, std: Float64,
+    gradient: Float64, matrix: Float64,
+) -> None:  # fmt: skip
+    """Add what distances say to the normal equations; ``arm`` (N, 2) are the places turned, not shifted."""
+    chosen = np.flatnonzero((weight > 1e-4) & (found.away != 0).any(axis=1))
+    if not chosen.size:
+        return
+    side, t, away = found.side[chosen], found.share[chosen][:, None, None], found.away[chosen]
+    following = (side + 1) % len(slope)
+    moved = (1 - t) * slope[side] + t * slope[following]
+    count = slope.shape[2]
+    jacobian = np.empty((chosen.size, count + 3))
+    jacobian[:, :count] = -np.einsum("nc,ncp->np", away, moved)
+    jacobian[:, count] = away[:, 1] * arm[chosen, 0] - away[:, 0] * arm[chosen, 1]
+    jacobian[:, count + 1 :] = away
+    columns = np.concatenate([np.arange(count), [at, at + 1, at + 2]])
+    gradient[columns] += jacobian.T @ (weight[chosen] * pull[chosen])
+    matrix[np.ix_(columns, columns)] += jacobian.T @ (
+        (weight[chosen] / np.square(std[chosen]))[:, None] * jacobian
+    )
+
+
+def refine(
+    kind: Kind,
+    pieces: tuple[PieceEvidence, ...],
+    parameters: Float64,
+    poses: tuple[Rigid2, ...],
+    *,
+    pulls: tuple[Pull, ...] = (),
+    annealed: tuple[tuple[float, int], ...] = _ANNEALED,
+) -> Fit:
+    """Fit parameters and poses from where they are.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    pieces : tuple of PieceEvidence
+        The pieces, the main one first.
+    parameters, poses
+        Where to begin: (P,), and one motion ``garment_from_piece`` a piece.
+    pulls : tuple of Pull
+        Named points that are held.
+    annealed : tuple of (float, int)
+        Factors on the standard deviations, and the most steps with each.
+    """
+    problem = _Problem(kind, pieces, pulls)
+    count = len(kind.parameters)
+    x = np.concatenate([parameters, *([m.theta_rad, m.u_m, m.v_m] for m in poses)])
+    for widened, steps in annealed:
+        x = _descended(problem, x, widened, steps)
+    energy, _, matrix, edge_cost = problem.normal_equations(x, 1.0)
+    energy += crossing_energy(kind.outline(x[:count, None])[:, :, 0], pieces, x[count:].reshape(-1, 3))
+    known = matrix + np.diag(np.concatenate([np.zeros(count), *([_POSE_PRECISION] * len(poses))]))
+    covariance: Float64 = np.linalg.inv(known).astype(np.float64)
+    sign, logdet = np.linalg.slogdet(known)
+    prior = 2.0 * np.log(kind.std).sum() + len(poses) * 2.0 * np.log(_POSE_STD).sum()
+    evidence = -energy - 0.5 * (logdet + prior) if sign > 0 else -np.inf
+    return Fit(
+        kind=kind,
+        parameters=x[:count],
+        garment_from_piece=tuple(
+            Rigid2(float(a), float(b), float(c)) for a, b, c in x[count:].reshape(-1, 3)
+        ),
+        energy=energy,
+        log_evidence=float(evidence),
+        covariance=covariance,
+        edge_cost=edge_cost,
+    )
+
+
+def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: Float64) -> float:
+    """Return what it costs that an outline runs through seen cloth, where cloth would have to end."""
+    following = np.roll(outline, -1, axis=0)
+    counts = np.maximum(np.ceil(np.linalg.norm(following - outline, axis=1) / _CROSSING_SPACING_M), 1)
+    side = np.repeat(np.arange(len(outline)), counts.astype(int))
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    share = (np.arange(len(side)) - first[side] + 0.5) / counts[side]
+    places = outline[side] + share[:, None] * (following[side] - outline[side])
+    energy = 0.0
+    for piece, pose in zip(pieces, poses, strict=True):
+        depth = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
+        z = np.maximum(depth - _CROSSING_SLACK_M, 0.0) / EDGE_STD_M
+        energy += float((0.5 * np.square(z) * _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))).sum())
+    return _CROSSING_WEIGHT * energy
+
+
+_POSE_PRECISION = 1.0 / np.square(np.array(_POSE_STD))
+
+
+def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Float64:
+    kind, count = problem.kind, len(problem.kind.parameters)
+    damping = 1e-2
+    energy, gradient, matrix, _ = problem.normal_equations(x, widened)
+    for _ in range(steps):
+        damped = matrix + damping * np.diag(np.diag(matrix)) + 1e-9 * np.eye(len(x))
+        tried = x - np.linalg.solve(damped, gradient)
+        tried[:count] = np.clip(tried[:count], kind.low, kind.high)
+        answer = problem.normal_equations(tried, widened)
+        if answer[0] < energy:
+            gain = energy - answer[0]
+            x, (energy, gradient, matrix, _) = tried, answer
+            damping = max(1e-5, damping * 0.3)
+            if gain < 1e-3 * (1.0 + energy):
+                break
+        else:
+            damping *= 6.0
+            if damping > 1e4:
+                break
+    return x

@@ -1,0 +1,165 @@
+"""Parametric flat outlines: symmetric about the middle line, given by the nodes of their right half.
+
+The garment frame: x to the right of the upright picture as seen from outside, y down, metres. An
+outline runs clockwise as drawn, from the middle of the top over the right side to the middle of
+the bottom, and back over the left side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Bool, Float64
+
+CURVE_STEPS = 6
+"""Straight pieces that a curved stretch is drawn with."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an outline: its prior (``mean``, ``std``) and the range it is held to.
+
+    ``source`` says where prior and range come from; ``unit`` is ``m``, ``rad`` or ``1`` (a ratio).
+    """
+
+    name: str
+    mean: float
+    std: float
+    low: float
+    high: float
+    source: str
+    unit: str = "m"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of the right half outline between two nodes, straight or bent towards ``control``.
+
+    ``is_open`` tells an open edge (hem, neck, cuff, waist) from a sewn or folded one.
+    """
+
+    begin: int
+    end: int
+    control: int | None = None
+    is_open: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A kind of garment.
+
+    Parameters
+    ----------
+    name : str
+        The kind's name in files and on the page.
+    parameters : tuple of Parameter
+        The numbers of its outline.
+    nodes : callable
+        Takes the parameters (P, n) of n outlines and returns the nodes of the right half and the
+        control points of its curves, (M, 2, n).
+    stretches : tuple of Stretch
+        The right half, from the middle of the top to the middle of the bottom.
+    points : mapping of str to int
+        The node of each named point of the right half. A name that ends in ``_right`` has a mirror
+        image ``_left``; others lie on the middle line.
+    corners : tuple of (str, str), optional
+        For a kind without left and right: its points in their order round, as names of ``points``.
+    dimensions : mapping of str to (str, str)
+        Each dimension as the two named points whose distance it is.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    nodes: Callable[[Float64], Float64]
+    stretches: tuple[Stretch, ...]
+    points: Mapping[str, int]
+    dimensions: Mapping[str, tuple[str, str]]
+    corners: Mapping[str, str] | None = None
+
+    @cached_property
+    def mean(self) -> Float64:
+        """(P,) prior means."""
+        return np.array([p.mean for p in self.parameters])
+
+    @cached_property
+    def std(self) -> Float64:
+        """(P,) prior standard deviations."""
+        return np.array([p.std for p in self.parameters])
+
+    @cached_property
+    def low(self) -> Float64:
+        """(P,) smallest values."""
+        return np.array([p.low for p in self.parameters])
+
+    @cached_property
+    def high(self) -> Float64:
+        """(P,) largest values."""
+        return np.array([p.high for p in self.parameters])
+
+    @cached_property
+    def _half(self) -> tuple[Float64, Bool]:
+        """Return the weights (V, M) that make the right half of the nodes, and (V - 1,) what is open."""
+        count = len(self.nodes(self.mean[:, None]))
+        rows: list[Float64] = []
+        opened: list[bool] = []
+        unit = np.eye(count)
+        for stretch in self.stretches:
+            steps = 1 if stretch.control is None else CURVE_STEPS
+            for t in np.arange(steps) / steps:
+                if stretch.control is None:
+                    rows.append((1 - t) * unit[stretch.begin] + t * unit[stretch.end])
+                else:
+                    a, b, c = unit[stretch.begin], unit[stretch.control], unit[stretch.end]
+                    rows.append((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
+                opened.append(stretch.is_open)
+        rows.append(unit[self.stretches[-1].end])
+        return np.array(rows), np.array(opened)
+
+    @cached_property
+    def is_open(self) -> Bool:
+        """(V,) whether the side from each vertex of :meth:`outline` to the next is an open edge."""
+        opened = self._half[1]
+        both: Bool = np.concatenate([opened, opened[::-1]])
+        return both
+
+    def outline(self, parameters: Float64) -> Float64:
+        """Return the closed outlines (V, 2, n) of parameters (P, n); the first vertex is not repeated."""
+        half = np.einsum("vm,mcn->vcn", self._half[0], self.nodes(parameters))
+        left = half[-1:0:-1] * np.array([-1.0, 1.0])[None, :, None]
+        closed: Float64 = np.concatenate([half[:-1], left])
+        return closed
+
+    def named(self, parameters: Float64) -> dict[str, Float64]:
+        """Return the named points, each (2, n), of parameters (P, n)."""
+        nodes = self.nodes(parameters)
+        mirror = np.array([-1.0, 1.0])[:, None]
+        found: dict[str, Float64] = {}
+        for name, node in self.points.items():
+            found[name] = nodes[node]
+            if name.endswith("_right"):
+                found[name.removesuffix("_right") + "_left"] = nodes[node] * mirror
+        if self.corners is not None:
+            found = {corner: found[name] for corner, name in self.corners.items()}
+        return found
+
+    def jacobian(self, parameters: Float64) -> tuple[Float64, Float64]:
+        """Return the outline (V, 2) of parameters (P,) and its derivatives (V, 2, P), by differences."""
+        step = 1e-5
+        count = len(parameters)
+        offsets = np.concatenate([np.zeros((count, 1)), step * np.eye(count), -step * np.eye(count)], axis=1)
+        drawn = self.outline(parameters[:, None] + offsets)
+        slope = (drawn[:, :, 1 : count + 1] - drawn[:, :, count + 1 :]) / (2 * step)
+        return drawn[:, :, 0], slope
+
+
+def stacked(*points: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]) -> Float64:
+    """Return nodes (M, 2, n) given as pairs of coordinates, each a number or (n,)."""
+    flat = [np.asarray(x, dtype=np.float64) for point in points for x in point]
+    columns = np.broadcast_arrays(*flat)
+    result: Float64 = np.stack(columns).reshape(len(points), 2, -1)
+    return result

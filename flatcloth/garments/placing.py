@@ -1,0 +1,171 @@
+"""Floating pieces laid on a fitted outline: what nothing seen connects, the garment may place.
+
+A place is rated by the outline as the main piece is, and by two facts more: a piece of cloth lies
+at one place of the plane only, so pieces must not lie on each other; and cloth does not stretch, so two
+points that cloth joins straight on the plane cannot be nearer there than they hang in space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatcloth.core.types import Float64, Rigid2
+from flatcloth.garments.distance import cost_of_poses, inside_outline
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.fit import Fit, refine
+
+LEAST_AREA_M2 = 0.006
+"""Smaller pieces have too little border to be placed."""
+_TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
+_APART_SLACK_M, _APART_STD_M = 0.03, 0.03
+_LAID_ON_M = 0.008
+_ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
+_PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
+_TEMPERATURE = 3.0
+"""Evidence is told too surely, since its errors are alike: measured as in ``recognition``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """Where a floating piece lies: ``shape_from_piece``, how probable against other places, its std (m)."""
+
+    index: int
+    shape_from_piece: Rigid2
+    probability: float
+    std_m: float
+    fit: Fit
+
+
+def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int) -> Placed | None:
+    """Return where a floating piece lies by the garment, or None if it has no place there.
+
+    Parameters
+    ----------
+    fit : Fit
+        The outline fitted to the main piece.
+    main, piece : PieceEvidence
+        The main piece, and the one to place.
+    index : int
+        The number of the piece, kept in the answer.
+    """
+    if piece.area_m2 < LEAST_AREA_M2 or len(piece.edge_uv_m) < 10:
+        return None
+    tried = [_tried(fit, main, piece, pose) for pose in _begin(fit, main, piece)]
+    tried = [each for each in tried if np.isfinite(each[0])]
+    if not tried:
+        return None
+    tried.sort(key=lambda each: each[0])
+    energy, best = tried[0]
+    at = best.garment_from_piece[1]
+    middle = piece.inside_uv_m.mean(axis=0)
+    total = 0.0
+    for other_energy, other in tried:
+        apart = np.linalg.norm(other.garment_from_piece[1].apply(middle) - at.apply(middle))
+        turned = abs(np.sin((other.garment_from_piece[1].theta_rad - at.theta_rad) / 2))
+        if other_energy > energy and (apart > 0.03 or turned > 0.1):
+            total += np.exp(-(other_energy - energy) / _TEMPERATURE)
+    own = max(float(piece.edge_weight * len(piece.edge_uv_m)), 1.0)
+    # A place whose edges do not fit is none, however much worse the others are.
+    misfit = np.exp(-2.0 * max((energy - fit.energy) / own - 1.0, 0.0))
+    return Placed(
+        index=index,
+        shape_from_piece=best.garment_from_piece[0].inverse() @ at,
+        probability=float(misfit / (1.0 + total)),
+        std_m=_std_m(best, piece),
+        fit=best,
+    )
+
+
+def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
+    outline = fit.outline
+    middle = piece.inside_uv_m.mean(axis=0)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    axes = [np.linspace(a, b, _SHIFTS) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    poses = np.concatenate(
+        [
+            np.concatenate([np.full((len(grid), 1), 2 * np.pi * k / _TURNS), grid], axis=1)
+            for k in range(_TURNS)
+        ]
+    )
+    edges = np.linspace(0, len(piece.edge_uv_m) - 1, min(_POINTS, len(piece.edge_uv_m))).astype(int)
+    insides = np.linspace(0, len(piece.inside_uv_m) - 1, min(_POINTS, len(piece.inside_uv_m))).astype(int)
+    cost = cost_of_poses(
+        piece.edge_uv_m[edges] - middle,
+        piece.edge_normal[edges],
+        piece.inside_uv_m[insides] - middle,
+        outline,
+        poses,
+        0.04,
+    )
+    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
+    rated = []
+    for k in np.argsort(cost)[: 8 * _TRIED]:
+        pose = Rigid2(*poses[k].tolist()) @ back
+        extra = _contradiction(outline, fit.garment_from_piece[0], pose, main, piece)
+        rated.append((4.0 * float(cost[k]) + extra / max(1.0, 0.1 * len(insides)), pose))
+    rated.sort(key=lambda each: each[0])
+    kept: list[Rigid2] = []
+    for _, pose in rated:
+        place = pose.apply(middle)
+        if all(
+            np.linalg.norm(place - other.apply(middle)) > 0.06
+            or abs(np.sin((pose.theta_rad - other.theta_rad) / 2)) > 0.15
+            for other in kept
+        ):
+            kept.append(pose)
+        if len(kept) == _TRIED:
+            break
+    return kept
+
+
+def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) -> tuple[float, Fit]:
+    pieces = (main.thinned(2), piece.thinned(2))
+    steps = ((3.0, 6), (1.0, 8))
+    refined = refine(fit.kind, pieces, fit.parameters, (fit.garment_from_piece[0], pose), annealed=steps)
+    extra = _contradiction(
+        refined.outline, refined.garment_from_piece[0], refined.garment_from_piece[1], main, piece
+    )
+    return refined.energy + extra, refined
+
+
+def _contradiction(
+    outline: Float64, main_pose: Rigid2, pose: Rigid2, main: PieceEvidence, piece: PieceEvidence
+) -> float:
+    """Return what it costs that a piece lies on the main one, or nearer to it than it hangs in space."""
+    shape_from_piece = main_pose.inverse() @ pose
+    there = shape_from_piece.apply(piece.inside_uv_m)
+    laid = main.depth_at(there) - _LAID_ON_M
+    energy = _LAID_WEIGHT * float(np.clip(laid / 0.01, 0.0, 3.0).sum())
+    own = np.linspace(0, len(there) - 1, min(25, len(there))).astype(int)
+    others = np.linspace(0, len(main.inside_uv_m) - 1, min(60, len(main.inside_uv_m))).astype(int)
+    flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
+    space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
+    first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
+    share = _ALONG[:, None, None, None]
+    between = (1 - share) * first[None, :, None] + share * last[None, None]
+    joined = inside_outline(between.reshape(-1, 2), outline).reshape(between.shape[:3]).all(axis=0)
+    if not joined.any():
+        return energy
+    z = np.clip((space - flat - _APART_SLACK_M) / _APART_STD_M, 0.0, 5.0)[joined]
+    return energy + _PAIR_WEIGHT * float(np.square(z).mean())
+
+
+def _std_m(fit: Fit, piece: PieceEvidence) -> float:
+    """Return the standard deviation of the middle of the piece relative to the main one."""
+    count = len(fit.kind.parameters)
+    shape = fit.covariance[count:, count:]
+    middle = piece.inside_uv_m.mean(axis=0)
+    main, own = fit.garment_from_piece
+
+    def place(x: Float64) -> Float64:
+        a, b = Rigid2(*x[:3].tolist()), Rigid2(*x[3:].tolist())
+        moved: Float64 = (a.inverse() @ b).apply(middle)
+        return moved
+
+    x = np.array([main.theta_rad, main.u_m, main.v_m, own.theta_rad, own.u_m, own.v_m])
+    step = 1e-5
+    jacobian = np.stack([(place(x + step * e) - place(x - step * e)) / (2 * step) for e in np.eye(6)], axis=1)
+    return float(np.sqrt(np.trace(jacobian @ shape @ jacobian.T)))

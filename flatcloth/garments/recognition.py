@@ -1,0 +1,297 @@
+"""Which garment a shape is: every kind fitted, compared by evidence, its dimensions and named points.
+
+Kinds are compared by the Laplace approximation of their evidence (MacKay 2003, chapter 27), so that a
+kind with more freedom needs to explain more. Errors of the evidence are alike over some
+centimetres, which makes it surer than it is: differences count by ``1 / TEMPERATURE``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flatcloth.core.errors import GarmentError
+from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.garments.distance import to_edges
+from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
+from flatcloth.garments.fit import EDGE_STD_M, Fit, Pull, refine, starts
+from flatcloth.garments.model import Kind
+from flatcloth.garments.placing import Placed, place_piece
+from flatcloth.garments.registry import known_kinds
+
+NONE = "none of these"
+TEMPERATURE = 3.0
+"""Adjacent evidence is alike over more than an edge's extent; see the reliability in docs/garments.md."""
+MISFIT, MISFIT_STD = 0.135, 0.016
+"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns."""
+HOLE_M = 0.10
+"""Length of true edges round holes that makes an unknown garment e times as likely."""
+LEAST_EDGES = 40
+"""True edges (24 cm of them) without which nothing is said."""
+SURE = 0.90
+POINT_STD_M = 0.012
+"""Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
+SEEN_M = 0.015
+FOLLOWED_M = 0.09
+"""True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
+PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
+_STARTS, _FINISHED, _THINNED = 6, 2, 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """A dimension: value and standard deviation, m."""
+
+    value_m: float
+    std_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """A named point: its place (2,) on the plane of the shape and standard deviation (each axis), m.
+
+    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen; None: predicted only.
+    """
+
+    uv_m: Float64
+    std_m: float
+    pixel: tuple[int, int] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognition:
+    """What a shape is.
+
+    ``probabilities`` of every known kind and of :data:`NONE`; ``fits`` the best fit of each kind, the
+    most probable first; ``pieces`` the floating pieces that the most probable kind has a place for.
+    """
+
+    probabilities: dict[str, float]
+    fits: tuple[Fit, ...]
+    dimensions: dict[str, Measure]
+    points: dict[str, Point]
+    pieces: tuple[Placed, ...] = ()
+
+    @property
+    def fit(self) -> Fit:
+        """The most probable fit of a kind."""
+        return self.fits[0]
+
+    @property
+    def kind(self) -> str:
+        """The most probable answer: a kind, or :data:`NONE`."""
+        return max(self.probabilities, key=lambda name: self.probabilities[name])
+
+    @property
+    def outline_uv_m(self) -> Float64:
+        """(V, 2) the fitted outline on the plane of the shape."""
+        return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)
+
+    @property
+    def upright_from_shape(self) -> Rigid2:
+        """The motion of the plane that turns the shape upright."""
+        return self.fit.garment_from_piece[0]
+
+
+def is_sure(piece: Placed) -> bool:
+    """Tell whether a piece may be placed without being asked about."""
+    return piece.probability >= PLACED_PROBABILITY and piece.std_m <= PLACED_STD_M
+
+
+def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recognition:
+    """Find which garment a shape is.
+
+    Parameters
+    ----------
+    shape : FlattenedView
+        The canonical view, for the pixels of the named points.
+    evidence : sequence of PieceEvidence
+        Of the canonical view first, then of each floating piece.
+
+    Raises
+    ------
+    GarmentError
+        If there is too little cloth or border to say anything.
+    """
+    main = evidence[0]
+    if main.area_m2 < LEAST_AREA_M2:
+        raise GarmentError(
+            f"The shape has {1e4 * main.area_m2:.0f} cm2 of cloth; a garment is not recognised below "
+            f"{1e4 * LEAST_AREA_M2:.0f} cm2. Add views."
+        )
+    if len(main.edge_uv_m) < LEAST_EDGES:
+        raise GarmentError(
+            f"Only {100 * 0.006 * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
+            "a garment is not recognised by so few. Add views that face its edges."
+        )
+    fits = fits_of(main)
+    placed: dict[str, list[Placed]] = {}
+    gains: dict[str, float] = {}
+    for fit in fits:
+        if fit.log_evidence < fits[0].log_evidence - 4 * TEMPERATURE:
+            continue
+        tried = [place_piece(fit, main, piece, n) for n, piece in enumerate(evidence[1:3])]
+        placed[fit.kind.name] = [each for each in tried if each is not None]
+        gains[fit.kind.name] = -sum(_cost(each, fit) for each in placed[fit.kind.name])
+    least = min(gains.values(), default=0.0)
+    fits.sort(key=lambda f: -(f.log_evidence + gains.get(f.kind.name, least)))
+    probabilities = _probabilities(fits, gains, least, main)
+    best = _with_pieces(fits[0], placed[fits[0].kind.name])
+    fits[0] = best
+    return Recognition(
+        probabilities=probabilities,
+        fits=tuple(fits),
+        dimensions=dimensions_of(best),
+        points=points_of(best, shape, main),
+        pieces=tuple(placed[best.kind.name]),
+    )
+
+
+def fits_of(main: PieceEvidence) -> list[Fit]:
+    """Return the best fit of every kind to one piece, the most probable first."""
+    return sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
+
+
+def probabilities_of(main: PieceEvidence) -> dict[str, float]:
+    """Return the probabilities of the kinds and of :data:`NONE` by one piece alone."""
+    return _probabilities(fits_of(main), {}, 0.0, main)
+
+
+def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
+    """Return the fit to the main piece and to the largest other that surely belongs to it."""
+    sure = [piece for piece in pieces if is_sure(piece)]
+    if not sure:
+        return fit
+    return replace(sure[0].fit, energy=fit.energy, log_evidence=fit.log_evidence)
+
+
+def _cost(placed: Placed, alone: Fit) -> float:
+    """Return what a piece costs at its best place beyond the main piece alone."""
+    return max(placed.fit.energy - alone.energy, 0.0)
+
+
+def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
+    """Return the best fit of one kind to the main piece, from many starts."""
+    coarse = main.thinned(_THINNED)
+    first = [
+        refine(kind, (coarse,), parameters, (pose,), annealed=((4.0, 5), (2.0, 6)))
+        for parameters, pose in starts(kind, main, _STARTS)
+    ]
+    first.sort(key=lambda f: -f.log_evidence)
+    last = [
+        refine(kind, (main,), f.parameters, f.garment_from_piece, annealed=((1.0, 12),))
+        for f in first[:_FINISHED]
+    ]
+    return max(last, key=lambda f: f.log_evidence)
+
+
+def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
+    """Return the fit with named points held where they were put; the rest follows."""
+    coarse = main.thinned(_THINNED)
+    return refine(
+        fit.kind, (coarse,), fit.parameters, fit.garment_from_piece[:1], pulls=pulls, annealed=((1.0, 10),)
+    )
+
+
+def _probabilities(
+    fits: list[Fit], gains: dict[str, float], least: float, main: PieceEvidence
+) -> dict[str, float]:
+    logs = np.array([f.log_evidence + gains.get(f.kind.name, least) for f in fits]) / TEMPERATURE
+    shares = np.exp(logs - logs.max())
+    shares /= shares.sum()
+    misfit = fits[0].energy / len(main.edge_uv_m)
+    turn = (misfit - MISFIT) / MISFIT_STD + main.hole_edge_m / HOLE_M
+    none = 1.0 / (1.0 + math.exp(-min(max(turn, -30.0), 30.0)))
+    found = {f.kind.name: float(share * (1.0 - none)) for f, share in zip(fits, shares, strict=True)}
+    return {**found, NONE: none}
+
+
+def dimensions_of(fit: Fit) -> dict[str, Measure]:
+    """Return the dimensions of a fit."""
+    count = len(fit.kind.parameters)
+    covariance = fit.covariance[:count, :count]
+
+    def lengths(parameters: Float64) -> Float64:
+        named = fit.kind.named(parameters)
+        pairs = fit.kind.dimensions.values()
+        return np.stack([np.linalg.norm(named[a] - named[b], axis=0) for a, b in pairs])
+
+    value, slope = _with_slope(lengths, fit.parameters)
+    std = np.sqrt(np.einsum("kp,pq,kq->k", slope, covariance, slope))
+    return {
+        name: Measure(value_m=float(v), std_m=float(math.hypot(s, POINT_STD_M)))
+        for name, v, s in zip(fit.kind.dimensions, value, std, strict=True)
+    }
+
+
+def points_of(fit: Fit, shape: FlattenedView, main: PieceEvidence) -> dict[str, Point]:
+    """Return the named points of a fit on the plane of the shape.
+
+    Cloth is never quite symmetric: a point whose true edges were seen follows them.
+    """
+    count = len(fit.kind.parameters)
+    pose = fit.garment_from_piece[0]
+    joint = fit.covariance[: count + 3, : count + 3]
+    names = list(fit.kind.named(fit.parameters[:, None]))
+
+    def places(x: Float64) -> Float64:
+        named = np.concatenate(list(fit.kind.named(x[:count]).values()))
+        cos, sin = np.cos(x[count]), np.sin(x[count])
+        u, v = named[0::2] - x[count + 1], named[1::2] - x[count + 2]
+        return np.stack([cos * u + sin * v, -sin * u + cos * v], axis=1).reshape(-1, x.shape[1])
+
+    x = np.concatenate([fit.parameters, [pose.theta_rad, pose.u_m, pose.v_m]])
+    value, slope = _with_slope(places, x)
+    variance = np.einsum("kp,pq,kq->k", slope, joint, slope)
+    seen_rc = np.argwhere(shape.valid)
+    seen_uv = shape.uv_from_rc(seen_rc)
+    outline_uv = pose.inverse().apply(fit.outline)
+    points: dict[str, Point] = {}
+    for n, name in enumerate(names):
+        own = np.s_[2 * n : 2 * n + 2]
+        told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
+        uv, std = _followed(value[own], told_std, outline_uv, main)
+        off = np.linalg.norm(seen_uv - uv, axis=1)
+        nearest = int(off.argmin())
+        row, col = seen_rc[nearest].tolist()
+        points[name] = Point(uv_m=uv, std_m=std, pixel=(row, col) if off[nearest] <= SEEN_M else None)
+    return points
+
+
+def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidence) -> tuple[Float64, float]:
+    """Return a named point moved with the true edges nearby, and its standard deviation then.
+
+    The corner of the outline is shifted so that its sides meet the edges on either side of it: linear
+    least squares of the shift (2,), with the fit as the prior and robust weights.
+    """
+    near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= FOLLOWED_M
+    if near.sum() < 6:
+        return uv, std_m
+    q, normal = main.edge_uv_m[near], main.edge_normal[near]
+    shift: Float64 = np.zeros(2)
+    precision = np.eye(2) / std_m**2
+    for _ in range(4):
+        count = len(q)
+        side, share = np.zeros(count, dtype=np.int64), np.zeros(count)
+        away, distance = np.zeros((count, 2)), np.zeros(count)
+        to_edges(q - shift, normal, outline_uv, side, share, away, distance)
+        z = distance / EDGE_STD_M
+        weight = main.edge_weight * np.square(9.0 / (9.0 + np.square(z))) / EDGE_STD_M**2
+        matrix = precision + (away * weight[:, None]).T @ away
+        pull: Float64 = away.T @ (weight * (distance + away @ shift))
+        shift = np.linalg.solve(matrix, pull).astype(np.float64)
+    variance = float(np.trace(np.linalg.inv(matrix))) / 2
+    return uv + shift, math.hypot(math.sqrt(variance), POINT_STD_M)
+
+
+def _with_slope(function: object, x: Float64) -> tuple[Float64, Float64]:
+    """Return a function's values (K,) at x (D,) and their derivatives (K, D), by differences."""
+    assert callable(function)
+    step = 1e-5
+    size = len(x)
+    offsets = np.concatenate([np.zeros((size, 1)), step * np.eye(size), -step * np.eye(size)], axis=1)
+    values = function(x[:, None] + offsets)
+    return values[:, 0], (values[:, 1 : size + 1] - values[:, size + 1 :]) / (2 * step)

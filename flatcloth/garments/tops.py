@@ -1,0 +1,82 @@
+"""What shirts have in common: a body with a neck, shoulders, sleeves and a bottom hem."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatcloth.core.types import Float64
+from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
+from flatcloth.garments.sizes import ARTF, FREE, SIZES
+
+
+def _nodes(p: Float64) -> Float64:
+    chest, waist_ratio, length, shoulder_ratio, neck, neck_depth, drop, armhole, *sleeves = p
+    sleeve, angle, cuff, skew, bulge = sleeves
+    half = chest / 2
+    shoulder_x, shoulder_y = shoulder_ratio * half, drop
+    top_x, top_y = shoulder_x + sleeve * np.cos(angle), shoulder_y + sleeve * np.sin(angle)
+    across = angle + np.pi / 2 + skew
+    bottom_x, bottom_y = top_x + cuff * np.cos(across), top_y + cuff * np.sin(across)
+    waist_x = waist_ratio * half
+    zero = 0.0 * half
+    return stacked(
+        (zero, neck_depth),
+        (neck / 2, zero),
+        (shoulder_x, shoulder_y),
+        (top_x, top_y),
+        (bottom_x, bottom_y),
+        (half, armhole),
+        (waist_x, length),
+        (zero, length + bulge),
+        (0.45 * neck, neck_depth),
+        (0.55 * waist_x, length + bulge),
+    )
+
+
+def shirt(name: str, sleeve: Parameter, angle: Parameter, cuff: Parameter) -> Kind:
+    """Return a kind of shirt with these sleeves."""
+    return Kind(
+        name=name,
+        parameters=(
+            Parameter("chest_width", 0.50, 0.09, 0.28, 0.85, SIZES),
+            Parameter("waist_ratio", 1.0, 0.07, 0.75, 1.3, ARTF, "1"),
+            Parameter("length", 0.69, 0.09, 0.40, 1.0, ARTF),
+            Parameter("shoulder_ratio", 0.86, 0.08, 0.6, 1.1, ARTF, "1"),
+            Parameter("neck_width", 0.18, 0.035, 0.10, 0.32, SIZES),
+            Parameter("neck_depth", 0.07, 0.04, 0.0, 0.22, FREE),
+            Parameter("shoulder_drop", 0.030, 0.015, 0.0, 0.09, ARTF),
+            Parameter("armhole_depth", 0.225, 0.035, 0.12, 0.36, ARTF),
+            sleeve,
+            angle,
+            cuff,
+            Parameter("cuff_skew", 0.0, 0.10, -0.4, 0.4, ARTF, "rad"),
+            Parameter("hem_bulge", 0.0, 0.010, -0.04, 0.06, FREE),
+        ),
+        nodes=_nodes,
+        stretches=(
+            Stretch(0, 1, 8, is_open=True),
+            Stretch(1, 2),
+            Stretch(2, 3),
+            Stretch(3, 4, is_open=True),
+            Stretch(4, 5),
+            Stretch(5, 6),
+            Stretch(6, 7, 9, is_open=True),
+        ),
+        points={
+            "neck_right": 1,
+            "shoulder_right": 2,
+            "sleeve_top_right": 3,
+            "sleeve_bottom_right": 4,
+            "armpit_right": 5,
+            "waist_right": 6,
+        },
+        dimensions={
+            "chest_width": ("armpit_left", "armpit_right"),
+            "waist_width": ("waist_left", "waist_right"),
+            "shoulder_width": ("shoulder_left", "shoulder_right"),
+            "neck_width": ("neck_left", "neck_right"),
+            "side_length": ("armpit_right", "waist_right"),
+            "sleeve_length": ("shoulder_right", "sleeve_top_right"),
+            "cuff_width": ("sleeve_top_right", "sleeve_bottom_right"),
+        },
+    )

@@ -1,0 +1,272 @@
+"""One piece of cloth on the plane: laid out from nodes that have a place, or anew; then Eq. (2).
+
+Minimising Eq. (2) from a poor start folds the sheet, so a new node is first laid out from its placed
+neighbours, and the whole is relaxed as rigidly as possible. Pairs that contradict the others lose
+their weight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.flattening.minimisation import banding, minimise
+from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.observations import Complex128, Observation
+from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
+
+_ROBUST_STD = 3.0
+"""A pair with a residual of this many standard deviations has a quarter of its weight."""
+_ARAP_STEPS = 8
+"""Steps of as-rigid-as-possible relaxation before the minimisation."""
+_ROBUST_ROUNDS = 2
+"""Minimisations after each acceptance; the weights of the pairs are updated between them."""
+_LEAST_WEIGHT = 1e-4
+_MAJORISATIONS = 6
+_TOLERANCE = 2e-3
+MOST_OFF_M = 0.04
+"""A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm."""
+_OPINION_M = 0.012
+"""In a layout grown anew, opinions about a place that differ by less than this agree: a node's distance."""
+
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """The pairs of all observations in one list.
+
+    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
+    memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
+    in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
+    """
+
+    edges: Int32
+    member: Int32
+    n_members: int
+    length_m: Float64
+    std_m: Float64
+    offset: Complex128
+    observation: Int32
+
+
+def links_of(observations: Sequence[Observation]) -> Links:
+    """Return the pairs of all observations."""
+    first = np.cumsum([0] + [len(s.node) for s in observations])
+    return Links(
+        edges=np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32),
+        member=np.concatenate([s.edges + f for s, f in zip(observations, first, strict=False)]).astype(
+            np.int32
+        ),
+        n_members=int(first[-1]),
+        length_m=np.concatenate([s.edge_length_m for s in observations]),
+        std_m=np.concatenate([s.edge_std_m for s in observations]),
+        offset=np.concatenate([s.offset for s in observations]),
+        observation=np.repeat(
+            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
+        ),
+    )
+
+
+def seed_pair(z: Complex128, links: Links, within: Int64) -> None:
+    """Place one pair, from which the rest of a piece is initialised."""
+    seed = within[np.argmin(links.std_m[within])]
+    z[links.edges[seed, 0]] = 0.0
+    z[links.edges[seed, 1]] = links.offset[seed, 0]
+
+
+def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
+    """Place nodes (as u + iv) that pairs ``inside`` connect to placed nodes, layer by layer.
+
+    A placed node has a known rotation if placed neighbours of the same view determine it. It then
+    predicts the positions of its other neighbours in that view; several predictions are averaged.
+    """
+    z = z.copy()
+    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
+    if not open_.size:
+        return z
+    touched = np.zeros(links.n_members, dtype=bool)
+    touched[links.member[open_]] = True
+    near = inside[touched[links.member[inside]].any(axis=1)]
+    edges, member, offset = links.edges[near], links.member[near], links.offset[near]
+    while True:
+        known = np.isfinite(z.real[edges])
+        both: Bool = np.asarray(known.all(axis=1))
+        turn = local_rotations(z, edges, member, offset, both.astype(np.float64), links.n_members)
+        sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
+            e = np.flatnonzero(says)
+            place = z[edges[e, end]] + sign * turn[member[e, end]] * offset[e, end]
+            np.add.at(sums, edges[e, 1 - end], place)
+            np.add.at(counts, edges[e, 1 - end], 1.0)
+        found = counts > 0
+        if not found.any():
+            return z
+        z[found] = sums[found] / counts[found]
+
+
+def grown_layout(
+    n: int, edges: Int32, member: Int32, offset: Complex128, evidence: Float64, n_members: int
+) -> Complex128:
+    """Lay a piece out anew (n,), u + iv in metres, NaN for nodes that no edge reaches.
+
+    The next node is always the one to which the most evidence leads from nodes that have a place, so
+    doubtful pairs (seen once, or by noisy views) place nothing that others can place. A node's place is
+    that on which the most evidence agrees.
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes.
+    edges, member, offset, n_members
+        As in :class:`Links`.
+    evidence : (M,) float64
+        As in :func:`weakest_cut`.
+    """
+    ends = np.concatenate([edges[:, 0], edges[:, 1]])
+    order = np.argsort(ends, kind="stable")
+    first = np.searchsorted(ends[order], np.arange(n + 1))
+    _, pair = np.unique(np.sort(edges, axis=1) @ np.array([n, 1]), return_inverse=True)
+    together = np.bincount(pair, evidence)[pair]
+    seed = int(edges[together.argmax(), 0])
+    layout: Complex128 = _grow(n, edges, member, offset, evidence, n_members, first, order, seed, _OPINION_M)
+    return layout
+
+
+_MOST_OPINIONS = 256
+
+
+@njit(cache=True, nogil=True)
+def _grow(
+    n: int,
+    edges: Int32,
+    member: Int32,
+    offset: Complex128,
+    evidence: Float64,
+    n_members: int,
+    first: Int64,
+    order: Int64,
+    seed: int,
+    opinion_m: float,
+) -> Complex128:
+    """See :func:`grown_layout`; ``order`` lists edge ends by node: k for the first end, M + k the second."""
+    m = edges.shape[0]
+    z = np.full(n, complex(np.nan, np.nan))
+    placed, leads = np.zeros(n, dtype=np.bool_), np.zeros(n)
+    rotation = np.zeros(n_members, dtype=np.complex128)
+    opinion, weight = np.empty(_MOST_OPINIONS, dtype=np.complex128), np.empty(_MOST_OPINIONS)
+    node, count = seed, 0
+    while node >= 0:
+        known = 0
+        for s in range(first[node], first[node + 1]):
+            e, end = order[s] % m, order[s] // m
+            other = edges[e, 1 - end]
+            if not placed[other] or known >= _MOST_OPINIONS:
+                continue
+            turn = rotation[member[e, 1 - end]]
+            if count == 1:
+                turn = complex(1.0, 0.0)
+            if abs(turn) > 0.0:
+                along = offset[e, 1 - end] * turn / abs(turn)
+                opinion[known] = z[other] + (along if end == 1 else -along)
+                weight[known] = evidence[e]
+                known += 1
+        leads[node] = -1.0
+        if count == 0:
+            z[node] = complex(0.0, 0.0)
+        elif known > 0:
+            z[node] = _agreed(opinion[:known], weight[:known], opinion_m)
+        if math.isfinite(z[node].real):
+            placed[node] = True
+            count += 1
+            for s in range(first[node], first[node + 1]):
+                e, end = order[s] % m, order[s] // m
+                other = edges[e, 1 - end]
+                if placed[other]:
+                    along = z[edges[e, 1]] - z[edges[e, 0]]
+                    if abs(abs(along) - abs(offset[e, 0])) < opinion_m:
+                        for k in range(2):
+                            rotation[member[e, k]] += evidence[e] * along * np.conj(offset[e, k])
+                else:
+                    leads[other] = max(leads[other], 0.0) + evidence[e]
+        node, most = -1, 0.0
+        for k in range(n):
+            if not placed[k] and leads[k] > most:
+                node, most = k, leads[k]
+    return z
+
+
+@njit(cache=True, nogil=True)
+def _agreed(opinion: Complex128, weight: Float64, opinion_m: float) -> complex:
+    """Return the mean of the opinions around the one with which the most weight agrees."""
+    best, most = complex(0.0, 0.0), -1.0
+    for a in range(opinion.size):
+        total, place = 0.0, complex(0.0, 0.0)
+        for b in range(opinion.size):
+            if abs(opinion[a] - opinion[b]) < opinion_m:
+                total += weight[b]
+                place += weight[b] * opinion[b]
+        if total > most:
+            best, most = place / total, total
+    return best
+
+
+def minimise_piece(z: Complex128, links: Links, inside: Int64, weight: Float64) -> tuple[Float64, Float64]:
+    """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``."""
+    own = np.flatnonzero(np.isfinite(z.real))
+    place = np.full(len(z), -1, dtype=np.int32)
+    place[own] = np.arange(own.size)
+    edges = place[links.edges[inside]]
+    if not edges.size:
+        return np.stack([z.real, z.imag], axis=1), weight
+    std = links.std_m[inside]
+    accuracy = np.square(np.median(std) / std)
+    narrow = banding(own.size, edges)
+    x = relax_rigidly(
+        z[own],
+        edges,
+        links.member[inside],
+        links.offset[inside],
+        accuracy * weight,
+        links.n_members,
+        _ARAP_STEPS,
+        narrow,
+    )
+    length = links.length_m[inside]
+    for _ in range(_ROBUST_ROUNDS):
+        x = minimise(
+            x,
+            edges,
+            length,
+            weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+            majorisations=_MAJORISATIONS,
+            energy_tolerance=_TOLERANCE,
+            narrow=narrow,
+        ).uv_m
+        residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
+        weight = _robust_weight(residual / std)
+    sheet = FlexibleSheet(
+        edges=edges,
+        member=links.member[inside],
+        n_members=links.n_members,
+        length_m=length,
+        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+        offset=links.offset[inside],
+    )
+    uv = np.full((len(z), 2), np.nan)
+    uv[own] = settle_flexible(x, sheet)
+    return uv, weight
+
+
+def _robust_weight(normed: Float64) -> Float64:
+    """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
+    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
+    weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
+    return weight

@@ -1,0 +1,75 @@
+"""The sides of the cloth as translucent pictures: over source images, and over the flattened shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Float32, Uint8
+
+THIS_RGBA = (44, 123, 182, 96)
+OTHER_RGBA = (215, 95, 25, 120)
+UNDECIDED_RGBA = (120, 120, 120, 190)
+OUTSIDE_RGBA = (0, 0, 0, 120)
+STRIPE_PX = 6
+"""Undecided cloth is striped, so that it differs from the sides without colour, too."""
+
+
+def side_rgba(
+    side: NDArray[np.int8], certainty: Float32, offset_rc: tuple[int, int], shape: tuple[int, int]
+) -> Uint8:
+    """Draw labels (h, w) at their place in an image: blue of interest, orange other, striped undecided.
+
+    Parameters
+    ----------
+    side : (h, w) int8
+        1 of interest, -1 other, 0 undecided, 2 not the item.
+    certainty : (h, w) float32
+        Less certain labels are paler.
+    offset_rc : (int, int)
+        Where the crop lies in the image.
+    shape : (int, int)
+        Rows and columns of the image.
+
+    Returns
+    -------
+    (H, W, 4) uint8
+    """
+    image = np.zeros((*side.shape, 4), dtype=np.uint8)
+    for label, color in ((1, THIS_RGBA), (-1, OTHER_RGBA), (2, OUTSIDE_RGBA)):
+        image[side == label] = color
+    strength = np.clip(2.0 * certainty - 1.0, 0.25, 1.0)
+    decided = np.abs(side) == 1
+    image[decided, 3] = (image[decided, 3] * strength[decided]).astype(np.uint8)
+    rows, cols = np.indices(side.shape)
+    stripes = (rows + cols) // STRIPE_PX % 2 == 0
+    image[(side == 0) & stripes] = UNDECIDED_RGBA
+    return _placed(image, offset_rc, shape, OUTSIDE_RGBA)
+
+
+def certainty_rgba(
+    side: NDArray[np.int8], certainty: Float32, offset_rc: tuple[int, int], shape: tuple[int, int]
+) -> Uint8:
+    """Draw how certain the labels are: the less certain, the stronger the magenta; see :func:`side_rgba`."""
+    image = shape_rgba(np.where(side == 2, np.nan, certainty).astype(np.float32))
+    return _placed(image, offset_rc, shape, OUTSIDE_RGBA)
+
+
+def shape_rgba(certainty: Float32) -> Uint8:
+    """Draw certainty (H, W), NaN off the cloth: clear where it is 1, opaque magenta where it is 0.5."""
+    doubt = np.clip(2.0 * (1.0 - np.nan_to_num(certainty, nan=1.0)), 0.0, 1.0)
+    image = np.zeros((*certainty.shape, 4), dtype=np.uint8)
+    image[..., :3] = (197, 27, 125)
+    image[..., 3] = (220 * doubt).astype(np.uint8)
+    return image
+
+
+def _placed(
+    crop: Uint8, offset_rc: tuple[int, int], shape: tuple[int, int], around: tuple[int, int, int, int]
+) -> Uint8:
+    image = np.empty((*shape, 4), dtype=np.uint8)
+    image[:] = around
+    top, left = offset_rc
+    rows, cols = crop.shape[:2]
+    image[top : top + rows, left : left + cols] = crop
+    return image

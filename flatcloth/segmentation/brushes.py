@@ -1,0 +1,159 @@
+"""Which clusters lie under a brush stroke, and which lie beyond a cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from flatcloth.core.errors import SegmentationError
+from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.segmentation.observed import Observed
+
+_SAME_LAYER_M = 0.02
+_LEAST_PIXELS = 3
+_ALIKE_COS = 0.3
+
+
+def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
+    """Return the clusters (K,) that a stroke touches.
+
+    Raises
+    ------
+    SegmentationError
+        If it touches no cloth, or its view does not exist; the message begins with ``name``.
+    """
+    if isinstance(stroke, SpaceStroke):
+        found = np.flatnonzero(_near_line(observed, stroke.points_m, stroke.normals, stroke.radius_m))
+    else:
+        found = _under_image(observed, stroke, name)
+    if not found.size:
+        raise SegmentationError(f"{name}: there is no cloth under it; draw on the item.")
+    return found
+
+
+def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
+    if not 0 <= stroke.view_index < observed.view_count:
+        raise SegmentationError(
+            f"{name}: view {stroke.view_index} does not exist; the recording has {observed.view_count}."
+        )
+    view = observed.views.get(stroke.view_index)
+    if view is None:
+        raise SegmentationError(f"{name}: view {stroke.view_index} shows nothing of the item.")
+    points = np.asarray(stroke.points_rc, dtype=np.float64) - view.offset_rc
+    rows, cols = view.cluster.shape
+    at = np.rint(points).astype(int)
+    inside = ((at >= 0) & (at < (rows, cols))).all(axis=1)
+    depths = np.array([view.depth_m[r, c] for r, c in at[inside] if view.item[r, c]])
+    if not depths.size:
+        raise SegmentationError(f"{name}: there is no cloth under it; draw on the item.")
+    radius_px = max(1.5, stroke.radius_m * view.intrinsics.fx / float(np.median(depths)))
+    line = _densified(points, 1.0)
+    low = np.maximum(np.floor(line.min(axis=0) - radius_px).astype(int), 0)
+    high = np.minimum(np.ceil(line.max(axis=0) + radius_px).astype(int) + 1, (rows, cols))
+    if (high <= low).any():
+        return np.empty(0, dtype=np.int64)
+    across = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]), indexing="ij")
+    grid = np.stack(across, axis=-1).reshape(-1, 2)
+    distance, nearest = cKDTree(line).query(grid)
+    grid, nearest = grid[distance <= radius_px], nearest[distance <= radius_px]
+    # The brush paints the layer under its line, not what lies beside or behind it.
+    here = np.clip(np.rint(line[nearest]).astype(int), 0, (rows - 1, cols - 1))
+    depth, own = view.depth_m[grid[:, 0], grid[:, 1]], view.depth_m[here[:, 0], here[:, 1]]
+    painted = (own > 0) & (np.abs(depth - own) <= _SAME_LAYER_M)
+    label = view.cluster[grid[painted, 0], grid[painted, 1]]
+    clusters, count = np.unique(label[label >= 0], return_counts=True)
+    kept = count >= _LEAST_PIXELS
+    return (clusters[kept] if kept.any() else clusters).astype(np.int64)
+
+
+def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
+    """Return the clusters (K,) of interest beyond a cut.
+
+    Raises
+    ------
+    SegmentationError
+        If the line does not divide the cloth, or nothing lies beyond it.
+    """
+    graph, clusters = observed.graph, observed.clusters
+    reach = 1.5 * observed.config.cluster_m
+    wall = _near_line(observed, cut.points_m, cut.normals, reach)
+    begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
+    if begin is None:
+        raise SegmentationError(
+            f"{name}: no cloth of interest lies beyond it; point at the cloth to cut off."
+        )
+    open_ = of_interest & ~wall
+    linked = (graph.weight > 0) & open_[graph.first] & open_[graph.second]
+    links = coo_matrix(
+        (np.ones(int(linked.sum())), (graph.first[linked], graph.second[linked])),
+        shape=(graph.count, graph.count),
+    )
+    _, part = connected_components(links, directed=False)
+    # What lies on the other side of the line must not be reached round its ends.
+    here = part[begin]
+    side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)
+    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * reach * side / max(
+        float(np.linalg.norm(side)), 1e-9
+    )
+    other = _nearest(observed, tuple(across), cut.beyond_normal, open_)
+    if other is not None and part[other] == here:
+        near = float(np.linalg.norm(clusters.place_m[other] - across))
+        if near < 4.0 * reach:
+            raise SegmentationError(
+                f"{name}: the cloth goes on round the ends of the line; draw it from rim to rim."
+            )
+    return np.flatnonzero((part == here) & open_ | (wall & of_interest & _beside(observed, cut)))
+
+
+def _beside(observed: Observed, cut: Cut) -> Bool:
+    """Clusters (M,) on the far half of the line's own width."""
+    middle = np.asarray(cut.points_m).mean(axis=0)
+    away = np.asarray(cut.beyond_m) - middle
+    result: Bool = (observed.clusters.place_m - middle) @ away > 0
+    return result
+
+
+def _nearest(observed: Observed, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
+    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > _ALIKE_COS))
+    if not chosen.size:
+        return None
+    distance = np.linalg.norm(observed.clusters.place_m[chosen] - np.asarray(point), axis=1)
+    return int(chosen[distance.argmin()])
+
+
+def _near_line(
+    observed: Observed, points: Sequence[Sequence[float]], normals: Sequence[Sequence[float]], radius_m: float
+) -> Bool:
+    """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
+    line = _densified(np.asarray(points, dtype=np.float64), 0.5 * observed.config.cluster_m)
+    turned = _densified(np.asarray(normals, dtype=np.float64), None, len(line), points)
+    reach = max(radius_m, observed.config.cluster_m)
+    distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=reach)
+    near = np.isfinite(distance)
+    alike = np.zeros(len(near), dtype=np.bool_)
+    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > _ALIKE_COS
+    return alike
+
+
+def _densified(
+    values: Float64,
+    step: float | None,
+    count: int | None = None,
+    points: Sequence[Sequence[float]] | None = None,
+) -> Float64:
+    """Return a polyline's points at this step; or values given at its points, interpolated as many times."""
+    at = values if points is None else np.asarray(points, dtype=np.float64)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+    if along[-1] <= 0:
+        return np.repeat(values[:1], count or 1, axis=0)
+    if count is None:
+        assert step is not None
+        count = min(math.ceil(along[-1] / step) + 1, 100_000)
+    place = np.linspace(0.0, along[-1], count)
+    return np.stack([np.interp(place, along, column) for column in values.T], axis=1)

@@ -1,0 +1,213 @@
+"""Surface pixels of all views, gathered by place and normal: each cluster is cloth of one side.
+
+Same place and same normal in two views is the same cloth on the same side (in 99.4 % or more), if
+the cameras are registered; ``python -m benchmarks segmentation`` tells the purity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from flatcloth.core.types import Float32, Float64, Int32, Int64
+from flatcloth.segmentation.settings import SegmentationConfig
+
+_BUCKETS = 1 << 17
+_AREA = 1.11
+"""Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clusters:
+    """Clusters of surface pixels.
+
+    ``place_m``, ``normal`` (M, 3) float64 in the object frame; ``pixels`` (M,) int64 how many there
+    are; ``facing`` (M,) float64 cosine of the incidence at which the best view sees it; ``area_m2``
+    (M,) of the cloth, about. ``of_pixel`` (N,) int32, the cluster of each pixel, -1 none.
+    """
+
+    place_m: Float64
+    normal: Float64
+    pixels: Int64
+    facing: Float64
+    area_m2: Float64
+    of_pixel: Int32
+
+    @property
+    def count(self) -> int:
+        """How many clusters there are."""
+        return len(self.place_m)
+
+
+def gather(
+    points_m: Float32, normals: Float32, facing: Float32, noise_m: float, config: SegmentationConfig
+) -> Clusters:
+    """Cluster the surface pixels of all views.
+
+    Parameters
+    ----------
+    points_m, normals : (N, 3) float32
+        Object frame.
+    facing : (N,) float32
+        Cosine of the incidence at which each was seen. What is seen squarely makes the clusters,
+        the rest joins them.
+    noise_m : float
+        Noise of the depth.
+    config : SegmentationConfig
+        Sizes.
+
+    Notes
+    -----
+    Takes about 0.7 s for 1.2 million pixels.
+    """
+    radius = config.cluster_m
+    offset = max(config.cluster_offset_m, config.cluster_noise * noise_m)
+    order = np.argsort(-facing, kind="stable")
+    place, normal = _seeded(points_m, normals, order, radius, offset, config.cluster_cos)
+    of_pixel = np.empty(len(points_m), dtype=np.int32)
+    pixels = np.zeros(len(place), dtype=np.int64)
+    for _ in range(2):
+        cells = _cells(place, radius)
+        _assign(points_m, normals, radius, offset, config.cluster_cos, *cells, place, normal, of_pixel)
+        pixels = _averaged(points_m, normals, facing, of_pixel, place, normal)
+    kept = pixels > 0
+    number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
+    assigned = of_pixel >= 0
+    of_pixel[assigned] = number[of_pixel[assigned]]
+    best = np.zeros(len(place))
+    np.maximum.at(best, np.flatnonzero(kept)[of_pixel[assigned]], facing[assigned])
+    area = np.full(int(kept.sum()), _AREA * radius**2)
+    return Clusters(
+        place_m=place[kept],
+        normal=normal[kept],
+        pixels=pixels[kept],
+        facing=best[kept],
+        area_m2=area,
+        of_pixel=of_pixel,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _bucket(x: int, y: int, z: int) -> int:
+    return int(((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) % _BUCKETS)
+
+
+@njit(cache=True, nogil=True)
+def _cell(value: float, size: float) -> int:
+    return math.floor(value / size)
+
+
+@njit(cache=True, nogil=True)
+def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
+    """Linked lists of the clusters in each bucket of cells."""
+    head, following = np.full(_BUCKETS, -1, np.int32), np.full(len(place), -1, np.int32)
+    for j in range(len(place)):
+        h = _bucket(_cell(place[j, 0], size), _cell(place[j, 1], size), _cell(place[j, 2], size))
+        following[j] = head[h]
+        head[h] = j
+    return head, following
+
+
+@njit(cache=True, nogil=True)
+def _seeded(
+    points: Float32, normals: Float32, order: Int64, radius: float, offset: float, least_cos: float
+) -> tuple[Float64, Float64]:
+    """Take each point, in order, that no cluster taken before covers."""
+    capacity = min(len(points), 400_000)
+    place, normal = np.empty((capacity, 3)), np.empty((capacity, 3))
+    head, following = np.full(_BUCKETS, -1, np.int32), np.full(capacity, -1, np.int32)
+    count = 0
+    for i in order:
+        x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
+        covered = False
+        for n in range(27):
+            j = head[_bucket(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)]
+            while j >= 0:
+                turn, along, beside = _relation(points, normals, i, place, normal, j)
+                if turn > least_cos and abs(along) < offset and beside < radius * radius:
+                    covered = True
+                    break
+                j = following[j]
+            if covered:
+                break
+        if not covered and count < capacity:
+            for k in range(3):
+                place[count, k], normal[count, k] = points[i, k], normals[i, k]
+            h = _bucket(x, y, z)
+            following[count] = head[h]
+            head[h] = count
+            count += 1
+    return place[:count].copy(), normal[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _relation(
+    points: Float32, normals: Float32, i: int, place: Float64, normal: Float64, j: int
+) -> tuple[float, float, float]:
+    """Cosine of the normals, offset along the cluster's normal, and squared distance beside it."""
+    turn, along, distance = 0.0, 0.0, 0.0
+    for k in range(3):
+        d = points[i, k] - place[j, k]
+        turn += normals[i, k] * normal[j, k]
+        along += d * normal[j, k]
+        distance += d * d
+    return turn, along, distance - along * along
+
+
+@njit(cache=True, nogil=True)
+def _assign(
+    points: Float32,
+    normals: Float32,
+    radius: float,
+    offset: float,
+    least_cos: float,
+    head: Int32,
+    following: Int32,
+    place: Float64,
+    normal: Float64,
+    of_pixel: Int32,
+) -> None:
+    """Give each pixel the nearest cluster on its layer; distance along the normal counts twice."""
+    reach = 1.2 * radius * radius
+    for i in range(len(points)):
+        x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
+        best, least = -1, 1e9
+        for n in range(27):
+            j = head[_bucket(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)]
+            while j >= 0:
+                turn, along, beside = _relation(points, normals, i, place, normal, j)
+                if turn > least_cos and beside < reach and abs(along) < 1.5 * offset:
+                    distance = beside + 4.0 * along * along + (1.0 - turn) * radius * radius
+                    if distance < least:
+                        best, least = j, distance
+                j = following[j]
+        of_pixel[i] = best
+
+
+@njit(cache=True, nogil=True)
+def _averaged(
+    points: Float32, normals: Float32, facing: Float32, of_pixel: Int32, place: Float64, normal: Float64
+) -> Int64:
+    """Move clusters to the mean of their pixels, squarely seen ones first; return their numbers of pixels."""
+    count = len(place)
+    pixels, weight = np.zeros(count, np.int64), np.zeros(count)
+    at, up = np.zeros((count, 3)), np.zeros((count, 3))
+    for i in range(len(points)):
+        j = of_pixel[i]
+        if j < 0:
+            continue
+        w = facing[i] * facing[i]
+        pixels[j] += 1
+        weight[j] += w
+        for k in range(3):
+            at[j, k] += w * points[i, k]
+            up[j, k] += w * normals[i, k]
+    for j in range(count):
+        length = math.sqrt(up[j, 0] ** 2 + up[j, 1] ** 2 + up[j, 2] ** 2)
+        if weight[j] > 0 and length > 0:
+            for k in range(3):
+                place[j, k], normal[j, k] = at[j, k] / weight[j], up[j, k] / length
+    return pixels

@@ -1,0 +1,276 @@
+"""The item among its surroundings, without a mask: what hangs on the axis, turns with it, and is no gripper.
+
+Four tests, each of which says what it cut off: depth layers far from the axis are background; what
+hangs apart from the item is something else; what stays in place while the item turns is a stand, a
+table or an arm; and what lies above the held point, or sticks to the item at its top by a narrow
+neck and has another colour, is what holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import SegmentationError, SurfaceError
+from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
+from flatcloth.flattening.surface import foreground_mask
+
+_APART_M = 0.03
+"""Regions farther than this from the largest are something else."""
+_SECOND_SHARE = 0.4
+"""A region apart of this share of the largest is another item, not a thing beside it."""
+_ENOUGH_VIEWS = 8
+_SWEEP_DEG = 60.0
+_STILL_SHARE = 0.9
+_STILL_M = 0.004
+_OFF_AXIS_M = 0.03
+_ABOVE_M = 0.008
+_LEAST_CUT_M2 = 2e-4
+_COLORS = 4
+_UNLIKE = 14.0
+"""Distance in CIELAB from every main colour of the item, beyond which a pixel is of another."""
+_NECK_SHARE = 0.3
+_MOST_GRIPPER_SHARE = 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class CutOff:
+    """What was taken for no part of the item in a view: which kind of thing, its area, and why in words."""
+
+    view_index: int
+    kind: str
+    area_m2: float
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """The measured pixels of the item in each view, (H, W) bool, and what was cut off."""
+
+    masks: tuple[Bool, ...]
+    cut_off: tuple[CutOff, ...]
+
+
+def find_item(
+    frames: Sequence[RgbdFrame],
+    axis: RotationAxis | None,
+    held_point_m: Float64 | None,
+    config: SurfaceConfig,
+) -> Item:
+    """Find the item in all views.
+
+    Parameters
+    ----------
+    frames : sequence of RgbdFrame
+        All views; their masks are not used.
+    axis : RotationAxis, optional
+        Camera frame. Without one, the item is what is nearest to the camera.
+    held_point_m : (3,) float64, optional
+        Camera frame; what lies above it holds the item.
+    config : SurfaceConfig
+        Limits of the foreground.
+
+    Raises
+    ------
+    SegmentationError
+        If no view shows an item, or most show two.
+    """
+    cuts: list[CutOff] = []
+    masks: list[Bool] = []
+    doubles = []
+    for frame in frames:
+        measured = frame.depth_m > 0
+        mask = _foreground(frame, axis, config)
+        _note(cuts, frame, measured & ~mask, "background", "is too far from what hangs nearest to the axis")
+        mask, doubled = _largest(frame, mask, cuts)
+        doubles.append(doubled)
+        masks.append(mask)
+    if not any(mask.any() for mask in masks):
+        raise SegmentationError(
+            "Nothing hangs in front of the camera in any view: the foreground is empty. Check depth and axis."
+        )
+    if 2 * sum(doubles) > len(frames):
+        view = frames[int(np.argmax(doubles))].view_index
+        raise SegmentationError(
+            f"View {view}: two items hang side by side, about as large; take one away, or give masks."
+        )
+    still = _still(frames)
+    masks = [
+        _without_holder(frame, mask, still, axis, held_point_m, cuts)
+        for frame, mask in zip(frames, masks, strict=True)
+    ]
+    if not any(mask.any() for mask in masks):
+        raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
+    return Item(masks=tuple(masks), cut_off=tuple(cuts))
+
+
+def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
+    """Return what is measured about as far from the axis as the large regions nearest to it."""
+    measured: Bool = frame.depth_m > 0
+    try:
+        large = foreground_mask(frame, axis, config)
+    except SurfaceError:
+        return np.zeros_like(measured)
+    if not large.any():
+        return large
+    away = (
+        frame.depth_m[measured].astype(np.float64) if axis is None else _about_axis(frame, measured, axis)[1]
+    )
+    most = float(np.quantile(away[large[measured]], 0.995)) + _APART_M
+    item = measured.copy()
+    item[measured] = away <= most
+    return item
+
+
+def _about_axis(frame: RgbdFrame, at: Bool, axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Height along the axis, and distance from it, (K,) of the measured pixels."""
+    k = frame.intrinsics
+    rows, cols = np.nonzero(at)
+    depth = frame.depth_m[at].astype(np.float64)
+    offset = np.stack([(cols - k.cx) / k.fx * depth, (rows - k.cy) / k.fy * depth, depth], axis=1)
+    offset -= axis.point_m
+    height = offset @ axis.direction
+    away: Float64 = np.linalg.norm(offset - height[:, None] * axis.direction, axis=1)
+    return height, away
+
+
+def _note(cuts: list[CutOff], frame: RgbdFrame, off: Bool, kind: str, why: str) -> None:
+    area = _area_m2(frame, off)
+    if area >= _LEAST_CUT_M2:
+        text = f"View {frame.view_index}: {1e4 * area:.0f} cm2 cut off as {kind}: it {why}."
+        cuts.append(CutOff(view_index=frame.view_index, kind=kind, area_m2=area, text=text))
+
+
+def _area_m2(frame: RgbdFrame, off: Bool) -> float:
+    depth = frame.depth_m[off].astype(np.float64)
+    return float((depth**2).sum() / (frame.intrinsics.fx * frame.intrinsics.fy))
+
+
+def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bool]:
+    """Keep the largest region and what is near it; tell whether another is about as large."""
+    if not mask.any():
+        return mask, False
+    joined = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    count, label = cv2.connectedComponents(joined, connectivity=8)
+    if count <= 2:
+        return mask, False
+    weight = np.bincount(label[mask], frame.depth_m[mask] ** 2, count)
+    weight[0] = 0.0
+    largest = int(weight.argmax())
+    away = cv2.distanceTransform((label != largest).astype(np.uint8), cv2.DIST_L2, 5)
+    pitch_m = float(np.median(frame.depth_m[mask])) / frame.intrinsics.fx
+    nearest = np.full(count, np.inf)
+    np.minimum.at(nearest, label[mask].astype(np.intp), away[mask])
+    apart = nearest * pitch_m > _APART_M
+    apart[[0, largest]] = False
+    doubled = bool((weight[apart] >= _SECOND_SHARE * weight[largest]).any()) if apart.any() else False
+    off: Bool = mask & apart[label]
+    _note(cuts, frame, off, "another thing", f"hangs more than {100 * _APART_M:.0f} cm beside the item")
+    return mask & ~off, doubled
+
+
+def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
+    """Pixels (H, W) whose depth stays while the item turns, and that depth; None if too few views tell."""
+    angles = np.array([frame.angle_deg for frame in frames])
+    if len(frames) < _ENOUGH_VIEWS or np.ptp(angles) < _SWEEP_DEG:
+        return None
+    if len({frame.depth_m.shape for frame in frames}) != 1:
+        return None
+    chosen = [frames[n] for n in np.unique(np.linspace(0, len(frames) - 1, 12).astype(int))]
+    depth = np.stack([frame.depth_m for frame in chosen])
+    middle = np.median(depth, axis=0).astype(np.float32)
+    close = np.abs(depth - middle) <= np.maximum(_STILL_M, 0.005 * middle)
+    still: Bool = (middle > 0) & (close.mean(axis=0) >= _STILL_SHARE)
+    return still, middle
+
+
+def _without_holder(
+    frame: RgbdFrame,
+    mask: Bool,
+    still: tuple[Bool, Float32] | None,
+    axis: RotationAxis | None,
+    held_point_m: Float64 | None,
+    cuts: list[CutOff],
+) -> Bool:
+    if not mask.any():
+        return mask
+    if axis is not None:
+        height, beside = _about_axis(frame, mask, axis)
+        off = np.zeros_like(mask)
+        if still is not None:
+            stays = still[0][mask] & (np.abs(frame.depth_m[mask] - still[1][mask]) <= _STILL_M)
+            off[mask] = stays & (beside > _OFF_AXIS_M)
+            off = _large(frame, off)
+            _note(cuts, frame, off, "a stand", "stays in place while the item turns")
+        if held_point_m is not None:
+            above = np.zeros_like(mask)
+            above[mask] = height > (held_point_m - axis.point_m) @ axis.direction + _ABOVE_M
+            above = _large(frame, above & ~off)
+            _note(cuts, frame, above, "gripper", "lies above the held point")
+            off |= above
+        mask = mask & ~off
+    if still is None:
+        off = _gripper(frame, mask)
+        _note(cuts, frame, off, "gripper", "sticks to the top by a narrow neck and has another colour")
+        mask = mask & ~off
+    return mask
+
+
+def _large(frame: RgbdFrame, off: Bool) -> Bool:
+    """Keep the regions that are large enough to be a thing."""
+    if not off.any():
+        return off
+    _, label, stats, _ = cv2.connectedComponentsWithStats(off.astype(np.uint8), connectivity=8)
+    pitch_m2 = float(np.median(frame.depth_m[off])) ** 2 / (frame.intrinsics.fx * frame.intrinsics.fy)
+    large = stats[:, cv2.CC_STAT_AREA] * pitch_m2 >= _LEAST_CUT_M2
+    large[0] = False
+    kept: Bool = large[label]
+    return kept
+
+
+def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
+    """Regions (H, W) of another colour at the top that touch the item along a small part of their outline."""
+    none = np.zeros_like(mask)
+    rows = np.flatnonzero(mask.any(axis=1))
+    if rows.size < 8:
+        return none
+    lab = cv2.cvtColor(frame.color, cv2.COLOR_RGB2LAB).astype(np.float32)
+    lab[..., 0] *= 0.5  # folds are shaded by the lamp
+    body = mask.copy()
+    body[: int(rows[0] + 0.3 * rows.size)] = False
+    if body.sum() < 50:
+        return none
+    sample = lab[body][:: max(1, int(body.sum()) // 4000)]
+    cv2.setRNGSeed(0)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 1.0)
+    _, _, centers = cv2.kmeans(sample, min(_COLORS, len(sample)), None, criteria, 2, cv2.KMEANS_PP_CENTERS)  # type: ignore[call-overload]
+    distance = np.min([np.linalg.norm(lab - center, axis=-1) for center in centers], axis=0)
+    unlike = (mask & (distance > _UNLIKE)).astype(np.uint8)
+    unlike = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) & mask.astype(np.uint8)
+    opened = cv2.morphologyEx(unlike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, label = cv2.connectedComponents(opened, connectivity=4)
+    off = none.copy()
+    for n in range(1, count):
+        region = label == n
+        grown = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        rim = grown & ~region
+        touching = (rim & mask & (opened == 0)).sum() / max(int(rim.sum()), 1)
+        at_top = np.argwhere(region)[:, 0].mean() < rows[0] + 0.3 * rows.size
+        if at_top and touching <= _NECK_SHARE and region.sum() <= _MOST_GRIPPER_SHARE * mask.sum():
+            off |= region
+    if not off.any():
+        return none
+    # What is left of the gripper's rim, cut off from the item by it.
+    count, label, stats, _ = cv2.connectedComponentsWithStats((mask & ~off).astype(np.uint8), connectivity=4)
+    stats[0, cv2.CC_STAT_AREA] = 0
+    main = label == int(stats[:, cv2.CC_STAT_AREA].argmax())
+    beside = cv2.dilate(off.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    for n in range(1, count):
+        region = label == n
+        if not (region & main).any() and (region & beside).any():
+            off |= region
+    return _large(frame, off)

@@ -1,0 +1,283 @@
+"""All views of a recording, prepared for segmentation: surface pixels, clusters, and their evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import SegmentationError, SurfaceError
+from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.core.types import (
+    Bool,
+    Float32,
+    Float64,
+    Int32,
+    Intrinsics,
+    Progress,
+    RgbdFrame,
+    RotationAxis,
+    no_progress,
+)
+from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
+from flatcloth.registration.cameras import register_together
+from flatcloth.registration.view_features import extract_features
+from flatcloth.segmentation.clusters import Clusters, gather
+from flatcloth.segmentation.item import CutOff, Item, find_item
+from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
+from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
+from flatcloth.segmentation.settings import SegmentationConfig
+
+_THREADS = 2
+_PARTNERS = 3
+"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedView:
+    """One view of the item, cropped to it.
+
+    ``view_index``; ``offset_rc`` of the crop in the recorded image of ``full_shape``; ``intrinsics`` of
+    the crop; ``object_from_camera`` where the camera stands; ``item`` (h, w) bool, measured pixels of
+    the item; ``depth_m`` (h, w) float32; ``cluster`` (h, w) int32, -1 where none is near; ``surface``
+    (h, w) bool, pixels that made the clusters; ``area_m2`` (h, w) float32, cloth under each of those.
+    """
+
+    view_index: int
+    offset_rc: tuple[int, int]
+    full_shape: tuple[int, int]
+    intrinsics: Intrinsics
+    object_from_camera: Rigid3
+    item: Bool
+    depth_m: Float32
+    cluster: Int32
+    surface: Bool
+    area_m2: Float32
+
+    def whole(self, crop: Bool) -> Bool:
+        """Return a crop (h, w) laid in the recorded image (H, W)."""
+        image = np.zeros(self.full_shape, dtype=np.bool_)
+        (top, left), (rows, cols) = self.offset_rc, crop.shape
+        image[top : top + rows, left : left + cols] = crop
+        return image
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observed:
+    """What the views show, before any stroke; immutable.
+
+    ``views`` the views that show the item, by their number in the recording; ``clusters``,
+    ``graph`` the evidence; ``partition`` the sides it says, ``samples`` (K, M) those of disturbed
+    evidence; ``start_view`` the view that shows most of the item; ``cut_off`` what was no item.
+    """
+
+    views: dict[int, ObservedView]
+    view_count: int
+    clusters: Clusters
+    graph: SignedGraph
+    partition: Partition
+    samples: Int8
+    start_view: int
+    cut_off: tuple[CutOff, ...]
+    noise_m: float
+    moved: bool
+    config: SegmentationConfig
+
+
+def observe(
+    frames: Sequence[RgbdFrame],
+    axis: RotationAxis,
+    held_point_m: Float64,
+    config: Config,
+    settings: SegmentationConfig | None = None,
+    progress: Progress = no_progress,
+) -> Observed:
+    """Prepare the views of a recording; their masks, if they have any, are not used.
+
+    Parameters
+    ----------
+    frames : sequence of RgbdFrame
+        All views, in the order of the recording.
+    axis : RotationAxis
+        Turning axis, camera frame of view 0.
+    held_point_m : (3,) float64
+        Where the item is held.
+    config : Config
+        Of surface and registration.
+    settings : SegmentationConfig, optional
+        Of the segmentation.
+    progress : callable
+        Told the share of the work; may raise ``CancelledError``.
+
+    Raises
+    ------
+    SegmentationError
+        If no view shows an item, or there are two.
+    """
+    settings = settings or SegmentationConfig()
+    progress(0.0, "looking for the item")
+    item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
+    progress(0.1, "surfaces of the views")
+    with ThreadPoolExecutor(_THREADS) as pool:
+        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config), range(len(frames)))
+        surfaces = [surface for surface in seen if surface is not None]
+    if not surfaces:
+        raise SegmentationError(
+            "No view shows cloth that could be told from its surroundings; check the depth."
+        )
+    progress(0.3, "where the cameras stand")
+    poses, moved = _poses(surfaces, axis, held_point_m, config)
+    progress(0.6, "clusters of the surface")
+    noise_m = float(np.median([surface.noise_m for surface in surfaces]))
+    clusters, labels = _clustered(surfaces, poses, noise_m, settings)
+    facing = [_facing(surface) for surface in surfaces]
+    links = [
+        links_of_view(label, cos, surface.steps)
+        for label, cos, surface in zip(labels, facing, surfaces, strict=True)
+    ]
+    graph = signed_graph(clusters, links, noise_m, settings)
+    progress(0.8, "sides")
+    views = {
+        surface.frame.view_index: _view(surface, item, pose, label, cos, frames, settings)
+        for surface, pose, label, cos in zip(surfaces, poses, labels, facing, strict=True)
+    }
+    return Observed(
+        views=views,
+        view_count=len(frames),
+        clusters=clusters,
+        graph=graph,
+        partition=partition(graph),
+        samples=sampled_sides(
+            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text)
+        ),
+        start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
+        cut_off=item.cut_off,
+        noise_m=noise_m,
+        moved=moved,
+        config=settings,
+    )
+
+
+def _surface(frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config) -> Surface | None:
+    if not item.masks[n].any():
+        return None
+    cropped, own = crop_to_item(replace(frame, mask=None), item.masks[n])
+    try:
+        return observe_surface(cropped, axis, config.surface, own)
+    except SurfaceError:
+        return None
+
+
+def _poses(
+    surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, config: Config
+) -> tuple[Sequence[Rigid3], bool]:
+    """Where the cameras stand: as known, unless the views say that this is not so."""
+    known = [held_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
+    if len(surfaces) < 2:
+        return known, False
+    with ThreadPoolExecutor(_THREADS) as pool:
+        features = list(pool.map(extract_features, surfaces))
+    registered = register_together(features, axis, held_point_m, partners=_PARTNERS)
+    return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
+
+
+def _facing(surface: Surface) -> Float32:
+    """Cosine (h, w) of the incidence; 0 off the surface."""
+    with np.errstate(invalid="ignore"):
+        length = np.linalg.norm(surface.xyz_m, axis=-1)
+        cos = -(surface.xyz_m * surface.normal).sum(axis=-1) / length
+    facing: Float32 = np.where(surface.usable, np.clip(cos, 0.1, 1.0), 0.0).astype(np.float32)
+    return facing
+
+
+def _clustered(
+    surfaces: Sequence[Surface], poses: Sequence[Rigid3], noise_m: float, settings: SegmentationConfig
+) -> tuple[Clusters, list[Int32]]:
+    points, normals, facings = [], [], []
+    for surface, pose in zip(surfaces, poses, strict=True):
+        at = surface.usable
+        points.append(pose.apply(surface.xyz_m[at]).astype(np.float32))
+        normals.append(pose.turn(surface.normal[at]).astype(np.float32))
+        facings.append(_facing(surface)[at])
+    every = (np.concatenate(points), np.concatenate(normals), np.concatenate(facings))
+    clusters = gather(every[0], every[1], every[2], noise_m, settings)
+    labels, begin = [], 0
+    for surface, own in zip(surfaces, points, strict=True):
+        label = np.full(surface.usable.shape, -1, dtype=np.int32)
+        label[surface.usable] = clusters.of_pixel[begin : begin + len(own)]
+        begin += len(own)
+        labels.append(label)
+    return clusters, labels
+
+
+def _view(
+    surface: Surface,
+    item: Item,
+    pose: Rigid3,
+    label: Int32,
+    facing: Float32,
+    frames: Sequence[RgbdFrame],
+    settings: SegmentationConfig,
+) -> ObservedView:
+    frame = surface.frame
+    full = frames[frame.view_index - frames[0].view_index]
+    top, left = frame.offset_rc
+    rows, cols = frame.depth_m.shape
+    own = item.masks[frame.view_index - frames[0].view_index][top : top + rows, left : left + cols]
+    k = frame.intrinsics
+    area = np.zeros(label.shape, dtype=np.float32)
+    known = label >= 0
+    area[known] = frame.depth_m[known] ** 2 / (k.fx * k.fy) / np.maximum(facing[known], 0.26)
+    return ObservedView(
+        view_index=frame.view_index,
+        offset_rc=frame.offset_rc,
+        full_shape=full.depth_m.shape,
+        intrinsics=k,
+        object_from_camera=pose,
+        item=own,
+        depth_m=frame.depth_m,
+        cluster=filled(label, frame.depth_m, own, settings),
+        surface=known,
+        area_m2=area,
+    )
+
+
+def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationConfig) -> Int32:
+    """Give pixels of the item without a cluster that of a near one on the same layer.
+
+    The band at rims, holes and steep places make no clusters. The nearest pixel that has one counts,
+    if it lies about as far away; else the nearest among those that do in the row and the column.
+    """
+    known = (label >= 0).astype(np.uint8)
+    result = label.copy()
+    if not known.any():
+        return result
+    distance, nearest = cv2.distanceTransformWithLabels(
+        1 - known, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    at = np.zeros(int(nearest.max()) + 1, dtype=np.int64)
+    at[nearest[label >= 0]] = np.flatnonzero(label >= 0)
+    source = at[nearest]
+    near = item & (label < 0) & (distance <= settings.fill_px)
+    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.fill_m
+    taken = near & alike
+    result[taken] = label.ravel()[source[taken]]
+    for r, c in np.argwhere(near & ~alike):
+        result[r, c] = _nearest_alike(label, depth_m, int(r), int(c), settings)
+    return result
+
+
+def _nearest_alike(label: Int32, depth_m: Float32, r: int, c: int, settings: SegmentationConfig) -> int:
+    reach = settings.fill_px // 2
+    top, left = max(r - reach, 0), max(c - reach, 0)
+    window = np.s_[top : r + reach + 1, left : c + reach + 1]
+    ok = (label[window] >= 0) & (np.abs(depth_m[window] - depth_m[r, c]) <= settings.fill_m)
+    if not ok.any():
+        return -1
+    places = np.argwhere(ok)
+    best = places[np.square(places - (r - top, c - left)).sum(axis=1).argmin()]
+    return int(label[window][tuple(best)])

@@ -1,0 +1,181 @@
+"""What a segmentation says: a side and a certainty for every surface pixel, and what was cut off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.strokes import Decision
+from flatcloth.core.types import Bool, Float32, Float64, Floats
+from flatcloth.segmentation.item import CutOff
+from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.partition import Int8
+
+OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
+"""Sides of pixels; ``NO_ITEM`` is what was not measured or cut off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewSegmentation:
+    """One view, cropped to the item.
+
+    ``offset_rc`` of the crop in the recorded image; ``side`` (h, w) int8, one of ``OF_INTEREST``,
+    ``OTHER``, ``UNDECIDED``, ``NO_ITEM``; ``certainty`` (h, w) float32, 0.5 to 1 on the item, else 0.
+    """
+
+    view_index: int
+    offset_rc: tuple[int, int]
+    side: Int8
+    certainty: Float32
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conflict:
+    """Two decisions about the same cloth: the ``later`` holds there. Numbers in the list of decisions."""
+
+    earlier: int
+    later: int
+    area_m2: float
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changed:
+    """What the last decision changed: area, of which was sure before, and the views that show it."""
+
+    area_m2: float
+    sure_m2: float
+    views: tuple[int, ...]
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suggestion:
+    """Where a stroke would tell most: a pixel of a view, its place and normal in the object frame.
+
+    ``gain_m2`` is the area, weighted by what is unsure of it, that the stroke would settle.
+    """
+
+    view_index: int
+    rc: tuple[int, int]
+    point_m: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    gain_m2: float
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segmentation:
+    """The sides of the cloth.
+
+    ``side`` (M,) int8 and ``certainty`` (M,) float32 are those of ``observed.clusters``; the methods
+    give them for pixels and for places.
+    """
+
+    observed: Observed = field(repr=False)
+    decisions: tuple[Decision, ...]
+    side: Int8 = field(repr=False)
+    certainty: Float32 = field(repr=False)
+    conflicts: tuple[Conflict, ...]
+    changed: Changed | None
+
+    @property
+    def cut_off(self) -> tuple[CutOff, ...]:
+        """What was taken for no part of the item."""
+        return self.observed.cut_off
+
+    @property
+    def area_of_interest_m2(self) -> float:
+        """Area of the cloth on the side of interest, as far as it is seen."""
+        return float(self.observed.clusters.area_m2[self.side == OF_INTEREST].sum())
+
+    @property
+    def area_undecided_m2(self) -> float:
+        """Area of the cloth whose side nothing determines."""
+        return float(self.observed.clusters.area_m2[self.side == UNDECIDED].sum())
+
+    @property
+    def mean_certainty(self) -> float:
+        """Mean certainty of the cloth that is said to be of interest, by area: so much of it is right."""
+        chosen = self.side == OF_INTEREST
+        area = self.observed.clusters.area_m2[chosen]
+        return float((self.certainty[chosen] * area).sum() / max(float(area.sum()), 1e-12))
+
+    @property
+    def text(self) -> str:
+        """What is to be told, in a sentence."""
+        undecided = 1e4 * self.area_undecided_m2
+        rest = f"; {undecided:.0f} cm2 are undecided and stay out" if undecided >= 1 else ""
+        n = len(self.decisions)
+        how = "without strokes" if not n else f"by {n} stroke{'s' if n > 1 else ''}"
+        return (
+            f"Side of interest: {1e4 * self.area_of_interest_m2:.0f} cm2 seen, "
+            f"{self.mean_certainty:.0%} certain, {how}{rest}."
+        )
+
+    def view(self, view_index: int) -> ViewSegmentation | None:
+        """Return the sides in one view; None if the view shows nothing of the item."""
+        seen = self.observed.views.get(view_index)
+        if seen is None:
+            return None
+        known = seen.item & (seen.cluster >= 0)
+        side = np.full(seen.cluster.shape, NO_ITEM, dtype=np.int8)
+        side[seen.item] = UNDECIDED
+        side[known] = self.side[seen.cluster[known]]
+        certainty = np.zeros(seen.cluster.shape, dtype=np.float32)
+        certainty[seen.item] = 0.5
+        certainty[known] = self.certainty[seen.cluster[known]]
+        return ViewSegmentation(
+            view_index=view_index, offset_rc=seen.offset_rc, side=side, certainty=certainty
+        )
+
+    def mask(self, view_index: int) -> Bool | None:
+        """Return the mask (H, W) of the side of interest in the recorded image; None as :meth:`view`."""
+        seen = self.observed.views.get(view_index)
+        if seen is None:
+            return None
+        chosen = seen.item & (seen.cluster >= 0)
+        chosen[chosen] = self.side[seen.cluster[chosen]] == OF_INTEREST
+        return seen.whole(chosen)
+
+    def at(self, points_m: Floats, normals: Floats) -> tuple[Int8, Float32]:
+        """Return side and certainty (N,) of places on the cloth (N, 3) with normals (N, 3), object frame.
+
+        ``NO_ITEM`` with certainty 0 where no cloth with such a normal was seen.
+        """
+        places, turned = np.asarray(points_m, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        clusters = self.observed.clusters
+        reach = 2.0 * self.observed.config.cluster_m
+        distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=reach)
+        found = np.isfinite(distance)
+        near = np.where(found, near, 0)
+        alike = found & (np.einsum("nkc,nc->nk", clusters.normal[near], turned) > 0.3)
+        first = alike.argmax(axis=1)
+        cluster = near[np.arange(len(places)), first]
+        any_ = alike.any(axis=1)
+        side: Int8 = np.where(any_, self.side[cluster], NO_ITEM).astype(np.int8)
+        return side, np.where(any_, self.certainty[cluster], 0.0).astype(np.float32)
+
+
+def weights_of(observed: Observed) -> Float64:
+    """Return the area (M,) of the pixels of each cluster over all views, m2."""
+    total = np.zeros(observed.clusters.count)
+    for view in observed.views.values():
+        at = view.surface
+        total += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
+    return total
+
+
+def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
+    """Return the views in which any of the clusters (M,) is seen."""
+    return tuple(
+        n for n, view in sorted(observed.views.items()) if clusters[view.cluster[view.cluster >= 0]].any()
+    )
+
+
+def conflict_texts(conflicts: Sequence[Conflict]) -> list[str]:
+    """Return one line for each conflict."""
+    return [conflict.text for conflict in conflicts]

@@ -1,0 +1,67 @@
+"""The numbers of the segmentation, with their units and where they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentationConfig:
+    """How the side of interest is found.
+
+    Values without another source were chosen on ten of the shared recordings and are measured by
+    ``python -m benchmarks segmentation``, which also measures recordings of garments not among them.
+    """
+
+    cluster_m: float = 0.006
+    """Radius of a cluster of surface pixels, all views together; ..."""
+    cluster_offset_m: float = 0.0015
+    """... pixels farther than this along the normal are another layer, ..."""
+    cluster_noise: float = 5.0
+    """... or so many times the noise of the depth."""
+    cluster_cos: float = 0.6
+    """Normals in a cluster differ by at most the angle of this cosine."""
+    link_facing: float = 2.0
+    """Weight at which links of neighbouring pixels, seen squarely, count half."""
+    convex_from: float = 0.15
+    """Links across a convex turn (sum of the sines at both ends) sharper than this are weaker, ..."""
+    convex_width: float = 0.15
+    """... by a Gaussian of this width, ..."""
+    least_link: float = 0.002
+    """... but by no more than this."""
+    opposite_cos: float = -0.85
+    """Normals of the two layers of a plate differ by at least the angle of this cosine, ..."""
+    opposite_m: float = 0.004
+    """... one lies behind the other by at most this without noise, ..."""
+    noisy_opposite_m: float = 0.006
+    """... by this with noise (stereo sensors make what is near larger), ..."""
+    opposite_behind_m: float = 0.003
+    """... or before it by this, by errors of the registration, ..."""
+    opposite_beside_m: float = 0.005
+    """... and beside it by at most this."""
+    noisy_depth_m: float = 0.0003
+    """Depth that scatters more than this about its local planes (median) is noisy."""
+    samples: int = 16
+    """Partitions of disturbed graphs, from which the certainty is taken."""
+    disturbance: float = 1.0
+    """Standard deviation of the logarithm of the evidence, alike ..."""
+    disturbance_m: float = 0.05
+    """... over this extent."""
+    flip_exponent: float = 0.3
+    """A stroke turns over the region whose border costs least, over its size to this power; ..."""
+    flip_per_cluster: float = 0.06
+    """... each cluster adds this to the cost, times the number of the stroke, ..."""
+    flip_potential: float = 0.6
+    """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
+    most_first_cost: float = 105.0
+    """A first stroke that contradicts the guess turns all over, if its region would cost more than this."""
+    flip_rounds: int = 1
+    """Reweightings of the potentials."""
+    least_certainty: float = 0.7
+    """Cloth that is less certain than this is undecided, and stays out."""
+    sure: float = 0.9
+    """What is more certain than this is not turned over silently."""
+    fill_px: int = 16
+    """Pixels of the item without a cluster take that of the nearest with one, within this distance ..."""
+    fill_m: float = 0.012
+    """... and this difference in depth."""

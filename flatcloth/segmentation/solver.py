@@ -1,0 +1,292 @@
+"""The side of interest for any list of decisions, remembered by prefix, so that undo is exact and cheap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import SegmentationError
+from flatcloth.core.strokes import Cut, Decision
+from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.segmentation.brushes import beyond, under
+from flatcloth.segmentation.certainty import agreement, calibrated
+from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.result import (
+    OF_INTEREST,
+    OTHER,
+    UNDECIDED,
+    Changed,
+    Conflict,
+    Segmentation,
+    Suggestion,
+    views_showing,
+)
+from flatcloth.segmentation.spreading import Spreading
+
+_WELL_SEEN = 0.6
+_START_M = 0.02
+_CANDIDATES = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class _State:
+    """After some decisions: sides (M,), which decision holds a cluster (M,), -1 none, what is cut off.
+
+    ``strokes`` are the clusters under each stroke, in order; ``known`` (M,) is True in the largest part of
+    the evidence, and in others that a stroke touched: elsewhere nothing tells the side.
+    """
+
+    side: Float64
+    holder: Int64
+    strokes: tuple[tuple[int, Int64], ...]
+    known: Bool
+    excluded: Bool
+    conflicts: tuple[Conflict, ...]
+
+
+class SideSolver:
+    """Finds sides; may be called from several threads.
+
+    Parameters
+    ----------
+    observed : Observed
+        The views, prepared.
+    """
+
+    def __init__(self, observed: Observed) -> None:
+        self.observed = observed
+        self._spreading = Spreading(observed.graph, observed.config)
+        self._states: Cache[_State] = Cache(256, 256 << 20)
+        self._results: Cache[Segmentation] = Cache(64, 64 << 20)
+        self._start = self._start_sheet()
+
+    @property
+    def start_sheet(self) -> Int64:
+        """The middle of the largest well-seen sheet of the start view: unless told, the side of interest."""
+        return self._start
+
+    def solve(self, decisions: Sequence[Decision]) -> Segmentation:
+        """Return the sides after these decisions, in order.
+
+        Raises
+        ------
+        SegmentationError
+            If a decision touches no cloth, or its view does not exist; the message says which.
+
+        Notes
+        -----
+        Only what follows the longest known prefix is computed: a further stroke takes about 0.2 s.
+        """
+        key = tuple(decisions)
+        return self._results.get(key, lambda: self._result(key))
+
+    def where_next(self, decisions: Sequence[Decision]) -> Suggestion | None:
+        """Return where a stroke would settle most; None if nothing much is unsure."""
+        now, state = self.solve(decisions), self._state(tuple(decisions))
+        clusters = self.observed.clusters
+        unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
+        if unsure.sum() < 1e-4:
+            return None
+        inner = self._inner(state) & (clusters.facing > 0.8) & (state.holder < 0)
+        weight = np.where(inner, unsure, 0.0)
+        if not weight.any():
+            return None
+        random = np.random.default_rng(0)
+        count = min(_CANDIDATES, int((weight > 0).sum()))
+        chosen = random.choice(len(weight), count, replace=False, p=weight / weight.sum())
+        samples = self.observed.samples.astype(np.float32)
+        together = np.square(samples[:, chosen].T @ samples / len(samples))
+        together[np.arange(count), chosen] = 1.0
+        gain = together @ unsure
+        best = int(chosen[gain.argmax()])
+        seen = self._best_view(best)
+        if seen is None:
+            return None
+        view, rc = seen
+        place, normal = clusters.place_m[best].tolist(), clusters.normal[best].tolist()
+        return Suggestion(
+            view_index=view,
+            rc=rc,
+            point_m=(place[0], place[1], place[2]),
+            normal=(normal[0], normal[1], normal[2]),
+            gain_m2=float(gain.max()),
+            text=f"A stroke here, in view {view}, would settle about {1e4 * float(gain.max()):.0f} cm2.",
+        )
+
+    # ---------------------------------------------------------------- states
+
+    def _state(self, decisions: tuple[Decision, ...]) -> _State:
+        if not decisions:
+            return self._states.get((), self._begin)
+        return self._states.get(decisions, lambda: self._after(self._state(decisions[:-1]), decisions))
+
+    def _begin(self) -> _State:
+        found, start = self.observed.partition, self._start
+        largest = int(np.bincount(found.part[start]).argmax())
+        side = found.side * np.sign((found.side[start] * (found.part[start] == largest)).sum() or 1.0)
+        return _State(
+            side=side,
+            holder=np.full(len(side), -1, dtype=np.int64),
+            strokes=(),
+            known=found.part == largest,
+            excluded=np.zeros(len(side), dtype=np.bool_),
+            conflicts=(),
+        )
+
+    def _after(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
+        number, decision = len(decisions) - 1, decisions[-1]
+        name = f"decision {number + 1}"
+        if isinstance(decision, Cut):
+            off = beyond(self.observed, decision, (state.side > 0) & state.known & ~state.excluded, name)
+            excluded = state.excluded.copy()
+            excluded[off] = True
+            return replace(state, excluded=excluded)
+        touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
+        conflicts = self._conflicts(state, touched, wanted, number)
+        side, known = self._spread(state, touched, wanted)
+        holder = state.holder.copy()
+        holder[touched] = number
+        return replace(
+            state,
+            side=side,
+            known=known,
+            holder=holder,
+            strokes=(*state.strokes, (number, touched)),
+            conflicts=(*state.conflicts, *conflicts),
+        )
+
+    def _spread(self, state: _State, touched: Int64, wanted: float) -> tuple[Float64, Bool]:
+        side, part = state.side.copy(), self.observed.partition.part
+        known = state.known.copy()
+        for n in np.unique(part[touched]):
+            own = touched[part[touched] == n]
+            if not known[own[0]]:  # a part that nothing joined to the others: its polarity is the stroke's
+                members = part == n
+                side[members] *= np.sign(wanted * side[own].sum() or 1.0)
+                known[members] = True
+        wrong = touched[side[touched] != wanted]
+        if not wrong.size:
+            return side, known
+        if not state.strokes and 2 * np.intersect1d(wrong, self._start).size >= wrong.size:
+            # The guess where it began is contradicted: it was the other side.
+            return np.where(state.known, -side, side), known
+        kept = state.holder >= 0
+        kept[touched] = False
+        right = touched[side[touched] == wanted]
+        keep = np.concatenate([np.flatnonzero(kept), right])
+        if not state.strokes:
+            keep = np.union1d(np.setdiff1d(self._start, touched), keep)
+        region, cost = self._spreading.turned_over(side, keep, wrong, 1 + len(state.strokes))
+        if not state.strokes and cost > self.observed.config.most_first_cost:
+            return np.where(state.known, -side, side), known  # no border lies between it and the guess
+        side[region] = -side[region]
+        side[touched] = wanted
+        return side, known
+
+    def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
+        against = touched[(state.holder[touched] >= 0) & (state.side[touched] != wanted)]
+        found = []
+        for earlier in np.unique(state.holder[against]):
+            area = float(self.observed.clusters.area_m2[against[state.holder[against] == earlier]].sum())
+            text = (
+                f"Decisions {earlier + 1} and {number + 1} contradict each other about {1e4 * area:.1f} cm2 "
+                "of cloth; the later one holds there."
+            )
+            found.append(Conflict(earlier=int(earlier), later=number, area_m2=area, text=text))
+        return found
+
+    # ---------------------------------------------------------------- results
+
+    def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
+        state, observed = self._state(decisions), self.observed
+        anchors = [touched for _, touched in state.strokes] or [self._start]
+        agreed = agreement(observed, state.side, anchors)
+        certainty = calibrated(observed, agreed)
+        certainty[~state.known] = 0.5
+        held = state.holder >= 0
+        certainty[held | state.excluded] = 1.0
+        side = np.where(state.side > 0, OF_INTEREST, OTHER).astype(np.int8)
+        # Who has stroked has seen the rest, and would have stroked that first if it were wrong.
+        least = observed.config.least_certainty if not state.strokes else 0.0
+        side[(certainty < least) | ~state.known] = UNDECIDED
+        side[state.excluded] = OTHER
+        found = Segmentation(
+            observed=observed,
+            decisions=decisions,
+            side=side,
+            certainty=certainty,
+            conflicts=state.conflicts,
+            changed=None,
+        )
+        return replace(found, changed=self._changed(found)) if decisions else found
+
+    def _changed(self, now: Segmentation) -> Changed:
+        before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2
+        moved = now.side != before.side
+        turned = moved & (now.side != UNDECIDED) & (before.side != UNDECIDED)
+        sure = turned & (before.certainty >= self.observed.config.sure)
+        sure_m2 = float(area[sure].sum())
+        views = views_showing(self.observed, moved)
+        text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
+        text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
+        return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
+
+    # ---------------------------------------------------------------- where to begin, and to go on
+
+    def _start_sheet(self) -> Int64:
+        """Return the clusters in the middle of the largest well-seen sheet of the start view."""
+        observed = self.observed
+        view = observed.views[observed.start_view]
+        side, facing = observed.partition.side, observed.clusters.facing
+        shown = np.zeros(observed.clusters.count)
+        at = view.surface
+        np.add.at(shown, view.cluster[at], view.area_m2[at])
+        toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
+        good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN)
+        if not good.any():
+            good = shown > 0
+        if not good.any():
+            raise SegmentationError(
+                f"View {observed.start_view}: no surface of the item is seen well enough to begin with."
+            )
+        g = observed.graph
+        joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
+        links = coo_matrix(
+            (np.ones(int(joined.sum())), (g.first[joined], g.second[joined])), shape=(g.count, g.count)
+        )
+        _, label = connected_components(links, directed=False)
+        sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
+        # Its middle only: where the sheet ends, the evidence may be wrong.
+        inside = np.zeros(view.cluster.shape, dtype=np.uint8)
+        inside[at] = sheet[view.cluster[at]]
+        depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        row, col = np.unravel_index(int(depth.argmax()), depth.shape)
+        rows, cols = np.nonzero(inside)
+        radius_px = _START_M * view.intrinsics.fx / float(view.depth_m[row, col])
+        near = np.hypot(rows - row, cols - col) <= radius_px
+        return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)
+
+    def _inner(self, state: _State) -> Bool:
+        """Clusters (M,) none of whose neighbours lies on the other side."""
+        g = self.observed.graph
+        apart = (g.weight > 0) & (state.side[g.first] != state.side[g.second])
+        inner = np.ones(g.count, dtype=np.bool_)
+        inner[g.first[apart]] = False
+        inner[g.second[apart]] = False
+        return inner
+
+    def _best_view(self, cluster: int) -> tuple[int, tuple[int, int]] | None:
+        """Return the view that shows a cluster largest, and the pixel in its middle."""
+        best: tuple[int, int, tuple[int, int]] | None = None
+        for n, view in self.observed.views.items():
+            places = np.argwhere((view.cluster == cluster) & view.surface)
+            if len(places) and (best is None or len(places) > best[0]):
+                middle = places[np.square(places - places.mean(axis=0)).sum(axis=1).argmin()] + view.offset_rc
+                best = len(places), n, (int(middle[0]), int(middle[1]))
+        return None if best is None else best[1:]

@@ -1,0 +1,159 @@
+"""How a stroke spreads: it turns over the region around it whose border is the weakest.
+
+Strokes are taken in order. One that agrees with the sides as they are changes nothing. One that
+contradicts them gets a potential: -1 at the stroke, 1 at all earlier ones, spread by a random walk
+(Grady, PAMI 2006) over the evidence that the sides satisfy; what is satisfied only after turning
+over does not carry it, so that the region grows inside what belongs together. Of the regions below
+each potential, the one is turned over whose border costs least for its size (a sweep, as in local
+spectral clustering: Andersen, Chung and Lang, FOCS 2006).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
+from scipy.sparse.linalg import splu
+
+from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.settings import SegmentationConfig
+
+_PIN = 1e4
+_ANCHOR = 1e-5
+"""Conductance to the present sides, in mean evidence: where no stroke reaches, nothing changes."""
+_REWEIGHTED = 0.1
+_LEAST_REGION = 30
+
+
+class Spreading:
+    """Turns regions over; holds what is the same for all strokes.
+
+    Parameters
+    ----------
+    graph : SignedGraph
+        The evidence.
+    config : SegmentationConfig
+        How regions are weighed.
+    """
+
+    def __init__(self, graph: SignedGraph, config: SegmentationConfig) -> None:
+        self._graph, self._config = graph, config
+        count = graph.count
+        both = np.concatenate([graph.first, graph.second]), np.concatenate([graph.second, graph.first])
+        self._near = csr_matrix((np.tile(graph.weight, 2), both), shape=(count, count))
+        self._mean = float(np.abs(graph.weight).mean()) if graph.weight.size else 1.0
+        # The order of elimination is found once; every solve keeps the pattern.
+        self._place = np.arange(count)
+        ones = np.ones(len(graph.first))
+        solved = splu(
+            self._system(ones, np.full(count, 1.0)),
+            permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0,
+        )  # fmt: skip
+        self._place = solved.perm_c.astype(np.int64)
+
+    def _system(self, weight: Float64, diagonal: Float64) -> csc_matrix:
+        g, n = self._graph, self._graph.count
+        i, j, d = self._place[g.first], self._place[g.second], self._place
+        total = diagonal + np.bincount(g.first, weight, n) + np.bincount(g.second, weight, n)
+        places = np.concatenate([i, j, d]), np.concatenate([j, i, d])
+        return coo_matrix((np.concatenate([-weight, -weight, total]), places), shape=(n, n)).tocsc()
+
+    def potential(self, side: Float64, keep: Int64, turn: Int64, resistance: Float64 | None) -> Float64:
+        """Return the potential (M,): 1 at ``keep``, -1 at ``turn``, and near 1 where neither reaches."""
+        g = self._graph
+        satisfied = side[g.first] * side[g.second] * g.weight > 0
+        weight = np.where(satisfied, np.abs(g.weight), 0.0)
+        if resistance is not None:
+            weight = weight * resistance
+        anchor = np.full(g.count, _ANCHOR * self._mean)
+        right = anchor.copy()
+        degree = np.bincount(g.first, weight, g.count) + np.bincount(g.second, weight, g.count)
+        for pins, value in ((keep, 1.0), (turn, -1.0)):
+            strong = _PIN * (degree[pins] + self._mean)
+            anchor[pins] += strong
+            right[pins] += strong * value
+        factor = splu(
+            self._system(weight, anchor),
+            permc_spec="NATURAL", options={"SymmetricMode": True}, diag_pivot_thresh=0.0,
+        )  # fmt: skip
+        moved = np.empty(g.count)
+        moved[self._place] = right
+        found: Float64 = factor.solve(moved)[self._place]
+        return found
+
+    def turned_over(self, side: Float64, keep: Int64, turn: Int64, number: int = 1) -> tuple[Int64, float]:
+        """Return the clusters that a stroke turns over, and what that costs for their number.
+
+        Parameters
+        ----------
+        side : (M,) float64
+            Sides before the stroke, +1 or -1.
+        keep : (K,) int64
+            Clusters under earlier strokes, which stay.
+        turn : (T,) int64
+            Clusters under the stroke whose side is wrong.
+        number : int
+            Which stroke it is: operators correct the largest error first, so later ones turn less over.
+
+        Notes
+        -----
+        Two solves, about 0.15 s together for 20 000 clusters.
+        """
+        c, g = self._config, self._graph
+        locked = np.zeros(g.count, dtype=np.bool_)
+        locked[keep] = True
+        best: tuple[float, Int64] = (np.inf, turn)
+        resistance: Float64 | None = None
+        for _ in range(c.flip_rounds + 1):
+            potential = self.potential(side, keep, turn, resistance)
+            order = np.argsort(potential, kind="stable")
+            order = order[: int(np.searchsorted(potential[order], c.flip_potential))]
+            least = max(len(turn) + 5, _LEAST_REGION)
+            if len(order) > least:
+                count, cost = _sweep(
+                    order, self._near.indptr, self._near.indices, self._near.data, side, locked,
+                    c.flip_exponent, number * c.flip_per_cluster, least,
+                )  # fmt: skip
+                if count and cost < best[0]:
+                    best = cost, order[:count]
+            drop = np.abs(potential[g.first] - potential[g.second])
+            resistance = _REWEIGHTED / np.maximum(drop, _REWEIGHTED)
+        region = np.zeros(g.count, dtype=np.bool_)
+        region[best[1]] = True
+        region[turn] = True
+        region[keep] = False
+        return np.flatnonzero(region), best[0]
+
+
+@njit(cache=True, nogil=True)
+def _sweep(
+    order: Int64,
+    begin: Int32,
+    neighbour: Int32,
+    weight: Float64,
+    side: Float64,
+    locked: Bool,
+    exponent: float,
+    per_cluster: float,
+    least: int,
+) -> tuple[int, float]:
+    """Grow a region in this order; return the size at which turning it over costs least, and that cost."""
+    inside = np.zeros(side.size, np.bool_)
+    energy, best, size = 0.0, np.inf, 0
+    for t in range(order.size):
+        i = order[t]
+        if locked[i] or t > side.size // 2:
+            break
+        for k in range(begin[i], begin[i + 1]):
+            j = neighbour[k]
+            satisfied = weight[k] * side[i] * side[j]
+            energy += -satisfied if inside[j] else satisfied
+        inside[i] = True
+        if t + 1 >= least:
+            cost = energy + per_cluster * (t + 1)
+            if cost > 0:
+                cost /= (t + 1.0) ** exponent
+            if cost < best:
+                best, size = cost, t + 1
+    return size, best

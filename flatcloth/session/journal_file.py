@@ -1,0 +1,135 @@
+"""The journal as a file: locked by one process, appended to, and compared with its name at each write."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+from pathlib import Path
+
+from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own
+
+
+class LockedError(Exception):
+    """Another process has the file open; ``owner`` is what it wrote into it, if anything."""
+
+    def __init__(self, owner: str) -> None:
+        super().__init__(owner)
+        self.owner = owner
+
+
+def open_locked(path: Path, flags: int = os.O_RDWR) -> int:
+    """Open a file of a session folder for this process alone, creating it if it is missing.
+
+    Raises
+    ------
+    LockedError
+        If another process has it.
+    OSError
+        If it cannot be opened, or is a link.
+    """
+    fd = open_own(path, flags)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        owner = os.pread(fd, 20, 0).decode(errors="replace").strip()
+        os.close(fd)
+        raise LockedError(owner) from error
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
+
+
+class JournalFile:
+    """The open file of a journal; what was written is kept in memory too.
+
+    Raises
+    ------
+    LockedError
+        If another process has it, also if its ``session.lock`` was deleted.
+    OSError
+        If it cannot be read or written, or is a link.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._fd: int | None = open_locked(path, os.O_RDWR | os.O_APPEND)
+        try:
+            self._data = bytearray(self._read())
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def data(self) -> bytes:
+        """All that is in the file."""
+        return bytes(self._data)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was not closed."""
+        return self._fd is not None
+
+    def is_in_place(self) -> bool:
+        """Say whether the file is still what its name stands for, with the content that was written."""
+        try:
+            named, opened = os.stat(self._path, follow_symlinks=False), os.fstat(self._number)
+        except OSError:
+            return False
+        same = (named.st_dev, named.st_ino) == (opened.st_dev, opened.st_ino)
+        return same and opened.st_size == len(self._data)
+
+    def append(self, data: bytes) -> None:
+        """Append and wait until it is on disk.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; the file then is as before.
+        """
+        try:
+            written = 0
+            while written < len(data):
+                written += os.write(self._number, data[written:])
+            os.fsync(self._number)
+        except OSError:
+            with contextlib.suppress(OSError):  # half a line must not precede the next one
+                os.ftruncate(self._number, len(self._data))
+            raise
+        self._data += data
+
+    def cut(self, length: int) -> None:
+        """Keep the first bytes only.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        os.ftruncate(self._number, length)
+        os.fsync(self._number)
+        del self._data[length:]
+
+    def close(self) -> None:
+        """Let another process have the file; harmless when repeated."""
+        if self._fd is not None:
+            os.close(self._fd)
+        self._fd = None
+
+    @property
+    def _number(self) -> int:
+        if self._fd is None:
+            raise OSError(errno.EBADF, "the session is closed")
+        return self._fd
+
+    def _read(self) -> bytes:
+        size = os.fstat(self._number).st_size
+        if size > MOST_JOURNAL_BYTES:
+            raise OSError(errno.EFBIG, f"larger than {MOST_JOURNAL_BYTES // 10**6} MB", str(self._path))
+        pieces, at = [], 0
+        while piece := os.pread(self._number, 2**20, at):
+            pieces.append(piece)
+            at += len(piece)
+        return b"".join(pieces)

@@ -1,0 +1,287 @@
+"""The page's side of segmentation: strokes and cuts become decisions; what they change is told and drawn."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
+from flatcloth.core.types import Floats
+from flatcloth.grasping.grasps import point_on_ray
+from flatcloth.rendering.layers import png
+from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba
+from flatcloth.session.machine import Document
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.routes.sources import place_in_view
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.segmentation.result import Segmentation
+
+_log = logging.getLogger(__name__)
+
+Point3 = tuple[float, float, float]
+LEAST_STEP_RC = 0.5
+"""Points of a stroke nearer to each other than half a pixel tell nothing more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SideStatus:
+    """What the page tells about the sides; ``revision`` grows with every change of the labels."""
+
+    revision: int = 0
+    n_strokes: int = 0
+    text: str = "Looking for the side of interest in all views."
+    changed: str = ""
+    certainty: float | None = None
+    undecided_cm2: float | None = None
+    conflicts: tuple[str, ...] = ()
+
+
+class SideController:
+    """Answers strokes of the page; its methods but ``routes`` are for the application thread.
+
+    Parameters
+    ----------
+    integration : Integration
+        Finds the sides.
+    put : callable
+        Runs a job on the application thread.
+    told : callable
+        Called on the application thread when the status has changed; is given what the last stroke changed.
+    """
+
+    def __init__(
+        self, integration: Integration, put: Callable[[Callable[[], None]], None], told: Callable[[str], None]
+    ) -> None:
+        self._integration, self._put, self._told = integration, put, told
+        self._worker = Worker("flatcloth-sides")
+        self._strokes: tuple[Decision, ...] | None = None
+        self._found: Segmentation | None = None
+        self.status = SideStatus()
+        self.brush: messages.Brush | None = None
+
+    @property
+    def available(self) -> bool:
+        """Whether the side of interest is found by the program: the recording has no masks."""
+        return self._integration.sides is not None
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._worker.stop(timeout_s=2.0)
+
+    def plain(self) -> dict[str, Any] | None:
+        """Return the status for the page, None if the recording has masks of its own."""
+        if not self.available:
+            return None
+        status, recording = self.status, self._integration.recording
+        return {
+            "revision": status.revision,
+            "n_strokes": status.n_strokes,
+            "text": status.text,
+            "certainty": status.certainty,
+            "undecided_cm2": status.undecided_cm2,
+            "conflicts": list(status.conflicts),
+            # Pixels of an image that a metre of the item covers, at the distance of the axis.
+            "pixels_per_m": recording.intrinsics.fx / float(self._integration.axis.point_m[2]),
+        }
+
+    # --- decisions -----------------------------------------------------------------------------
+
+    def decision(self, message: messages.Message, picture: Picture | None) -> Decision:
+        """Return what a message of the page decides.
+
+        Raises
+        ------
+        FlatclothError
+            If it touches no cloth, or the recording has masks.
+        """
+        if not self.available:
+            raise FlatclothError("This recording has masks, so strokes have no effect.")
+        match message:
+            case messages.StrokeImage(side=side, view_index=view, points_rc=points, radius_m=radius):
+                return ImageStroke(side=side, view_index=view, points_rc=points, radius_m=radius)
+            case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius):
+                places, normals = on_cloth(picture, line)
+                return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)
+            case messages.CutShape(points_uv_m=line, beyond_uv_m=beyond):
+                places, normals = on_cloth(picture, line)
+                there, normal = on_cloth(picture, (beyond,))
+                return Cut(points_m=places, normals=normals, beyond_m=there[0], beyond_normal=normal[0])
+        raise FlatclothError("This is no stroke.")
+
+    def dab(
+        self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
+    ) -> ImageStroke | None:
+        """Return the stroke of a click in the scene: a ray of the eye; None if it hits no cloth.
+
+        The stroke lies at the pixel of the view that the scene shows.
+        """
+        assert self.brush is not None
+        assert self.brush.side is not None
+        hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
+        if picture is None or hit is None:
+            return None
+        place = place_in_view(self._integration, picture.present_view, points_m[hit], np.full(3, np.nan))
+        return ImageStroke(
+            side=self.brush.side,
+            view_index=picture.present_view,
+            points_rc=((place.row, place.col),),
+            radius_m=self.brush.radius_m,
+        )
+
+    # --- labels --------------------------------------------------------------------------------
+
+    def follow(self, document: Document) -> None:
+        """Label the cloth as the strokes of a document say; the first time this takes seconds."""
+        if not self.available or document.strokes == self._strokes:
+            return
+        self._strokes = document.strokes
+        strokes = document.strokes
+        self._worker.put(lambda: self._work(strokes))
+
+    def _work(self, strokes: tuple[Decision, ...]) -> None:
+        if strokes != self._strokes:
+            return  # another stroke came in the meantime
+        sides = self._integration.sides
+        assert sides is not None
+        try:
+            found = sides.masks(strokes).segmentation
+        except FlatclothError as error:
+            text = str(error)
+            self._put(lambda: self._failed(text))
+            return
+        except Exception:  # noqa: BLE001 - told and logged
+            _log.exception("the side of interest could not be found")
+            self._put(lambda: self._failed("Unexpected error while finding the side. See the terminal."))
+            return
+        self._put(lambda: self._take(strokes, found))
+
+    def _take(self, strokes: tuple[Decision, ...], found: Segmentation) -> None:
+        grown = len(strokes) > self.status.n_strokes
+        changed = found.changed.text if grown and found.changed is not None else ""
+        self._found = found
+        self.status = SideStatus(
+            revision=self.status.revision + 1,
+            n_strokes=len(strokes),
+            text=found.text,
+            certainty=round(found.mean_certainty, 3),
+            undecided_cm2=round(1e4 * found.area_undecided_m2, 1),
+            conflicts=tuple(conflict.text for conflict in found.conflicts),
+        )
+        self._told(changed)
+
+    def _failed(self, text: str) -> None:
+        self.status = SideStatus(revision=self.status.revision + 1, text=text)
+        self._told("")
+
+    def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[dict[str, Any]], None]) -> None:
+        """Look for the place where the next stroke tells most; ``answer`` is called on another thread."""
+        sides = self._integration.sides
+        if sides is None:
+            raise FlatclothError("This recording has masks; there is nothing to paint.")
+
+        def work() -> None:
+            try:
+                found = sides.solver().where_next(strokes)
+            except FlatclothError as error:
+                answer({"type": "where_to_stroke", "view_index": None, "rc": None, "text": str(error)})
+                return
+            if found is None:
+                text = "The views determine all cloth: no stroke tells more."
+                answer({"type": "where_to_stroke", "view_index": None, "rc": None, "text": text})
+                return
+            answer(
+                {
+                    "type": "where_to_stroke",
+                    "view_index": found.view_index,
+                    "rc": [float(x) for x in found.rc],
+                    "text": found.text,
+                }
+            )
+
+        self._worker.put(work)
+
+    # --- pictures ------------------------------------------------------------------------------
+
+    def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
+        """Return what the web server serves: the labels of a view or of the shape, drawn."""
+
+        async def of_view(request: Request) -> Response:
+            view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
+            return await answered(lambda: self._view_png(view, certain))
+
+        async def of_shape(_request: Request) -> Response:
+            return await answered(lambda: self._shape_png(picture()))
+
+        async def answered(draw: Callable[[], bytes | None]) -> Response:
+            data = await run_in_threadpool(draw)
+            if data is None:
+                return PlainTextResponse("The sides are not known yet.", status_code=410)
+            return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+        return [Route("/sides/shape.png", of_shape), Route("/sides/{view:int}.png", of_view)]
+
+    def _view_png(self, view: int, certain: bool) -> bytes | None:
+        found, intrinsics = self._found, self._integration.recording.intrinsics
+        if found is None or view >= len(self._integration.recording):
+            return None
+        labels = found.view(view)
+        shape = intrinsics.height, intrinsics.width
+        if labels is None:
+            return png(np.zeros((*shape, 4), dtype=np.uint8))
+        draw = certainty_rgba if certain else side_rgba
+        return png(draw(labels.side, labels.certainty, labels.offset_rc, shape))
+
+    def _shape_png(self, picture: Picture | None) -> bytes | None:
+        found = self._found
+        if found is None or picture is None:
+            return None
+        view = picture.view
+        certainty = np.full(view.shape, np.nan, dtype=np.float32)
+        for index in np.unique(view.view_index[view.valid]):
+            labels = found.view(int(index))
+            if labels is None:
+                continue
+            at = view.valid & (view.view_index == index)
+            rc = np.rint(view.source_rc[at]).astype(int) - np.asarray(labels.offset_rc)
+            rc = np.clip(rc, 0, np.array(labels.certainty.shape) - 1)
+            certainty[at] = labels.certainty[rc[:, 0], rc[:, 1]]
+        return png(shape_rgba(certainty))
+
+
+def on_cloth(
+    picture: Picture | None, line_uv_m: tuple[tuple[float, float], ...]
+) -> tuple[tuple[Point3, ...], tuple[Point3, ...]]:
+    """Return places and normals, object frame, of the points of a line that lie on the cloth of the shape.
+
+    Raises
+    ------
+    FlatclothError
+        If none does.
+    """
+    if picture is None:
+        raise FlatclothError("Nothing is flattened yet; paint on the source image.")
+    view = picture.view
+    rc = np.floor(view.rc_from_uv(np.asarray(line_uv_m)) + 0.5).astype(int)
+    inside = ((rc >= 0) & (rc < view.shape)).all(axis=1)
+    rc = rc[inside]
+    rc = rc[view.valid[rc[:, 0], rc[:, 1]] & np.isfinite(view.normal[rc[:, 0], rc[:, 1], 0])]
+    if not len(rc):
+        raise FlatclothError("The stroke touches no cloth of the shape; paint where cloth is shown.")
+    return _points(view.xyz_m[rc[:, 0], rc[:, 1]]), _points(view.normal[rc[:, 0], rc[:, 1]])
+
+
+def _points(values: Floats) -> tuple[Point3, ...]:
+    return tuple((float(x), float(y), float(z)) for x, y, z in values)

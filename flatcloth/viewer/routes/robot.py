@@ -1,0 +1,136 @@
+"""For robots: shape and grasps over HTTP, picks as they are made over a WebSocket (docs/robots.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from typing import TYPE_CHECKING, Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.integration import Integration
+from flatcloth.export.data import GraspFrames, grasps_document
+from flatcloth.export.garment import garment_document, garment_points
+from flatcloth.garments.recognition import Recognition
+from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.session.document import Document
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.modes.controller import PageController
+    from flatcloth.viewer.protocol.picture import Picture
+
+_POLL_S = 0.1
+
+
+class RobotRoutes:
+    """Answers robots; the page's token guards these routes as all others.
+
+    Parameters
+    ----------
+    application : PageController
+        What the page shows.
+    integration : Integration
+        What computes its shapes.
+    base_from_camera : Rigid3, optional
+        The hand-eye transform: poses in the robot's frame too.
+    """
+
+    def __init__(
+        self, application: PageController, integration: Integration, base_from_camera: Rigid3 | None = None
+    ) -> None:
+        self._application, self._integration = application, integration
+        self._base_from_camera = base_from_camera
+        self._lock = threading.Lock()
+        self._garment: tuple[object, Recognition | str] | None = None
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes."""
+        return [
+            Route("/robot/shape", self._answering(self._shape)),
+            Route("/robot/grasps", self._answering(self._grasps)),
+            WebSocketRoute("/robot/picks", self._picks),
+        ]
+
+    def _answering(self, make: Any) -> Any:
+        async def answer(_request: Request) -> Response:
+            try:
+                return JSONResponse(await run_in_threadpool(make))
+            except FlatclothError as error:
+                return PlainTextResponse(str(error), status_code=409)
+
+        return answer
+
+    def _picture(self) -> tuple[Picture, Document]:
+        """Return what the page shows, and the document behind it."""
+        picture = self._application.picture
+        if picture is None or picture.document is None:
+            raise FlatclothError("Nothing is flattened yet; step first.")
+        return picture, picture.document
+
+    def _found(self) -> Recognition | str:
+        """Return the garment of the present shape (remembered)."""
+        _, document = self._picture()
+        with self._lock:
+            if self._garment is None or self._garment[0] is not document:
+                self._garment = document, garment_of(self._integration, document)
+            return self._garment[1]
+
+    def _shape(self) -> dict[str, Any]:
+        (picture, document), found = self._picture(), self._found()
+        told: dict[str, Any] = {
+            "recording": self._integration.recording.name,
+            "views": sorted(document.used_views),
+            "area_cm2": round(1e4 * picture.view.area_m2, 1),
+            "rotation_deg": picture.angle_deg,
+        }
+        if isinstance(found, str):
+            return {**told, "garment": None, "reason": found}
+        floating = self._integration.canonical(document).floating
+        return {**told, "garment": garment_document(found, picture.view, floating)}
+
+    def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
+        picture, _ = self._picture()
+        found = self._found() if with_garment else ""
+        frames = GraspFrames(
+            axis=self._integration.axis,
+            rotation_deg=picture.angle_deg,
+            grips=self._application.grips,
+            base_from_camera=self._base_from_camera,
+        )
+        named = () if isinstance(found, str) else garment_points(found, picture.view)
+        return grasps_document(picture.view, self._application.kept_picks, frames, named)
+
+    async def _picks(self, robot: WebSocket) -> None:
+        """Send every pick as a message when it is made or changed, those there are first."""
+        await robot.accept()
+        sent: dict[int, str] = {}
+        gone = asyncio.create_task(robot.receive())
+        try:
+            while not gone.done():
+                for pick_id, text in (await run_in_threadpool(self._texts)).items():
+                    if sent.get(pick_id) != text:
+                        await robot.send_text(text)
+                        sent[pick_id] = text
+                await asyncio.wait([gone], timeout=_POLL_S)
+        except WebSocketDisconnect:
+            pass
+        finally:
+            gone.cancel()
+
+    def _texts(self) -> dict[int, str]:
+        try:
+            document = self._grasps(with_garment=False)
+        except FlatclothError:
+            return {}  # nothing is flattened yet
+        return {
+            grasp["id"]: json.dumps({"grasp": grasp, BASE_FROM_CAMERA: document[BASE_FROM_CAMERA]})
+            for grasp in document["grasps"]
+        }

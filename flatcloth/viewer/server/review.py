@@ -1,0 +1,215 @@
+"""The page of a batch, served: verdicts are kept, and a click opens a session in the operator page."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import subprocess
+import sys
+import threading
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from flatcloth.batch.report import report_html, view_arguments
+from flatcloth.batch.review import decide
+from flatcloth.batch.rows import read_row
+from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.server.app import bind
+from flatcloth.viewer.server.guard import Guard, own_names
+
+HOST = "127.0.0.1"
+SESSIONS_OPEN = 2
+"""Operator pages at the same time: each takes about half a gigabyte."""
+_START_S = 90.0
+_MOST_BODY_BYTES = 10_000
+_LAUNCH = "import sys; from flatcloth.cli import main; sys.exit(main(sys.argv[1:]))"
+_log = logging.getLogger(__name__)
+
+
+class SessionPages:
+    """The operator pages that were opened from a review: processes of their own, the oldest ended first."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._open: OrderedDict[str, tuple[subprocess.Popen[str], str]] = OrderedDict()
+
+    def address(self, name: str, arguments: list[str]) -> str:
+        """Return the address of a session's page, which is started if it is not open.
+
+        Raises
+        ------
+        FlatclothError
+            If it cannot be started; the text is what it said.
+        """
+        with self._lock:
+            if name in self._open and self._open[name][0].poll() is None:
+                self._open.move_to_end(name)
+                return self._open[name][1]
+            self._open.pop(name, None)
+            while len(self._open) >= SESSIONS_OPEN:
+                _end(self._open.popitem(last=False)[1][0])
+            process = subprocess.Popen(
+                [sys.executable, "-c", _LAUNCH, "view", *arguments, "--port", "0"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,  # Ctrl-C is for this process, which ends it
+            )
+            try:
+                url = _address_said(process)
+            except BaseException:
+                _end(process)
+                raise
+            self._open[name] = process, url
+            return url
+
+    def close(self) -> None:
+        """End all pages; what was decided in them is in their sessions."""
+        with self._lock:
+            for process, _ in self._open.values():
+                _end(process)
+            self._open.clear()
+
+
+def _address_said(process: subprocess.Popen[str]) -> str:
+    """Wait until the program says where its page is; what it says afterwards is read and dropped."""
+    said: list[str] = []
+    found: list[str] = []
+    ready = threading.Event()
+
+    def read() -> None:
+        assert process.stdout is not None
+        with process.stdout:
+            for line in process.stdout:
+                if not found:
+                    said.append(line.strip())
+                    found.extend(word for word in line.split() if word.startswith("http://"))
+                    if found:
+                        ready.set()
+        ready.set()
+
+    threading.Thread(target=read, daemon=True).start()
+    ready.wait(_START_S)
+    if not found:
+        raise FlatclothError(" ".join(said[-3:]) or f"The session did not open within {_START_S:g} s.")
+    return found[0]
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(timeout=10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def review_app(out: Path, pages: SessionPages) -> Starlette:
+    """Return the server's application: the page, ``verdict`` and ``open``.
+
+    Parameters
+    ----------
+    out : Path
+        The folder of a batch.
+    pages : SessionPages
+        Opens sessions.
+    """
+
+    async def page(_request: Request) -> Response:
+        try:
+            text = await run_in_threadpool(report_html, out, served=True)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return HTMLResponse(text, headers={"Cache-Control": "no-store", "X-Frame-Options": "DENY"})
+
+    async def verdict(request: Request) -> Response:
+        said = await _said(request)
+        name, given = said.get("name"), said.get("verdict")
+        if not isinstance(name, str) or not (given is None or isinstance(given, str)):
+            return PlainTextResponse("Expected a name and a verdict.", status_code=400)
+        try:
+            await run_in_threadpool(decide, out, name, given)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return JSONResponse({"name": name, "verdict": given})
+
+    async def open_session(request: Request) -> Response:
+        name = (await _said(request)).get("name")
+        known = isinstance(name, str) and Path(name).name == name
+        row = read_row(out / str(name)) if known else None
+        if row is None:
+            return PlainTextResponse("There is no such result; load the page again.", status_code=404)
+        if row["outcome"] != "done":
+            reason = row.get("reason") or "it is not done"
+            return PlainTextResponse(f"{row['name']} has no session: {reason}", status_code=409)
+        try:
+            arguments = view_arguments(row, out)
+            url = await run_in_threadpool(pages.address, str(row["name"]), arguments)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return JSONResponse({"url": url})
+
+    return Starlette(
+        routes=[
+            Route("/", page),
+            Route("/verdict", verdict, methods=["POST"]),
+            Route("/open", open_session, methods=["POST"]),
+        ]
+    )
+
+
+async def _said(request: Request) -> dict[str, Any]:
+    """Return the JSON object that a page sends; empty if it is none.
+
+    Only JSON is taken: other pages may send forms anywhere, but not JSON.
+    """
+    if request.headers.get("content-type", "").split(";")[0] != "application/json":
+        return {}
+    if int(request.headers.get("content-length") or 0) > _MOST_BODY_BYTES:
+        return {}
+    try:
+        said = json.loads(await request.body())
+    except (ValueError, RecursionError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def serve_review(out: Path, port: int) -> None:
+    """Serve the page of a batch on this machine until Ctrl-C.
+
+    Parameters
+    ----------
+    out : Path
+        The folder of the batch.
+    port : int
+        0 for any free one.
+
+    Raises
+    ------
+    ServerError
+        If the port is busy.
+    """
+    listener = bind(HOST, port)
+    number = listener.getsockname()[1]
+    pages = SessionPages()
+    app = Guard(review_app(out, pages), own_names(HOST), None, number)
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
+    sys.stdout.write(f"Review at http://{HOST}:{number}/ (Ctrl-C ends it)\n")
+    sys.stdout.flush()
+    try:
+        asyncio.run(server.serve([listener]))
+    except KeyboardInterrupt:
+        _log.info("stopped by the operator")
+    finally:
+        pages.close()
+        listener.close()

@@ -1,0 +1,279 @@
+// The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
+
+import { strokeLine } from "/static/canvas/marks.js";
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+
+const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
+const FIRST_MM = 10;
+const MOST_POINTS = 900; // of a stroke; the server takes a thousand
+const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
+const NAMES = { this: "This side", other: "Not this side", cut: "Cut" };
+
+export class SidesPanel {
+  name = "sides";
+
+  constructor(page) {
+    this.page = page;
+    page.brush = this;
+    this.actions = {
+      brush_this: () => this.take("this"),
+      brush_other: () => this.take("other"),
+      cut: () => this.take("cut"),
+      brush_smaller: () => this.resize(-1),
+      brush_larger: () => this.resize(1),
+      where_to_stroke: () => this.page.send({ type: "where_to_stroke" }),
+      show_sides: () => this.toggle("shown"),
+      show_certainty: () => this.toggle("certain"),
+    };
+    this.messages = { where_to_stroke: (answer) => this.goTo(answer) };
+    this.kind = null; // "this", "other", "cut", or null: no brush
+    this.radius_mm = FIRST_MM;
+    this.shown = true;
+    this.certain = false;
+    this.line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
+    this.cutLine = null; // drawn, and waits for a click beyond it
+    this.known = null;
+    this.image = null; // the uncertainty of the shape
+    this.panel = make("section", { id: "sides", class: "sides", "aria-label": "Side of interest", hidden: true });
+    byId("picks").before(this.panel);
+    page.canvas.tools.push(this);
+    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
+  }
+
+  get pressed() {
+    return {
+      brush_this: this.kind === "this",
+      brush_other: this.kind === "other",
+      cut: this.kind === "cut",
+      show_sides: this.shown,
+      show_certainty: this.certain,
+    };
+  }
+
+  get status() {
+    return { kind: this.kind, radius_mm: this.radius_mm, known: this.known, cutLine: this.cutLine };
+  }
+
+  get radius_m() {
+    return this.radius_mm / 1000;
+  }
+
+  update(state) {
+    this.known = state.sides ?? null;
+    this.panel.hidden = !this.known;
+    if (!this.known) {
+      this.kind = null;
+      return;
+    }
+    this.show();
+    this.fetchImage(state);
+  }
+
+  show() {
+    const known = this.known;
+    rebuild(this.panel, ["sides"], () => [
+      make("h2", {}, "Side of interest"),
+      make("p", { id: "sides-text", role: "status" }),
+      make("ul", { id: "sides-conflicts", class: "conflicts", hidden: true }),
+      this.group("Brush", ["brush_this", "brush_other", "cut"]),
+      make(
+        "label",
+        { class: "field", data: { tip: "Half the width of the brush, measured on the cloth. Keys: < and >" } },
+        make("span", {}, "Radius"),
+        make("input", {
+          type: "range",
+          min: 0,
+          max: RADII_MM.length - 1,
+          step: 1,
+          data: { id: "brush-radius" },
+          id: "brush-radius",
+          on: { input: (event) => this.setRadius(Number(event.target.value)) },
+        }),
+        make("output", { id: "brush-size" }),
+      ),
+      this.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
+    ]);
+    setText(byId("sides-text"), known.text);
+    const conflicts = byId("sides-conflicts");
+    conflicts.hidden = !known.conflicts.length;
+    rebuild(conflicts, known.conflicts, () => known.conflicts.map((text) => make("li", {}, text)));
+    this.showRadius();
+  }
+
+  group(label, actions) {
+    const buttons = actions.map((name) => {
+      const button = this.page.button(name);
+      button.classList.add("small");
+      return button;
+    });
+    return make("div", { class: "group", role: "group", "aria-label": label }, ...buttons);
+  }
+
+  showRadius() {
+    byId("brush-radius").value = RADII_MM.indexOf(this.radius_mm);
+    byId("brush-radius").setAttribute("aria-valuetext", `${this.radius_mm} mm`);
+    setText(byId("brush-size"), `${number(this.radius_mm, 0)} mm`);
+  }
+
+  // --- the brush -------------------------------------------------------------------------------
+
+  take(kind) {
+    if (!this.known) {
+      this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
+      return;
+    }
+    this.kind = this.kind === kind ? null : kind;
+    this.line = this.cutLine = null;
+    this.tellScene();
+    this.page.changed();
+    this.page.canvas.redraw();
+  }
+
+  /** Clicks in the 3D scene paint while a brush is taken. */
+  tellScene() {
+    const side = this.kind === "this" || this.kind === "other" ? this.kind : null;
+    this.page.send({ type: "brush", side, radius_m: this.radius_m });
+  }
+
+  reconnected() {
+    this.tellScene();
+  }
+
+  resize(by) {
+    const at = RADII_MM.indexOf(this.radius_mm) + by;
+    this.setRadius(Math.min(Math.max(at, 0), RADII_MM.length - 1));
+  }
+
+  setRadius(index) {
+    this.radius_mm = RADII_MM[index];
+    if (this.known) this.showRadius();
+    this.tellScene();
+    this.page.canvas.redraw();
+  }
+
+  toggle(what) {
+    this[what] = !this[what];
+    this.page.changed();
+    this.page.canvas.redraw();
+  }
+
+  escape() {
+    if (!this.kind) return false;
+    if (this.cutLine) {
+      this.cutLine = null;
+      this.page.canvas.redraw();
+    } else this.take(this.kind);
+    return true;
+  }
+
+  // --- a tool of the canvas --------------------------------------------------------------------
+
+  press(at) {
+    if (!this.kind || !this.page.canvas.layer.shown) return false;
+    if (this.cutLine) {
+      this.page.send({ type: "cut_shape", points_uv_m: this.cutLine, beyond_uv_m: [at.u, at.v] });
+      this.cutLine = null;
+      this.line = null;
+      return true;
+    }
+    this.line = [[at.u, at.v]];
+    this.page.canvas.redraw();
+    return true;
+  }
+
+  drag(at) {
+    if (!this.line || this.line.length >= MOST_POINTS) return;
+    this.line.push([at.u, at.v]);
+    this.page.canvas.redraw();
+  }
+
+  release(at) {
+    const line = this.line;
+    this.line = null;
+    if (!line) return;
+    this.drag(at);
+    if (this.kind === "cut") {
+      if (line.length < 2) return;
+      this.cutLine = line;
+      this.page.notify("info", "Click the cloth beyond the line: it is not of interest.");
+    } else {
+      this.page.send({
+        type: "stroke_shape",
+        side: this.kind === "this" ? "this" : "other",
+        points_uv_m: line,
+        radius_m: this.radius_m,
+      });
+    }
+    this.page.canvas.redraw();
+  }
+
+  // --- on the source image ---------------------------------------------------------------------
+
+  /** Whether a brush paints on images now. */
+  get paintsImages() {
+    return this.kind === "this" || this.kind === "other";
+  }
+
+  color(element) {
+    return getComputedStyle(element).getPropertyValue(COLORS[this.kind]);
+  }
+
+  paintImage(view, points) {
+    const side = this.kind === "this" ? "this" : "other";
+    const most = points.slice(0, MOST_POINTS);
+    this.page.send({ type: "stroke_image", side, view_index: view, points_rc: most, radius_m: this.radius_m });
+  }
+
+  /** The address of the labels of a view, null if they are not shown or not known. */
+  addressOf(view) {
+    if (!this.known?.certainty || !(this.shown || this.certain)) return null;
+    return `/sides/${view}.png?layer=${this.certain ? "certainty" : "side"}&revision=${this.known.revision}`;
+  }
+
+  goTo(answer) {
+    this.page.notify("info", answer.text);
+    if (answer.view_index !== null) this.page.each("lookAt", answer.view_index, answer.rc);
+  }
+
+  // --- over the shape --------------------------------------------------------------------------
+
+  async fetchImage(state) {
+    const layers = state.layers?.revision;
+    const key = this.certain && this.known.certainty !== null && layers ? `${layers}-${this.known.revision}` : null;
+    if (key === this.wanted) return;
+    this.wanted = key;
+    this.image = null;
+    if (!key) return;
+    const answer = await fetch(`/sides/shape.png?revision=${key}`).catch(() => null);
+    if (!answer?.ok || this.wanted !== key) return;
+    const image = await createImageBitmap(await answer.blob());
+    if (this.wanted !== key) return;
+    this.image = image;
+    this.page.canvas.redraw();
+  }
+
+  draw(context, style) {
+    const canvas = this.page.canvas;
+    const shown = canvas.layer.shown;
+    if (this.image && shown && this.image.width === shown.grid.cols) canvas.drawPicture(shown, this.image);
+    if (!this.kind) return;
+    const line = this.line ?? this.cutLine;
+    if (!line) return;
+    const width = this.kind === "cut" ? 3 : Math.max(2, 2 * this.radius_m * canvas.transform.scale);
+    context.save();
+    context.globalAlpha = this.kind === "cut" ? 1 : 0.55;
+    strokeLine(
+      context,
+      line.map(([u, v]) => canvas.transform.toPane(u, v)),
+      style.getPropertyValue(COLORS[this.kind]),
+      width,
+    );
+    context.restore();
+  }
+
+  /** What the pointer does now, for the read-out. */
+  get about() {
+    return this.kind ? NAMES[this.kind] : "";
+  }
+}

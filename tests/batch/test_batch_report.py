@@ -1,0 +1,202 @@
+"""The page of a batch as a file and as served: order, what it holds, verdicts, and who may use it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import shlex
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from flatcloth.batch.report import command_of, report_html, write_report
+from flatcloth.batch.review import decide, reliability, verdicts
+from flatcloth.batch.rows import write_row
+from flatcloth.cli import main
+from flatcloth.core.errors import JournalError
+from flatcloth.viewer.server.guard import Guard, own_names
+from flatcloth.viewer.server.review import SessionPages, review_app
+
+GOOD = {"outcome": "done", "method": "robust", "source": "/data/x", "area_cm2": 900.0, "floating_cm2": 0.0}
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    rows = {
+        "sure": {**GOOD, "reliable_share": 0.99, "coverage_estimate": 0.98},
+        "less": {**GOOD, "reliable_share": 0.6, "coverage_estimate": 0.9, "version": "0.2"},
+        "torn": {**GOOD, "reliable_share": 0.99, "coverage_estimate": 0.98, "floating_cm2": 900.0},
+        "lost": {**GOOD, "outcome": "failed", "reason": "</script><b>&", "version": "0.1"},
+    }
+    for name, row in rows.items():
+        write_row({"name": name, **row}, tmp_path / "night" / name)
+    (tmp_path / "night/sure/thumbnail.webp").write_bytes(b"RIFF")
+    return tmp_path / "night"
+
+
+def data_of(html: str) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def test_the_page_holds_all_rows_least_reliable_first(out: Path) -> None:
+    decide(out, "less", "accepted")
+    data = data_of(write_report(out).read_text())
+    assert [row["name"] for row in data["rows"]] == ["lost", "torn", "less", "sure"]
+    rows = {row["name"]: row for row in data["rows"]}
+    assert rows["lost"]["reason"] == "</script><b>&"
+    assert rows["lost"]["reliability"] is None
+    assert rows["sure"]["reliability"] == pytest.approx(0.99 * 0.98, abs=1e-4)
+    assert rows["sure"]["thumbnail"].startswith("data:image/webp")
+    assert rows["less"]["review"] == "accepted"
+    assert "several versions" in data["notes"]
+    assert data["served"] is False
+
+
+def test_the_page_needs_nothing_else_and_no_text_ends_its_elements(out: Path) -> None:
+    html = write_report(out).read_text()
+    assert "</script><b>" not in html
+    assert re.search(r'(src|href)="(?!data:|#)', html) is None
+    assert "default-src 'none'" in html
+    assert "import {" not in html
+
+
+def test_reliability_is_the_share_of_what_was_seen_that_is_placed_and_joined() -> None:
+    row = {"reliable_share": 0.8, "coverage_estimate": 0.5, "area_cm2": 300.0, "floating_cm2": 100.0}
+    assert reliability(row) == pytest.approx(0.8 * 0.5 * 0.75)
+    assert reliability({**row, "reliable_share": None, "least_score": 0.4}) == pytest.approx(0.15)
+    assert reliability({}) == 0.0
+
+
+def test_a_session_that_was_edited_since_is_marked(out: Path) -> None:
+    journal = out / "sure/journal.jsonl"
+    journal.touch()
+    assert not next(r for r in data_of(report_html(out, served=False))["rows"] if r["name"] == "sure")[
+        "edited"
+    ]
+    later = time.time() + 60
+    os.utime(journal, (later, later))
+    assert next(r for r in data_of(report_html(out, served=False))["rows"] if r["name"] == "sure")["edited"]
+
+
+def test_the_command_opens_the_session_with_its_options(out: Path) -> None:
+    said = {"turning_deg": -240.0, "fov_deg": [60.0, 40.0], "camera_file": "/data/my camera.json"}
+    row = {"name": "sure", **GOOD, "source": "/data/a b", "options": json.dumps(said)}
+    words = shlex.split(command_of(row, out))
+    assert words[:3] == ["flatcloth", "view", "/data/a b"]
+    assert words[words.index("--session") + 1] == str(out / "sure")
+    from flatcloth.cli import _parser
+    from flatcloth.commands.common import source_options_of
+
+    options = source_options_of(_parser().parse_args(words[1:]))
+    assert (options.turning_deg, options.fov_deg) == (-240.0, (60.0, 40.0))
+    assert options.camera_file == Path("/data/my camera.json")
+
+
+def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
+    decide(out, "sure", "accepted")
+    decide(out, "less", "rejected")
+    decide(out, "sure", "rejected")
+    decide(out, "less", None)
+    assert verdicts(out) == {"sure": "rejected"}
+    lines = (out / "review.jsonl").read_text().splitlines()
+    assert len(lines) == 4
+    with (out / "review.jsonl").open("a") as file:
+        file.write("not json\n" + lines[1][:20])  # the last cut short by a crash
+    assert verdicts(out) == {"sure": "rejected"}
+    for name, verdict in (("nobody", "accepted"), ("sure", "maybe"), ("../night/sure", "accepted")):
+        with pytest.raises(JournalError):
+            decide(out, name, verdict)
+
+
+class Pages(SessionPages):
+    """Opens nothing, and remembers what it was asked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[tuple[str, list[str]]] = []
+
+    def address(self, name: str, arguments: list[str]) -> str:
+        self.asked.append((name, arguments))
+        return "http://127.0.0.1:1/"
+
+
+@pytest.fixture
+def pages() -> Pages:
+    return Pages()
+
+
+class Asker:
+    """Asks an application, in a thread of its own."""
+
+    def __init__(self, app: Any) -> None:
+        self._app = app
+
+    def _ask(self, method: str, path: str, **given: Any) -> httpx.Response:
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+                return await client.request(method, path, **given)
+
+        with ThreadPoolExecutor(1) as thread:
+            return thread.submit(asyncio.run, ask()).result()
+
+    def get(self, path: str, **given: Any) -> httpx.Response:
+        return self._ask("GET", path, **given)
+
+    def post(self, path: str, **given: Any) -> httpx.Response:
+        return self._ask("POST", path, **given)
+
+
+@pytest.fixture
+def client(out: Path, pages: Pages) -> Asker:
+    return Asker(Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
+
+
+def test_served_the_page_keeps_verdicts_and_opens_sessions(client: Asker, out: Path, pages: Pages) -> None:
+    assert data_of(client.get("/").text)["served"] is True
+    assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 200
+    assert verdicts(out) == {"sure": "accepted"}
+    assert {r["name"]: r["review"] for r in data_of(client.get("/").text)["rows"]}["sure"] == "accepted"
+    assert client.post("/open", json={"name": "less"}).json() == {"url": "http://127.0.0.1:1/"}
+    assert pages.asked[0][0] == "less"
+    assert pages.asked[0][1][0] == "/data/x"
+
+
+def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: Pages) -> None:
+    said = {"name": "sure", "verdict": "accepted"}
+    foreign = {"Origin": "http://evil.example"}
+    assert client.post("/verdict", json=said, headers=foreign).status_code == 403
+    assert client.get("/", headers={"Host": "evil.example"}).status_code == 403
+    # A form of another page comes without an Origin in old browsers, but never as JSON.
+    assert client.post("/verdict", data=said).status_code == 400
+    assert (
+        client.post("/verdict", content=b"{", headers={"Content-Type": "application/json"}).status_code == 400
+    )
+    assert client.post("/verdict", json={"name": "nobody", "verdict": "accepted"}).status_code == 409
+    for name, status in (("nobody", 404), ("../night/sure", 404), ("", 404), ("lost", 409)):
+        assert client.post("/open", json={"name": name}).status_code == status
+    assert verdicts(out) == {}
+    assert pages.asked == []
+
+
+def test_a_session_that_does_not_open_is_told() -> None:
+    pages = SessionPages()
+    from flatcloth.core.errors import FlatclothError
+
+    with pytest.raises(FlatclothError, match="no such file or folder"):
+        pages.address("x", ["/nowhere/at/all"])
+    pages.close()
+
+
+def test_the_report_command_writes_the_page(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["batch", str(out), "--report"]) == 0
+    assert str(out / "report.html") in capsys.readouterr().out

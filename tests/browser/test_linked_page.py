@@ -1,0 +1,54 @@
+"""Both panes linked: picks numbered and seen through cloth, the pointer of one pane shown in the other."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.scene]
+
+
+def eye(tab):
+    """Where viser's camera stands."""
+    return tab.scene.evaluate("Array.from(window.__viserMutable.camera.position)")
+
+
+def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(open_tab):
+    tab = open_tab().ready()
+    tab.close_viser_notice()
+    first = tab.click_shape(0.5, 0.5)
+    tab.click_shape(0.4, 0.6)
+    tab.until("flatcloth.sceneMarks.drawn.filter(Boolean).length === 2")
+    drawn = tab.page.evaluate("flatcloth.sceneMarks.drawn")
+    assert [mark["id"] for mark in drawn] == [1, 2]
+    # The pointer on the flattened view is at the same cloth in 3D: at the place where pick 1 is drawn.
+    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", first["uv_m"])
+    tab.page.mouse.move(at["x"] + 3, at["y"])
+    tab.page.mouse.move(at["x"], at["y"])
+    tab.until(
+        f"flatcloth.sceneMarks.cursorAt && Math.hypot(flatcloth.sceneMarks.cursorAt.x - {drawn[0]['x']},"
+        f" flatcloth.sceneMarks.cursorAt.y - {drawn[0]['y']}) < 4"
+    )
+    # And the other way round: the pointer there in 3D shows on the plane, at pick 1.
+    frame = tab.page.locator("#viser").bounding_box()
+    tab.page.mouse.move(frame["x"] + drawn[0]["x"] + 2, frame["y"] + drawn[0]["y"])
+    tab.page.mouse.move(frame["x"] + drawn[0]["x"], frame["y"] + drawn[0]["y"])
+    tab.until("flatcloth.sceneMarks.plane")
+    plane = tab.page.evaluate("flatcloth.sceneMarks.plane")
+    assert math.dist(plane, first["uv_m"]) < 0.012
+    tab.shoot("linked")
+
+
+def test_a_thumbnail_turns_the_item_to_its_view(open_tab):
+    tab = open_tab().ready()
+    tab.click_shape()
+    thumbs = tab.page.locator("#source-seen .thumb")
+    expect(thumbs.first).to_be_visible()
+    before = eye(tab)
+    thumbs.last.click()
+    tab.scene.wait_for_function(
+        "(p) => window.__viserMutable.camera.position.toArray().some((x, i) => Math.abs(x - p[i]) > 0.05)",
+        arg=before,
+    )

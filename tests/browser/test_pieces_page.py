@@ -1,0 +1,88 @@
+"""Floating pieces: seen beside the shape, picked, and placed by hand."""
+
+from __future__ import annotations
+
+import pytest
+from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
+from exported_sessions import write_cylinder
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def program(tmp_path):
+    """A cylinder of which a band across the middle is never seen: its upper half floats."""
+    running = Program(str(write_cylinder(tmp_path / "cut", "cut", slice(112, 128))), tmp_path / "session")
+    yield running
+    running.stop()
+
+
+def middle_of(tab, label):
+    """Return where the middle of a piece is on the screen."""
+    return tab.page.evaluate(
+        """(label) => { const { grid: g } = flatcloth.pieces.pieces.find((p) => p.label === label);
+             const d = g.pixel_size_m, [u, v] = g.origin_uv_m;
+             return flatcloth.toScreen(u + d * g.cols / 2, v + d * g.rows / 2); }""",
+        label,
+    )
+
+
+def test_a_piece_is_seen_beside_the_shape_told_and_picked(open_tab):
+    tab = open_tab().ready()
+    (piece,) = tab.state()["layers"]["pieces"]
+    assert piece["label"] == "B"
+    assert 100 < piece["area_cm2"] < 250
+    expect(tab.page.locator("#floating")).to_contain_text("Floating: 1 piece")
+    expect(tab.page.locator("#hint")).to_contain_text("cm\u00b2 float in 1 piece.")
+    # It lies beside the shape and not metres away, with all of it on the canvas.
+    at, canvas = middle_of(tab, "B"), tab.page.locator("#canvas").bounding_box()
+    assert canvas["x"] < at["x"] < canvas["x"] + canvas["width"]
+    assert piece["grid"]["origin_uv_m"][0] < 0.6
+    tab.page.mouse.click(at["x"], at["y"])
+    tab.until("flatcloth.state.picks.length === 1")
+    pick = tab.pick()
+    assert pick["in_shape"]
+    assert pick["miss_m"] == 0
+    assert pick["position_held_m"][1] < -0.01  # on the upper half, above the band
+    tab.page.get_by_role("button", name="B", exact=False).filter(has_text="cm").first.click()
+    expect(tab.page.locator("#floating")).to_contain_text("Nothing seen connects it to the shape.")
+    tab.shoot("piece-picked")
+
+
+def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_hand(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    tab.accept()
+    (piece,) = tab.state()["layers"]["pieces"]
+    tab.page.locator('[data-id="floating-B"]').click()
+    tab.page.locator('[data-id="place-B"]').click()
+    tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+    pending = tab.state()["pending"]
+    assert abs(pending["nudge"]["u_mm"]) < 2000
+    overlay = tab.state()["layers"]["overlay"]
+    center = overlay["center_uv_m"]
+    assert abs(center[0]) < 1.0
+    # Dragged to the middle of the shape, it is meant there.
+    revision = overlay["revision"]
+    start = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", center)
+    tab.page.mouse.move(start["x"], start["y"])
+    tab.page.mouse.down()
+    tab.page.mouse.move(start["x"] - 60, start["y"] + 40, steps=4)
+    tab.page.mouse.up()
+    tab.until(f"flatcloth.overlayRevision > {revision}")
+    moved = tab.state()["layers"]["overlay"]["center_uv_m"]
+    assert moved[0] < center[0] - 0.01
+    assert moved[1] > center[1] + 0.005
+    tab.shoot("piece-dragged")
+    undo = tab.state()["undo"]
+    assert undo.startswith("move")
+    for _ in range(3):
+        tab.page.keyboard.press("u")
+        tab.until(f"flatcloth.state.undo !== {undo!r}")
+        undo = tab.state()["undo"]
+        if tab.state()["pending"] is None:
+            break
+    tab.until("flatcloth.state.pending === null && flatcloth.state.layers.overlay === null")
+    tab.until("flatcloth.state.layers.pieces.length === 1")
+    assert tab.state()["layers"]["pieces"][0]["area_cm2"] == pytest.approx(piece["area_cm2"])

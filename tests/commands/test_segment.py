@@ -1,0 +1,157 @@
+"""``segment`` and ``run`` on a recording without masks, from the command line."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from plates import TOP_M, plate
+from scenes import AXIS, CAMERA
+
+from flatcloth.cli import main
+from flatcloth.core.strokes import ImageStroke, plain_of_decisions
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
+from flatcloth.recordings.writer import RecordingWriter
+
+# No view along the plate: it would show nothing.
+VIEWS = plate((0.0, 20.0, 40.0, 60.0, 120.0, 150.0, 180.0, 210.0, 240.0, 300.0, 320.0, 340.0))
+BACK = (ImageStroke(side="this", view_index=6, points_rc=((119.0, 119.0),)),)
+
+
+@pytest.fixture
+def recording(tmp_path):
+    folder = tmp_path / "plate"
+    _write(folder, masked=False)
+    return folder
+
+
+def _write(folder, masked):
+    with RecordingWriter(
+        folder,
+        name="plate",
+        intrinsics=CAMERA,
+        depth_scale_m=DEPTH_SCALE_M,
+        rotation_axis=AXIS,
+        held_point_m=TOP_M,
+    ) as writer:
+        for view in VIEWS:
+            frame = view.frame
+            writer.add(
+                frame.angle_deg, frame.color, depth_units(frame.depth_m), view.front if masked else None
+            )
+
+
+def _strokes(tmp_path, decisions=BACK):
+    file = tmp_path / "strokes.json"
+    file.write_text(json.dumps(plain_of_decisions(decisions)))
+    return file
+
+
+def test_segment_writes_a_mask_for_each_view_and_says_how_sure_it_is(recording, tmp_path, capsys):
+    assert main(["segment", str(recording), "--out", str(tmp_path / "masks")]) == 0
+    masks = [cv2.imread(str(tmp_path / "masks" / f"{n:03d}.png"), cv2.IMREAD_UNCHANGED) for n in range(12)]
+    for mask, view in zip(masks, VIEWS, strict=True):
+        assert set(np.unique(mask)) <= {0, 255}
+        assert not (mask[view.back] > 0).any()
+    assert np.array_equal(masks[0] > 0, VIEWS[0].front)
+    report = json.loads((tmp_path / "masks" / "segmentation.json").read_text())
+    assert report["certainty"] > 0.7
+    assert "Side of interest" in capsys.readouterr().out
+
+
+def test_segment_copies_the_recording_with_masks_after_strokes(recording, tmp_path):
+    out = tmp_path / "masked"
+    strokes = _strokes(tmp_path)
+    assert main(["segment", str(recording), "--out", str(out), "--copy", "--strokes", str(strokes)]) == 0
+    made = open_recording(out)
+    assert made.has_masks
+    assert np.array_equal(made[6].mask, VIEWS[6].back)
+    assert not made[0].mask.any()
+
+
+def test_run_segments_first_and_writes_the_certainty(recording, tmp_path):
+    out = tmp_path / "result"
+    assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 0
+    outcome = json.loads((out / "outcome.json").read_text())
+    assert outcome["segmentation"]["decisions"] == 1
+    assert outcome["segmentation"]["certainty"] > 0.7
+    # Of 0.14 m by 0.20 m, one side only.
+    assert 200 < outcome["area_cm2"] < 300
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("no json", "is not JSON"),
+        ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
+        (
+            '{"format": "flatcloth-strokes/1", "decisions": [{"kind": "dab"}]}',
+            r"decisions\[0\]: no stroke or cut",
+        ),
+        ('{"format": "flatcloth-strokes/1", "decisions": 3}', '"decisions" must be a list'),
+        (
+            '{"format": "flatcloth-strokes/1", "decisions": '
+            '[{"kind": "image", "side": "left", "view_index": 0, "points_rc": [[1, 1]]}]}',
+            r"side: 'left' is no side",
+        ),
+        (
+            '{"format": "flatcloth-strokes/1", "decisions": '
+            '[{"kind": "image", "side": "this", "view_index": 0, "points_rc": [[1, NaN]]}]}',
+            "nan is no finite number",
+        ),
+        (
+            '{"format": "flatcloth-strokes/1", "decisions": '
+            '[{"kind": "image", "side": "this", "view_index": 44, "points_rc": [[1, 1]]}]}',
+            "decision 1: view 44 does not exist",
+        ),
+    ],
+)
+def test_strokes_that_are_none_are_told_in_one_line(recording, tmp_path, capsys, content, said):
+    file = tmp_path / "strokes.json"
+    file.write_text(content)
+    assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
+    import re
+
+    error = capsys.readouterr().err.strip()
+    assert re.search(said, error)
+    assert "\n" not in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_strokes_file_is_told(recording, tmp_path, capsys):
+    file = tmp_path / "none.json"
+    assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
+    assert "none.json: cannot be read" in capsys.readouterr().err
+
+
+def test_strokes_that_contradict_the_masks_are_refused(tmp_path, capsys):
+    folder = tmp_path / "masked"
+    _write(folder, masked=True)
+    out = tmp_path / "result"
+    assert main(["run", str(folder), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 2
+    assert "decision 1 contradicts the mask of view 6" in capsys.readouterr().err
+
+
+def test_half_the_masks_are_refused(tmp_path, capsys):
+    folder = tmp_path / "masked"
+    _write(folder, masked=True)
+    header = json.loads((folder / "recording.json").read_text())
+    for view in header["views"][6:]:
+        del view["mask"]
+    (folder / "recording.json").write_text(json.dumps(header))
+    assert main(["segment", str(folder), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert "mask" in error
+    assert "\n" not in error
+
+
+def test_masks_are_not_written_over_something_else(recording, tmp_path, capsys):
+    out = tmp_path / "masks"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep")
+    assert main(["segment", str(recording), "--out", str(out)]) == 2
+    assert "not empty" in capsys.readouterr().err
+    assert [file.name for file in out.iterdir()] == ["mine.txt"]

@@ -1,0 +1,112 @@
+"""The sheet: floating pieces beside the shape, and the way between what is shown and what is meant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, label_of, lay_out
+from flatcloth.methods.base import Canonical
+
+PIXEL_M = 0.002
+
+
+def patch(rows: int, cols: int, origin_uv_m: tuple[float, float], view_index: int = 0) -> FlattenedView:
+    valid = np.ones((rows, cols), dtype=bool)
+    u, v = np.meshgrid(np.arange(cols) * PIXEL_M, np.arange(rows) * PIXEL_M)
+    xyz = np.stack([u + origin_uv_m[0], v + origin_uv_m[1], np.ones_like(u)], axis=-1).astype(np.float32)
+    return FlattenedView(
+        rgb=np.full((rows, cols, 3), 10 * view_index + 5, dtype=np.uint8),
+        xyz_m=xyz,
+        normal=np.zeros((rows, cols, 3), dtype=np.float32),
+        z_angle_deg=np.zeros((rows, cols), dtype=np.float32),
+        valid=valid,
+        view_index=np.full((rows, cols), view_index, dtype=np.int16),
+        source_rc=np.zeros((rows, cols, 2), dtype=np.float32),
+        pixel_size_m=PIXEL_M,
+        origin_uv_m=origin_uv_m,
+    )
+
+
+def canonical(*floating: FlattenedView) -> Canonical:
+    return Canonical(view=patch(100, 60, (-0.1, 0.3)), current_from_view={}, floating=floating)
+
+
+def test_without_pieces_the_sheet_is_the_shape() -> None:
+    made = canonical()
+    sheet = lay_out(made)
+    assert sheet.view is made.view
+    assert (sheet.piece == 0).all()
+    assert (sheet.pieces, sheet.floating_m2) == ((), 0.0)
+
+
+def test_far_pieces_come_beside_the_shape_the_largest_first_and_none_covers_another() -> None:
+    small, large = patch(20, 30, (10.0003, -3.0), 2), patch(50, 40, (20.0, 7.0007), 1)
+    sheet = lay_out(canonical(small, large))
+    assert [p.label for p in sheet.pieces] == ["B", "C"]
+    assert [p.views for p in sheet.pieces] == [(1,), (2,)]
+    assert {p.reason for p in sheet.pieces} == {FLOATS}
+    assert sheet.floating_m2 == pytest.approx((20 * 30 + 50 * 40) * PIXEL_M**2)
+    assert [int((sheet.piece == n).sum()) for n in (0, 1, 2)] == [6000, 2000, 600]
+    assert (sheet.view.valid == (sheet.piece >= 0)).all()
+    left = sheet.pieces[0].view.origin_uv_m[0]
+    edge = -0.1 + 59 * PIXEL_M
+    assert edge + GAP_M - PIXEL_M <= left <= edge + GAP_M + PIXEL_M
+    assert sheet.view.shape[1] * PIXEL_M < 0.5
+
+
+def test_every_pixel_keeps_its_point_in_space() -> None:
+    piece = patch(20, 30, (10.0003, -3.0), 2)
+    sheet = lay_out(canonical(piece))
+    shown = sheet.view.xyz_m[sheet.piece == 1].reshape(20, 30, 3)
+    np.testing.assert_array_equal(shown, piece.xyz_m)
+    rc = np.argwhere(sheet.piece == 1)[0]
+    there = sheet.view.uv_from_rc(rc) - np.array(sheet.pieces[0].shift_m)
+    np.testing.assert_allclose(there, piece.origin_uv_m, atol=1e-9)
+
+
+def test_a_piece_whose_place_is_not_reliable_stays_there_and_the_shape_covers_it() -> None:
+    sheet = lay_out(canonical(patch(20, 40, (-0.02, 0.4), 3)))
+    (piece,) = sheet.pieces
+    assert (piece.reason, piece.shift_m) == (LOOSE, (0.0, 0.0))
+    assert int((sheet.piece == 0).sum()) == 6000
+    assert 0 < int((sheet.piece == 1).sum()) < 800
+
+
+def test_what_the_shape_does_not_know_of_a_piece_is_unknown_there() -> None:
+    made = canonical(patch(20, 30, (10.0, 0.0)))
+    std = np.full(made.view.shape, 0.001, dtype=np.float32)
+    sheet = lay_out(replace(made, view=replace(made.view, placement_std_m=std)))
+    assert sheet.view.placement_std_m is not None
+    assert np.isnan(sheet.view.placement_std_m[sheet.piece == 1]).all()
+    assert (sheet.view.placement_std_m[sheet.piece == 0] == np.float32(0.001)).all()
+
+
+def test_a_placement_on_a_piece_is_shown_there_and_meant_where_it_is_put() -> None:
+    sheet = lay_out(canonical(patch(50, 40, (10.0, 7.0), 1)))
+    center = np.array([0.03, 0.02])
+    on_piece = Rigid2(0.3, 10.0, 7.03)
+    shown = sheet.shown(on_piece, center)
+    assert sheet.piece_on_plane(on_piece.apply(center)) == 1
+    assert math.dist(shown.apply(center), sheet.pieces[0].view.origin_uv_m) < 0.12
+    back = sheet.meant(shown, center)
+    np.testing.assert_allclose((back.theta_rad, back.u_m, back.v_m), (0.3, 10.0, 7.03), atol=1e-12)
+    # Dragged onto the shape, it is meant there: no far shift is left.
+    dragged = Rigid2(0.3, -0.05, 0.4)
+    assert sheet.meant(dragged, center) == dragged
+    assert sheet.shown(dragged, center) == dragged
+
+
+def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
+    sheet, center = lay_out(canonical()), np.array([0.03, 0.02])
+    shown = sheet.shown(Rigid2(0.0, 10.0, 0.0), center)
+    assert sheet.view.origin_uv_m[0] < shown.apply(center)[0] < 0.3
+    assert sheet.meant(shown, center) == shown
+
+
+def test_pieces_are_lettered_on_after_z() -> None:
+    assert [label_of(n) for n in (0, 1, 25, 26, 27)] == ["A", "B", "Z", "AA", "AB"]

@@ -1,0 +1,387 @@
+"""Garments: outlines, true edges, fits compared by evidence, named points, placed pieces."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from flatcloth.core.errors import GarmentError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
+from flatcloth.garments.distance import inside_outline, outside, to_edges
+from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
+from flatcloth.garments.placing import place_piece
+from flatcloth.garments.recognition import NONE, held_fit, probabilities_of, recognise
+from flatcloth.garments.registry import kind_named, known_kinds
+
+KINDS = (
+    "long_sleeved_shirt",
+    "shorts",
+    "skirt",
+    "sleeveless_dress",
+    "towel",
+    "trousers",
+    "tshirt",
+)
+
+
+def sampled(outline: np.ndarray, spacing: float = 0.006) -> tuple[np.ndarray, np.ndarray]:
+    """Return places along a closed outline and the outward directions there."""
+    places, normals = [], []
+    for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        length = np.linalg.norm(b - a)
+        count = max(1, int(length / spacing))
+        share = (np.arange(count) + 0.5) / count
+        places.append(a + share[:, None] * (b - a))
+        normals.append(np.tile([(b - a)[1] / length, -(b - a)[0] / length], (count, 1)))
+    return np.concatenate(places), np.concatenate(normals)
+
+
+def evidence_from(
+    outline: np.ndarray, motion: Rigid2 | None = None, keep: np.ndarray | None = None, noise_m: float = 0.0
+) -> PieceEvidence:
+    """Return the evidence of an outline's cloth, moved; ``keep`` (u, v, limit) cuts it off along a line."""
+    edges, normals = sampled(outline)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    grid = np.stack(np.meshgrid(*(np.arange(a, b, 0.018) for a, b in zip(low, high, strict=True))), axis=-1)
+    inside = grid.reshape(-1, 2)
+    inside = inside[inside_outline(inside, outline)]
+    if keep is not None:
+        chosen = edges @ keep[:2] <= keep[2]
+        edges, normals = edges[chosen], normals[chosen]
+        inside = inside[inside @ keep[:2] <= keep[2]]
+    edges = edges + noise_m * np.random.default_rng(1).standard_normal(edges.shape)
+    motion = motion or Rigid2()
+    xyz = np.concatenate([inside, np.ones((len(inside), 1))], axis=1)
+    return PieceEvidence(
+        edge_uv_m=motion.apply(edges),
+        edge_normal=Rigid2(motion.theta_rad).apply(normals),
+        edge_std_m=np.zeros(len(edges)),
+        edge_free=np.ones(len(edges), dtype=bool),
+        unseen_uv_m=np.zeros((0, 2)),
+        inside_uv_m=motion.apply(inside),
+        inside_std_m=np.zeros(len(inside)),
+        inside_xyz_m=xyz,
+        area_m2=len(inside) * 0.018**2,
+        hole_edge_m=0.0,
+        depth_m=np.zeros((1, 1), dtype=np.float32),
+        depth_origin_uv_m=np.full(2, -50.0),
+        depth_pixel_m=0.002,
+    )
+
+
+def blank_view(valid: np.ndarray, pixel_size_m: float = 0.002) -> FlattenedView:
+    """Return a flat sheet 0.85 m in front of the camera, its plane parallel to the image."""
+    rows, cols = valid.shape
+    row, col = np.mgrid[0:rows, 0:cols]
+    xyz = np.stack([col * pixel_size_m, row * pixel_size_m, np.full(valid.shape, 0.85)], axis=-1)
+    return FlattenedView(
+        rgb=np.full((rows, cols, 3), 128, dtype=np.uint8),
+        xyz_m=np.where(valid[..., None], xyz, np.nan).astype(np.float32),
+        normal=np.where(valid[..., None], [0.0, 0.0, -1.0], np.nan).astype(np.float32),
+        z_angle_deg=np.where(valid, 0.0, np.nan).astype(np.float32),
+        valid=valid,
+        view_index=np.where(valid, 0, -1).astype(np.int16),
+        source_rc=np.zeros((rows, cols, 2), dtype=np.float32),
+        pixel_size_m=pixel_size_m,
+        origin_uv_m=(0.0, 0.0),
+    )
+
+
+def at_mean(name: str) -> np.ndarray:
+    kind = kind_named(name)
+    drawn: np.ndarray = kind.outline(kind.mean[:, None])[:, :, 0]
+    return drawn
+
+
+# ------------------------------------------------------------------ outlines
+
+
+def test_the_seven_kinds_are_known_by_their_modules() -> None:
+    assert tuple(kind.name for kind in known_kinds()) == KINDS
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_an_outline_is_symmetric_runs_clockwise_and_does_not_cross_itself(name: str) -> None:
+    outline = at_mean(name)
+    mirrored = outline * [-1.0, 1.0]
+    nearest = np.linalg.norm(outline[:, None] - mirrored[None], axis=-1).min(axis=1)
+    np.testing.assert_allclose(nearest, 0.0, atol=1e-12)
+    u, v = outline.T
+    area = 0.5 * float(u @ np.roll(v, -1) - v @ np.roll(u, -1))
+    assert area > 0.05
+    places, normals = sampled(outline, 0.02)
+    assert not inside_outline(places + 1e-4 * normals, outline).any()
+    assert inside_outline(places - 1e-4 * normals, outline).all()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_named_points_lie_on_the_outline_and_dimensions_name_them(name: str) -> None:
+    kind = kind_named(name)
+    named = kind.named(kind.mean[:, None])
+    outline = at_mean(name)
+    for place in named.values():
+        assert np.linalg.norm(outline - place[:, 0], axis=1).min() < 1e-12
+    for a, b in kind.dimensions.values():
+        assert {a, b} <= set(named)
+    left = [point for point in named if point.endswith("_left")]
+    assert all(named[point][0, 0] < 0 < named[point.replace("_left", "_right")][0, 0] for point in left)
+
+
+def test_names_are_those_of_the_field() -> None:
+    named = {name: set(kind_named(name).named(kind_named(name).mean[:, None])) for name in KINDS}
+    assert named["towel"] == {"corner_0", "corner_1", "corner_2", "corner_3"}
+    assert named["skirt"] == {"waist_left", "waist_right", "hem_left", "hem_right"}
+    assert "crotch" in named["shorts"]
+    assert named["shorts"] == named["trousers"]
+    assert {
+        "neck_left",
+        "shoulder_left",
+        "sleeve_top_left",
+        "sleeve_bottom_left",
+        "armpit_left",
+        "waist_left",
+    } < (named["tshirt"])
+
+
+def test_hems_are_open_and_side_seams_are_not() -> None:
+    kind = kind_named("skirt")
+    outline = at_mean("skirt")
+    middles = (outline + np.roll(outline, -1, axis=0)) / 2
+    bottom = middles[:, 1] > outline[:, 1].max() - 0.02
+    sides = np.abs(middles[:, 1] - outline[:, 1].mean()) < 0.1
+    assert kind.is_open[bottom].all()
+    assert not kind.is_open[sides].any()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_derivatives_are_those_of_the_outline(name: str) -> None:
+    kind = kind_named(name)
+    outline, slope = kind.jacobian(kind.mean)
+    change = 1e-4 * kind.std
+    moved = kind.outline((kind.mean + change)[:, None])[:, :, 0]
+    np.testing.assert_allclose(moved - outline, slope @ change, atol=2e-6)
+
+
+# ------------------------------------------------------------------ distances
+
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def found(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 2)), np.zeros(count)
+
+
+def test_cloth_inside_costs_nothing_and_outside_its_distance() -> None:
+    q = np.array([[0.5, 0.5], [1.2, 0.5], [1.3, 1.4]])
+    side, share, away, distance = found(3)
+    outside(q, SQUARE, side, share, away, distance)
+    np.testing.assert_allclose(distance, [0.0, 0.2, 0.5])
+    np.testing.assert_allclose(away[1:], [[1.0, 0.0], [0.6, 0.8]])
+
+
+def test_an_edge_belongs_to_the_side_that_faces_as_it_does() -> None:
+    q = np.array([[0.98, 0.50], [0.98, 0.03]])
+    side, share, away, distance = found(2)
+    to_edges(q, np.array([[1.0, 0.0], [0.0, -1.0]]), SQUARE, side, share, away, distance)
+    assert side.tolist() == [1, 0]
+    np.testing.assert_allclose(distance, [-0.02, -0.03])
+
+
+# ------------------------------------------------------------------ true edges
+
+
+def sheet_seen(depth_m: np.ndarray, of_interest: np.ndarray | None = None) -> tuple[FlattenedView, SeenFrom]:
+    """Return a sheet from 40 to 198 mm both ways, 0.85 m away, and what the camera measured."""
+    k = Intrinsics(width=400, height=400, fx=425.0, fy=425.0, cx=0.0, cy=0.0)
+    valid = np.zeros((140, 140), dtype=bool)
+    valid[20:100, 20:100] = True
+    camera = Rigid3(np.eye(3), np.zeros(3))
+    return blank_view(valid), SeenFrom(
+        view_index=0, depth_m=depth_m, of_interest=of_interest, intrinsics=k, camera_from_held=camera
+    )
+
+
+def measured(first: int, last: int, depth_m: float = 0.85) -> np.ndarray:
+    """Return a depth image (400, 400) of a square; a pixel is 2 mm of the sheet."""
+    depth = np.zeros((400, 400), dtype=np.float32)
+    depth[first:last, first:last] = depth_m
+    return depth
+
+
+def test_where_the_depth_ends_in_front_of_nothing_is_a_true_edge_and_free() -> None:
+    # What was flattened ends 2 mm before the sheet does.
+    evidence = evidence_of(*_listed(sheet_seen(measured(19, 101))))
+    assert len(evidence.edge_uv_m) > 80
+    assert evidence.edge_free.all()
+    left = evidence.edge_normal[:, 0] < -0.9
+    np.testing.assert_allclose(evidence.edge_uv_m[left, 0], 0.037, atol=0.002)
+    assert evidence.hole_edge_m == 0.0
+
+
+def test_where_the_cloth_goes_on_or_is_covered_is_no_true_edge() -> None:
+    assert len(evidence_of(*_listed(sheet_seen(measured(0, 400)))).edge_uv_m) == 0
+    covered = measured(19, 101)
+    covered[:, 100:] = 0.60
+    evidence = evidence_of(*_listed(sheet_seen(covered)))
+    assert not (evidence.edge_normal[:, 0] > 0.9).any()
+    assert (evidence.edge_normal[:, 0] < -0.9).sum() > 15
+    assert len(evidence.unseen_uv_m) > 15
+
+
+def _listed(seen: tuple[FlattenedView, SeenFrom]) -> tuple[FlattenedView, list[SeenFrom]]:
+    return seen[0], [seen[1]]
+
+
+def test_where_the_side_of_interest_ends_on_cloth_is_an_edge_that_is_not_free() -> None:
+    mask = np.zeros((400, 400), dtype=bool)
+    mask[:, :100] = True
+    evidence = evidence_of(*_listed(sheet_seen(measured(0, 400), mask)))
+    assert (evidence.edge_normal[:, 0] > 0.9).sum() > 15
+    assert not evidence.edge_free.any()
+    np.testing.assert_allclose(evidence.edge_uv_m[evidence.edge_normal[:, 0] > 0.9, 0], 0.199, atol=0.002)
+
+
+def test_cloth_that_is_not_a_number_is_said() -> None:
+    view, seen = sheet_seen(measured(0, 400))
+    xyz = view.xyz_m.copy()
+    xyz[50, 50] = np.nan
+    with pytest.raises(GarmentError, match="not a number"):
+        evidence_of(dataclasses.replace(view, xyz_m=xyz), [seen])
+
+
+# ------------------------------------------------------------------ fits
+
+
+def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
+    kind = kind_named("tshirt")
+    parameters = kind.mean.copy()
+    parameters[0], parameters[2] = 0.56, 0.63
+    outline = kind.outline(parameters[:, None])[:, :, 0]
+    motion = Rigid2(2.1, 0.3, -0.7)
+    main = evidence_from(outline, motion)
+    fits = [refine(kind, (main,), p, (m,)) for p, m in starts(kind, main, 4)]
+    best = max(fits, key=lambda fit: fit.log_evidence)
+    there = motion.apply(outline)
+    mine = best.garment_from_piece[0].inverse().apply(best.outline)
+    assert np.linalg.norm(mine - there, axis=1).max() < 0.006
+    assert best.edge_cost < 0.02
+
+
+@pytest.mark.parametrize("name", ["shorts", "skirt", "towel", "sleeveless_dress"])
+def test_each_kind_is_recognised_from_two_thirds_of_it(name: str) -> None:
+    outline = at_mean(name)
+    limit = outline[:, 0].min() + 0.66 * (outline[:, 0].max() - outline[:, 0].min())
+    main = evidence_from(outline, Rigid2(0.8, 0.1, 0.2), np.array([1.0, 0.0, limit]), noise_m=0.003)
+    probabilities = probabilities_of(main)
+    assert max(probabilities, key=lambda kind: probabilities[kind]) == name
+    assert math.isclose(sum(probabilities.values()), 1.0, abs_tol=1e-9)
+
+
+def test_a_star_is_none_of_these() -> None:
+    around = np.arange(10) * np.pi / 5
+    radius = np.where(np.arange(10) % 2 == 0, 0.4, 0.16)
+    star = np.stack([radius * np.cos(around), radius * np.sin(around)], axis=1)
+    assert probabilities_of(evidence_from(star))[NONE] > 0.9
+
+
+def test_a_hole_with_edges_all_round_speaks_for_no_known_kind() -> None:
+    main = evidence_from(at_mean("towel"))
+    holed = dataclasses.replace(main, hole_edge_m=1.2)
+    assert probabilities_of(main)[NONE] < 0.05
+    assert probabilities_of(holed)[NONE] > 0.9
+
+
+def test_an_outline_through_seen_cloth_costs() -> None:
+    main = evidence_from(at_mean("towel"))
+    depth = np.full((500, 500), 0.05, dtype=np.float32)
+    main = dataclasses.replace(main, depth_m=depth, depth_origin_uv_m=np.full(2, -0.5))
+    across = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+    assert crossing_energy(across, (main,), np.zeros((1, 3))) > 10.0
+    assert crossing_energy(across + 5.0, (main,), np.zeros((1, 3))) == 0.0
+
+
+# ------------------------------------------------------------------ named points
+
+
+def towel_shape(motion: Rigid2) -> tuple[FlattenedView, PieceEvidence]:
+    outline = at_mean("towel")
+    there = motion.apply(outline)
+    rows, cols = 500, 500
+    view = blank_view(np.ones((rows, cols), dtype=bool))
+    inside = inside_outline(view.uv_from_rc(np.argwhere(view.valid)), there).reshape(rows, cols)
+    return blank_view(inside), evidence_from(outline, motion)
+
+
+def test_named_points_are_found_with_their_cloth_and_predicted_without() -> None:
+    motion = Rigid2(0.1, 0.45, 0.5)
+    view, main = towel_shape(motion)
+    answer = recognise(view, [main])
+    assert answer.kind == "towel"
+    true = motion.apply(
+        np.stack([x[:, 0] for x in kind_named("towel").named(kind_named("towel").mean[:, None]).values()])
+    )
+    for point in answer.points.values():
+        assert np.linalg.norm(true - point.uv_m, axis=1).min() < 0.008
+        assert point.pixel is not None
+        assert 0.0 < point.std_m < 0.03
+    assert (
+        abs(answer.dimensions["width"].value_m - 0.5) < 0.01
+        or abs(answer.dimensions["length"].value_m - 0.5) < 0.01
+    )
+    half = view.valid.copy()
+    half[:, 250:] = False
+    predicted = recognise(blank_view(half), [main])
+    assert {point.pixel is None for point in predicted.points.values()} == {True, False}
+
+
+def test_a_held_point_stays_where_it_was_put() -> None:
+    view, main = towel_shape(Rigid2(0.1, 0.45, 0.5))
+    answer = recognise(view, [main])
+    name, point = next(iter(answer.points.items()))
+    wanted = point.uv_m + np.array([0.03, 0.02])
+    held = held_fit(answer.fit, main, (Pull(name=name, uv_m=wanted),))
+    place = held.kind.named(held.parameters[:, None])[name][:, 0]
+    assert np.linalg.norm(held.garment_from_piece[0].inverse().apply(place) - wanted) < 0.004
+
+
+def test_too_little_cloth_is_said_and_not_guessed_about() -> None:
+    view, main = towel_shape(Rigid2(0.1, 0.45, 0.5))
+    with pytest.raises(GarmentError, match="20 cm2"):
+        recognise(view, [dataclasses.replace(main, area_m2=0.002)])
+    few = dataclasses.replace(main, edge_uv_m=main.edge_uv_m[:5], edge_normal=main.edge_normal[:5])
+    with pytest.raises(GarmentError, match="true edges"):
+        recognise(view, [few])
+
+
+# ------------------------------------------------------------------ floating pieces
+
+
+def test_a_floating_leg_is_laid_where_it_belongs() -> None:
+    outline = at_mean("trousers")
+    limit = 0.03
+    main = evidence_from(outline, Rigid2(0.3, 0.0, 0.0), np.array([1.0, 0.0, limit]))
+    leg = evidence_from(outline, Rigid2(-1.0, 5.0, 2.0), np.array([-1.0, 0.0, -limit]))
+    kind = kind_named("trousers")
+    fit = max(
+        (refine(kind, (main,), p, (m,)) for p, m in starts(kind, main, 6)), key=lambda fit: fit.log_evidence
+    )
+    placed = place_piece(fit, main, leg, 0)
+    assert placed is not None
+    wanted = Rigid2(0.3, 0.0, 0.0) @ Rigid2(-1.0, 5.0, 2.0).inverse()
+    off = placed.shape_from_piece.apply(leg.inside_uv_m) - wanted.apply(leg.inside_uv_m)
+    assert np.linalg.norm(off, axis=1).mean() < 0.03
+    assert placed.probability > 0.5
+
+
+def test_a_scrap_is_not_placed() -> None:
+    main = evidence_from(at_mean("towel"))
+    kind = kind_named("towel")
+    parameters, pose = starts(kind, main, 1)[0]
+    fit = refine(kind, (main,), parameters, (pose,))
+    assert place_piece(fit, main, dataclasses.replace(main, area_m2=0.001), 0) is None

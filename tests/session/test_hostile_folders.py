@@ -1,0 +1,275 @@
+"""Session folders that are removed, replaced or prepared by somebody else while or before they are used."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from journal_script import RECORDING, SCRIPT, idle, opened, played_in, states
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
+from flatcloth.core.plain_files import open_own, replace_file
+from flatcloth.core.types import Rigid2
+from flatcloth.export.history import read_history
+from flatcloth.session.journal import Replay, encode
+from flatcloth.session.machine import Nudge, Undo, apply
+from flatcloth.session.store import SessionFolder
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+# --- while it is open -----------------------------------------------------------------------------
+
+
+def remove(place: Path) -> None:
+    shutil.rmtree(place)
+
+
+def remove_journal(place: Path) -> None:
+    (place / "journal.jsonl").unlink()
+
+
+def replace_journal(place: Path) -> None:
+    (place / "other").write_text("")
+    (place / "other").rename(place / "journal.jsonl")
+
+
+def cut_journal(place: Path) -> None:
+    os.truncate(place / "journal.jsonl", 100)
+
+
+def append_to_journal(place: Path) -> None:
+    with (place / "journal.jsonl").open("ab") as file:
+        file.write(b"{}\n")
+
+
+def rename(place: Path) -> None:
+    place.rename(place.with_name("elsewhere"))
+
+
+@pytest.mark.parametrize(
+    "harm", [remove, remove_journal, replace_journal, cut_journal, append_to_journal, rename]
+)
+def test_no_decision_is_lost_when_the_journal_is_taken_away(
+    place: Path, harm: Callable[[Path], None]
+) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:6]:
+        folder.record(step)
+    pick = folder.add_pick("cuff", np.zeros(3), np.ones(3), 0, (1.0, 2.0))
+    harm(place)
+    for step in SCRIPT[6:]:
+        folder.record(step)
+    fresh = place.with_name("session-continued")
+    assert folder.folder == fresh
+    (notice,) = folder.take_notices()
+    assert str(place / "journal.jsonl") in notice
+    assert f"--session {fresh}" in notice
+    assert folder.take_notices() == ()
+    folder.close()
+    again = SessionFolder.open(fresh, RECORDING, Config(), "paper")
+    assert again.state == states()[-1]
+    assert [p.name for p in again.picks] == [pick.name]
+    again.close()
+
+
+def test_a_second_harm_leads_to_another_fresh_folder(place: Path) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:2]:
+        folder.record(step)
+        shutil.rmtree(folder.folder)
+    folder.record(SCRIPT[2])
+    assert folder.folder.name == "session-continued-continued"
+    assert folder.state == states()[3]
+    folder.close()
+
+
+def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = opened(place)
+    folder.record(SCRIPT[0])
+    shutil.rmtree(place)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "mkdir", full)
+        with pytest.raises(JournalError, match=r"No space left on device.*was not made"):
+            folder.record(SCRIPT[1])
+    assert folder.state == states()[1]
+    folder.record(SCRIPT[1])
+    assert folder.state == states()[2]
+    folder.close()
+
+
+def test_deleting_the_lock_lets_no_second_process_in(place: Path) -> None:
+    folder = played_in(place)
+    (place / "session.lock").unlink()
+    with pytest.raises(JournalError, match="open in another flatcloth"):
+        opened(place)
+    folder.record(Undo())
+    folder.close()
+    opened(place).close()
+
+
+# --- what somebody else prepared ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+@pytest.mark.parametrize("name", ["session.lock", "journal.jsonl"])
+def test_a_link_in_a_session_folder_is_not_written_through(
+    place: Path, tmp_path: Path, name: str, link: Callable[[Path, Path], None]
+) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text("precious\n")
+    opened(place).close()
+    (place / name).unlink(missing_ok=True)
+    link(mine, place / name)
+    with pytest.raises(JournalError, match=f"cannot be used as session folder .{name}: ") as caught:
+        opened(place)
+    assert "\n" not in str(caught.value)
+    assert mine.read_text() == "precious\n"
+
+
+@pytest.mark.parametrize(
+    "name", [".session.json.partial", ".axis.json.partial", ".grips.json.partial", "session.json.new"]
+)
+def test_a_draft_that_is_a_link_is_not_written_through(place: Path, tmp_path: Path, name: str) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text("precious\n")
+    place.mkdir()
+    (place / name).symlink_to(mine)
+    folder = opened(place)
+    replace_file(place / name.removeprefix(".").removesuffix(".partial"), b"{}")
+    folder.close()
+    assert mine.read_text() == "precious\n"
+
+
+def test_a_file_that_is_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text("precious\n")
+    (tmp_path / "flattened.png").symlink_to(mine)
+    replace_file(tmp_path / "flattened.png", b"picture")
+    assert mine.read_text() == "precious\n"
+    assert (tmp_path / "flattened.png").read_bytes() == b"picture"
+    assert not (tmp_path / "flattened.png").is_symlink()
+
+
+def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None:
+    place.mkdir()
+    os.mkfifo(place / "session.lock")
+    with pytest.raises(JournalError, match=r"session\.lock: "):
+        opened(place)
+    with pytest.raises(OSError, match="not a file"):
+        open_own(Path("/dev/null"), os.O_RDWR)
+
+
+def test_a_folder_of_another_user_is_told(
+    place: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    opened(place).close()
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with caplog.at_level(logging.WARNING):
+        folder = opened(place)
+    (notice,) = folder.take_notices()
+    assert "belongs to another user" in notice
+    folder.close()
+
+
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cloud.ply").write_text("old")
+
+    def full(_fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        replace_file(tmp_path / "cloud.ply", b"new")
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"cloud.ply": "old"}
+
+
+# --- numbers that no garment has ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("by", [Rigid2(0.0, 11.0, 0.0), Rigid2(0.0, 1e9, 0.0), Rigid2(0.0, 0.0, -1e308)])
+def test_a_view_cannot_be_moved_to_where_no_garment_reaches(place: Path, by: Rigid2) -> None:
+    folder = opened(place)
+    for step in SCRIPT[:4]:
+        folder.record(step)
+    before = (place / "journal.jsonl").read_bytes()
+    with pytest.raises(OutOfBoundsError, match=r"a garment.s plane reaches 10 m\. Move it by less"):
+        folder.record(Nudge(1, by))
+    for _ in range(3):
+        folder.record(Nudge(1, Rigid2(0.0, 3.0, 0.0)))
+    with pytest.raises(IllegalDecisionError):  # many steps lead there as well as one
+        folder.record(Nudge(1, Rigid2(0.0, 3.0, 0.0)))
+    assert (place / "journal.jsonl").read_bytes().startswith(before)
+    folder.close()
+
+
+def absurd_journal(place: Path) -> bytes:
+    """A journal as a version without bounds wrote it: the sixth line moves a view out of this world."""
+    folder = opened(place)
+    for step in SCRIPT[:5]:
+        folder.record(step)
+    kept: Replay = folder._kept
+    lines, link = [], kept.link
+    for number, entry in enumerate((Nudge(1, Rigid2(0.0, 1e9, 0.0)), Nudge(1, Rigid2(0.0, 1e308, 0.0))), 6):
+        line, link = encode(number, entry, None, link)
+        lines.append(line)
+    folder.close()
+    with (place / "journal.jsonl").open("ab") as file:
+        file.writelines(lines)
+    return (place / "journal.jsonl").read_bytes()
+
+
+def test_a_journal_with_an_absurd_number_opens_at_the_decision_before_it_and_says_so(place: Path) -> None:
+    data = absurd_journal(place)
+    history = read_history(place)  # reading changes nothing
+    assert history.document == states()[5].document
+    assert (place / "journal.jsonl").read_bytes() == data
+    folder = opened(place)
+    assert folder.state == idle(states()[5])
+    (notice,) = folder.take_notices()
+    assert "line 6 cannot be applied" in notice
+    assert "journal.jsonl.set-aside" in notice
+    assert (place / "journal.jsonl.set-aside").read_bytes() == data
+    folder.record(SCRIPT[5])
+    folder.close()
+    again = opened(place)
+    assert again.state == states()[6]
+    assert again.take_notices() == ()
+    again.close()
+
+
+def test_the_session_can_be_taken_anew_from_its_journal(place: Path) -> None:
+    folder = played_in(place)
+    kept = folder.state
+    folder._kept.state = apply(kept, Undo())  # as if something had gone wrong half-way
+    folder.reload()
+    assert folder.state == kept
+    folder.record(Undo())
+    folder.close()
+
+
+def test_a_journal_of_another_session_of_the_same_recording_is_refused(place: Path) -> None:
+    played_in(place).close()
+    other = place.with_name("other")
+    played_in(other).close()
+    shutil.copy(other / "journal.jsonl", place / "journal.jsonl")
+    with pytest.raises(JournalError, match=r"line 1 is damaged .its checksum"):
+        opened(place)
+    ids = [json.loads((folder / "session.json").read_text())["id"] for folder in (place, other)]
+    assert ids[0] != ids[1]

@@ -1,0 +1,324 @@
+"""Sessions under torture: killed, cut, flipped, swapped, removed, on a full or read-only disk, used by two.
+
+Nothing that was acknowledged may be lost, and nothing that was changed may be accepted silently. The counts
+are printed: ``python -m pytest -m thorough -s tests/torture``.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tiny_recordings import MemoryRecording
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import JournalError
+from flatcloth.export.history import read_history
+from flatcloth.session.journal import Replay, read_journal
+from flatcloth.session.machine import SessionState
+from flatcloth.session.store import SessionFolder
+from torture.writer import next_step
+
+KILLS, DAMAGES = 200, 1000
+TESTS = Path(__file__).parents[1]
+RECORDING = MemoryRecording()
+pytestmark = pytest.mark.thorough
+
+
+def opened(place: Path) -> SessionFolder:
+    return SessionFolder.open(place, RECORDING, Config(), "paper")
+
+
+def prefixes(data: bytes) -> dict[int, tuple[SessionState, tuple[int, ...]]]:
+    """Return state and picks after each number of lines of a journal that is trusted."""
+    place = Path("trusted")
+    lines = data.split(b"\n")[:-1]
+    header_link = _links[data[:40]]
+    replay = Replay(SessionState(len(RECORDING)), link=header_link, sealed=True)
+    found: dict[int, tuple[SessionState, tuple[int, ...]]] = {0: (replay.state, ())}
+    for line in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
+        found[line.number] = (replay.state, tuple(replay.picks))
+    return found
+
+
+_links: dict[bytes, int] = {}
+
+
+def played(place: Path, steps: int) -> bytes:
+    folder = opened(place)
+    for n in range(steps):
+        folder.record(next_step(folder.state, n + 1))
+    _links[(data := folder._journal.data)[:40]] = folder._header.seed
+    folder.close()
+    return data
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+class Writer:
+    """The process that decides without end."""
+
+    def __init__(self, place: Path) -> None:
+        path = os.pathsep.join([str(TESTS), str(TESTS.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "torture.writer", str(place)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+
+    def acknowledged(self, at_least: int = 1) -> str:
+        """Return the last line after so many."""
+        assert self.process.stdout is not None
+        line = ""
+        for _ in range(at_least):
+            line = self.process.stdout.readline()
+        return line
+
+    def killed(self) -> str:
+        """Kill it and return the last line that it had written whole."""
+        self.process.send_signal(signal.SIGKILL)
+        assert self.process.stdout is not None
+        # Not communicate(), which forgets what readline() has read ahead.
+        whole = [line for line in self.process.stdout.read().split("\n")[:-1] if line]
+        self.process.communicate()
+        return whole[-1] if whole else ""
+
+
+def test_nothing_acknowledged_is_lost_by_a_kill(place: Path) -> None:
+    rng, counts = random.Random(1), Counter[str]()
+    for _ in range(KILLS):
+        writer = Writer(place)
+        first = writer.acknowledged()
+        time.sleep(rng.uniform(0, 0.03))
+        told = int((writer.killed() or first).split()[0])
+        folder = opened(place)
+        lines = folder._kept.lines
+        # A line may be on disk whose acknowledgement was not heard any more, and resuming may add one.
+        assert told <= lines <= told + 3, (told, lines)
+        counts["lost"] += lines < told
+        counts["kills"] += 1
+        counts["torn lines dropped"] += len(folder.take_notices())
+        folder.close()
+        if lines > 2000:
+            shutil.rmtree(place)
+    print(f"\nkill: {dict(counts)}")
+    assert counts["kills"] == KILLS
+    assert counts["lost"] == 0
+
+
+def test_no_damage_to_a_journal_is_accepted_silently(place: Path, tmp_path: Path) -> None:
+    data = played(place, 60)
+    other = played(tmp_path / "other", 60)
+    trusted = prefixes(data)
+    rng, counts = random.Random(2), Counter[str]()
+    kinds = (_cut, _flip, _flip, _overwrite, _swap, _remove, _double, _other_line, _other_journal, _insert)
+    for n in range(DAMAGES):
+        harm = kinds[n % len(kinds)]
+        damaged = harm(data, other, rng)
+        if damaged == data:
+            counts["unchanged"] += 1
+            continue
+        counts[harm.__name__[1:]] += 1
+        (place / "journal.jsonl").write_bytes(damaged)
+        try:
+            folder = opened(place)
+        except JournalError as error:
+            counts["refused"] += 1
+            counts["of several lines"] += "\n" in str(error)
+            continue
+        notices, state, picks = folder.take_notices(), folder.state, tuple(p.id for p in folder.picks)
+        folder.close()
+        # What opens is a beginning of the journal: it was cut, as by a crash.
+        assert data.startswith(damaged) or notices, harm.__name__
+        whole = data[: damaged.rfind(b"\n") + 1].count(b"\n")
+        kept, kept_picks = trusted[whole]
+        right = state.document == kept.document and picks == kept_picks
+        counts["opened at the line before"] += right
+        counts["accepted silently"] += not right
+    print(f"\ndamage: {dict(counts)}")
+    assert counts["accepted silently"] == counts["of several lines"] == 0
+    assert sum(counts[k.__name__[1:]] for k in set(kinds)) + counts["unchanged"] == DAMAGES
+    assert counts["unchanged"] < DAMAGES // 20
+
+
+def _cut(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    return data[: rng.randrange(len(data))]
+
+
+def _flip(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    changed = bytearray(data)
+    changed[rng.randrange(len(data) - 1)] ^= 1 << rng.randrange(8)
+    return bytes(changed)
+
+
+def _overwrite(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    at, size = rng.randrange(len(data) - 1), rng.randrange(1, 200)
+    junk = rng.choice([b"\0" * size, rng.randbytes(size), b"\n" * size])
+    return (data[:at] + junk)[: len(data) - 1] + data[at + size : -1] + b"\n"
+
+
+def _lines(data: bytes) -> list[bytes]:
+    return data.splitlines(keepends=True)
+
+
+def _swap(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    lines = _lines(data)
+    a, b = rng.sample(range(len(lines)), 2)
+    lines[a], lines[b] = lines[b], lines[a]
+    return b"".join(lines)
+
+
+def _remove(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    lines = _lines(data)
+    del lines[rng.randrange(len(lines) - 1)]
+    return b"".join(lines)
+
+
+def _double(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    lines = _lines(data)
+    at = rng.randrange(len(lines))
+    return b"".join([*lines[:at], lines[at], *lines[at:]])
+
+
+def _other_line(data: bytes, other: bytes, rng: random.Random) -> bytes:
+    lines, theirs = _lines(data), _lines(other)
+    at = rng.randrange(len(lines))
+    return b"".join([*lines[:at], theirs[at], *lines[at + 1 :]])
+
+
+def _other_journal(data: bytes, other: bytes, rng: random.Random) -> bytes:
+    lines, theirs = _lines(data), _lines(other)
+    at = rng.randrange(len(lines))
+    return b"".join([*lines[:at], *theirs[at:]])
+
+
+def _insert(data: bytes, _other: bytes, rng: random.Random) -> bytes:
+    lines = _lines(data)
+    at = rng.randrange(len(lines))
+    number = f'{{"line":{at + 1},"time":"","kind":"undo"}}\n'.encode()
+    return b"".join([*lines[:at], number, *lines[at:]])
+
+
+def _gone(place: Path) -> None:
+    shutil.rmtree(place)
+
+
+def _journal_gone(place: Path) -> None:
+    (place / "journal.jsonl").unlink()
+
+
+def _journal_replaced(place: Path) -> None:
+    (place / "new").write_bytes(b"{}\n")
+    (place / "new").rename(place / "journal.jsonl")
+
+
+def _journal_cut(place: Path) -> None:
+    os.truncate(place / "journal.jsonl", 1)
+
+
+@pytest.mark.parametrize("harm", [_gone, _journal_gone, _journal_replaced, _journal_cut])
+def test_a_folder_that_is_removed_under_a_running_program_loses_nothing(
+    place: Path, harm: Callable[[Path], None]
+) -> None:
+    counts = Counter[str]()
+    for _ in range(5):
+        shutil.rmtree(place, ignore_errors=True)
+        for left in place.parent.glob("session-continued*"):
+            shutil.rmtree(left)
+        writer = Writer(place)
+        writer.acknowledged(5)
+        harm(place)
+        writer.acknowledged(10)
+        heard = writer.acknowledged(10)
+        lines, kept_in = (writer.killed() or heard).strip().split(maxsplit=1)
+        assert Path(kept_in) != place
+        folder = opened(Path(kept_in))
+        counts["lost"] += folder._kept.lines < int(lines)
+        counts["harms"] += 1
+        folder.close()
+    print(f"\n{harm.__name__[1:]}: {dict(counts)}")
+    assert counts["lost"] == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("mounting a small disk needs root")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_full_disk_refuses_the_decision_and_keeps_the_others(small_disk: Path) -> None:
+    place = small_disk / "session"
+    writer = Writer(place)
+    lines = told = ""
+    assert writer.process.stdout is not None
+    for line in writer.process.stdout:
+        if line.startswith("refused"):
+            told = line
+            break
+        lines = line
+    writer.process.communicate()
+    assert "No space left on device" in told
+    assert "was not made" in told
+    history = read_history(place)
+    assert history.document is not None
+    with pytest.raises(JournalError, match="No space left"):
+        opened(place)  # the lock's file, or giving up a computation, needs room
+    (small_disk / "session" / "session.lock").unlink(missing_ok=True)
+    count = (place / "journal.jsonl").read_bytes().count(b"\n")
+    assert count >= int(lines.split()[0])
+    print(f"\ndisk full: refused after {count} lines, none lost")
+
+
+def test_a_read_only_folder_is_one_clear_line(place: Path) -> None:
+    played(place, 20)
+    mounted = subprocess.run(["mount", "--bind", str(place), str(place)], capture_output=True, check=False)
+    if mounted.returncode:
+        pytest.skip("mounting needs root")
+    try:
+        subprocess.run(["mount", "-o", "remount,ro,bind", str(place)], check=True)
+        with pytest.raises(JournalError, match="Read-only file system") as caught:
+            opened(place)
+        assert "\n" not in str(caught.value)
+        assert read_history(place).n_views == len(RECORDING)
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+    opened(place).close()
+    print("\nread-only: refused once, read once")
+
+
+def test_of_two_processes_one_is_let_in(place: Path) -> None:
+    counts = Counter[str]()
+    for n in range(20):
+        first = Writer(place)
+        first.acknowledged()
+        if n % 2:
+            (place / "session.lock").unlink()
+        second = Writer(place)
+        _, error = second.process.communicate(timeout=60)
+        counts["refused"] += "open in another flatcloth" in error
+        first.acknowledged()
+        first.killed()
+        opened(place).close()
+    print(f"\ntwo processes: {dict(counts)} of 20")
+    assert counts["refused"] == 20

@@ -1,0 +1,117 @@
+"""Numbers that no garment has, and jobs that fail: the session goes on and tells it once."""
+
+from __future__ import annotations
+
+import json
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from page_tabs import Tab
+
+from flatcloth.core.errors import JournalError
+from flatcloth.core.types import RotationAxis
+from flatcloth.session.axis_file import write_axis
+from flatcloth.session.document import MAX_EXTENT_M
+from flatcloth.session.machine import Accept
+from flatcloth.viewer.scene.axis_panel import AxisPanel
+from flatcloth.viewer.worker import Worker
+
+
+def test_many_moves_never_add_up_to_an_absurd_one(server, folder):
+    with Tab(server) as tab:
+        view = tab.proposed()["pending"]["view_index"]
+        for _ in range(20):
+            tab.say(type="move", view_index=view, u_m=10.0, v_m=-10.0)
+        tab.say(type="do", action="accept", view_index=view)
+        tab.state_where(lambda s: s["pending"] is None)
+    (accepted,) = folder.state.document.accepted
+    placed = accepted.current_from_new
+    assert math.hypot(placed.u_m, placed.v_m) <= MAX_EXTENT_M
+    assert isinstance(folder.recorded[-1], Accept)
+
+
+@pytest.mark.parametrize("error", [RuntimeError("torn"), MemoryError(), SystemExit(3), KeyboardInterrupt()])
+def test_a_job_that_fails_does_not_end_the_session(server, monkeypatch, error):
+    application = server.application
+    with Tab(server) as tab:
+        tab.proposed()
+
+        def fail(*_: object) -> None:
+            monkeypatch.undo()
+            raise error
+
+        monkeypatch.setattr(application, "_take", fail)
+        tab.say(type="refine", view_index=1)
+        text = tab.note()["text"]
+        assert "Unexpected error" in text or "had to restart" in text
+        tab.say(type="do", action="skip")
+        tab.state_where(lambda s: s["pending"] is None and s["phase"] == "ready")
+    assert application._front._thread.is_alive()
+
+
+def test_a_state_that_cannot_be_published_is_told_once(server, monkeypatch):
+    application = server.application
+    with Tab(server) as tab:
+        tab.proposed()
+        told = application._state_of_page
+        monkeypatch.setattr(
+            application, "_state_of_page", lambda revision: told(revision) | {"step": math.nan}
+        )
+        tab.say(type="pick", u_m=0.0, v_m=0.15)
+        assert "not JSON compliant" in tab.note()["text"]
+        monkeypatch.undo()
+        tab.say(type="set", follow=False)
+        assert tab.state_where(lambda s: not s["settings"]["follow"]["value"])["picks"]
+        assert len(tab.notes) == 1
+
+
+def test_a_worker_goes_on_after_a_job_that_failed():
+    faults: list[BaseException] = []
+    done: list[int] = []
+    worker = Worker("tested", faults.append)
+    worker.put(lambda: 1 / 0)
+    worker.put(lambda: done.append(1))
+    worker.stop(5.0)
+    assert done == [1]
+    assert [type(fault) for fault in faults] == [ZeroDivisionError]
+
+
+@pytest.mark.parametrize("ray", [(math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0)])
+def test_a_click_without_a_place_is_told(server, ray):
+    with Tab(server) as tab:
+        tab.ready()
+        server.application.click_ray((0.0, 0.0, 0.0), ray)
+        server.application.click_ray(ray, (0.0, 0.0, 1.0))
+        tab.state_where(lambda s: any("no place in the scene" in n["text"] for n in s["log"]))
+
+
+def test_a_slider_says_no_more_than_it_can(monkeypatch):
+    axis = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+    panel = AxisPanel.__new__(AxisPanel)
+    panel._axis = axis
+    values = (math.nan, 1e308, -math.inf, -1e9)
+    sliders: Any = [SimpleNamespace(value=v, min=-50.0, max=50.0) for v in values]
+    panel._sliders = sliders
+    chosen = panel.chosen
+    assert np.isfinite(chosen.point_m).all()
+    assert np.abs(chosen.point_m - axis.point_m).max() <= 0.05 + 1e-9
+    assert np.linalg.norm(chosen.direction) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])
+def test_an_axis_that_no_turntable_has_is_not_kept(tmp_path, bad):
+    axis = RotationAxis(point_m=np.array([0.0, bad, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+    with pytest.raises(JournalError, match="finite numbers"):
+        write_axis(tmp_path, axis)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_deeply_nested_message_is_a_notification(server):
+    with Tab(server) as tab:
+        tab.ready()
+        for text in ("[" * 90_000, json.dumps({"type": "hover"})[:-1] + ',"id":' + "[" * 90_000):
+            tab.say_raw(text)
+            assert "not JSON" in tab.note()["text"]

@@ -1,0 +1,73 @@
+"""What robots are told: the example client against a running server, and a wrong token."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+from exported_sessions import write_cylinder, write_session
+
+from flatcloth.core.geometry import Rigid3
+from flatcloth.engine.integration import Integration
+from flatcloth.recordings import open_recording
+from flatcloth.session.store import SessionFolder
+from flatcloth.viewer import PageServer
+
+CLIENT = Path(__file__).parents[2] / "examples" / "robot_client.py"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory):
+    import numpy as np
+
+    place = tmp_path_factory.mktemp("robot")
+    recording = write_cylinder(place / "recording")
+    session = write_session(place / "session", recording)
+    opened = open_recording(recording)
+    integration = Integration(opened, method="paper")
+    folder = SessionFolder.open(session, opened, integration.config, "paper")
+    base_from_camera = Rigid3(np.eye(3), np.array([1.0, 2.0, 3.0]))
+    try:
+        with PageServer(integration, folder, port=0, base_from_camera=base_from_camera) as running:
+            for _ in range(200):
+                if ask(running, "/robot/grasps").status_code == 200:
+                    break
+            yield running
+    finally:
+        folder.close()
+
+
+def ask(server: PageServer, path: str, token: str | None = None) -> httpx.Response:
+    headers = {"Authorization": f"Bearer {server.token if token is None else token}"}
+    return httpx.get(f"http://127.0.0.1:{server.port}{path}", headers=headers, timeout=30)
+
+
+def test_a_wrong_token_is_refused(server: PageServer) -> None:
+    for path in ("/robot/shape", "/robot/grasps"):
+        assert ask(server, path, "wrong").status_code == 403
+
+
+def test_the_shape_is_told_with_its_garment_or_why_there_is_none(server: PageServer) -> None:
+    told = ask(server, "/robot/shape").json()
+    assert told["area_cm2"] > 0
+    assert told["garment"] is not None or told["reason"]
+
+
+def test_picks_are_given_in_the_robots_frame(server: PageServer) -> None:
+    grasp = ask(server, "/robot/grasps").json()["grasps"][0]
+    camera, base = (grasp["poses"][frame]["position_m"] for frame in ("camera", "base"))
+    assert base == pytest.approx([camera[0] + 1, camera[1] + 2, camera[2] + 3], abs=1e-5)
+
+
+def test_the_example_client_hears_the_picks(server: PageServer) -> None:
+    page = f"http://127.0.0.1:{server.port}"
+    name = ask(server, "/robot/grasps").json()["grasps"][0]["name"]
+    command = [sys.executable, str(CLIENT), page, str(server.token), "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert name in done.stdout
+    refused = subprocess.run([*command[:3], "wrong", "1"], capture_output=True, text=True, timeout=60)
+    assert refused.returncode != 0
+    assert "403" in refused.stderr
