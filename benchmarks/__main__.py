@@ -10,10 +10,10 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "canvas", "batch")
-ASKED_FOR = ("soak", "paper_steps")
-"""Take an hour, so they run by name only."""
+ASKED_FOR = ("soak", "confidence", "paper_steps")
+"""Run by name only: two take an hour, ``confidence`` learns weights that ``reliability`` measures."""
 ON_ONE_CORE = (
-    *("flattening", "page", "confidence", "registration", "segmentation"),
+    *("flattening", "page", "reliability", "registration", "segmentation"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

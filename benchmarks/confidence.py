@@ -1,20 +1,24 @@
 """Does the confidence of a proposal tell right from wrong? And how its weights were learned.
 
-For each view of an unattended integration, each part is laid where the method lays it, and at
-places that are wrong on purpose: moved, turned, or laid where another part belongs. Which of them
-are right is judged by the truth: right within 12 mm in the median, wrong beyond 20 mm; between,
-neither.
+For each proposal of an unattended integration, each component is scored at all places that the method
+considered for it: *natural* cases, whose wrong ones are layers, folds and repeated texture. Places that
+are wrong on purpose (moved, turned, or where another component belongs) are told apart from them.
+Which are right is judged by the truth: right within 12 mm in the median, wrong beyond 20 mm; between,
+neither. Weights are also learned without each garment in turn, and scored on that garment.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.output import Options, save
+from benchmarks.unattended import Remembered, sources
+from flatcloth.core.config import RobustConfig
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
@@ -25,7 +29,7 @@ from flatcloth.methods.robust.placement_search import recorded_rc
 from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, SessionState
+from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, Reject, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
@@ -37,52 +41,62 @@ class Laid:
     """A placement: its score's parts, the error by the truth (m), and whether it was moved on purpose."""
 
     recording: str
+    garment: str
     parts: dict[str, float]
     error_m: float
     moved: bool
 
 
-def placements_of(name: str, random: np.random.Generator) -> list[Laid]:
-    """Return right and wrong placements of one recording."""
-    integration = Integration(open_recording(name))
-    robust = integration.algorithm
-    assert isinstance(robust, RobustMethod)
-    truth = read_truth(integration.recording.location)
-    laid: list[Laid] = []
-    documents: list[tuple[Document, int]] = []
+@dataclass(frozen=True)
+class Watched:
+    """An unattended integration: what computed, its final document and truth, and all its proposals."""
+
+    integration: Integration
+    document: Document
+    truth: Any
+    proposals: list[tuple[Document, int]]
+
+
+def watched(source: str) -> Watched:
+    """Integrate a recording; keep the document before each proposal, and the view that was proposed."""
+    integration = Integration(Remembered(open_recording(source)))
+    truth = Remembered(read_truth(integration.recording.location))
+    proposals: list[tuple[Document, int]] = []
 
     def watch(event: Command | Event) -> None:
-        if isinstance(event, Accept):
-            documents.append((before[0], event.view_index))
+        if isinstance(event, Accept | Reject):
+            proposals.append((before[0], event.view_index))
         before[0] = run.state.document
 
     run = Run(integration, MemorySession(SessionState(len(integration.recording))), watch=watch)
     before = [run.state.document]
-    run.finish()
-    for document, view in documents:
+    document = run.finish().document
+    return Watched(integration, document, truth, proposals)
+
+
+def placements_of(found: Watched, random: np.random.Generator) -> list[Laid]:
+    """Return right and wrong placements of one recording."""
+    integration, truth = found.integration, found.truth
+    robust = integration.algorithm
+    assert isinstance(robust, RobustMethod)
+    name = integration.recording.name
+    laid: list[Laid] = []
+    for document, view in found.proposals:
         shape, parts = robust.shapes.shape(document), robust.search.components(document, view)
-        placement = integration.proposal(document).placement
-        found = {p.component: p.hypothesis for p in placement.parts if p.hypothesis is not None}
+        considered = robust.search.search(document, view).hypotheses
         node_truth = _truth_of_nodes(integration, document, truth)
-        for component, part in parts.items():
-            hypothesis = found.get(component)
-            if hypothesis is None:
-                continue
+        for component, hypotheses in considered.items():
+            part = parts[component]
             true = _truth_at(truth, view, recorded_rc(integration, view, part))
-            motions = [(hypothesis.current_from_new, False)]
-            motions.append((_disturbed(hypothesis.current_from_new, part.uv_m, random, 0.003, 1.0), False))
-            motions += [
-                (_disturbed(hypothesis.current_from_new, part.uv_m, random), True)
-                for _ in range(WRONG_PER_PART)
-            ]
-            others = [h for c, h in found.items() if c != component]
-            if others:
-                motions.append((others[0].current_from_new, True))
+            best = hypotheses[0].current_from_new
+            motions = [(hypothesis.current_from_new, False) for hypothesis in hypotheses]
+            motions += [(_disturbed(best, part.uv_m, random), True) for _ in range(WRONG_PER_PART)]
+            motions += [(h[0].current_from_new, True) for c, h in considered.items() if c != component][:1]
             for motion, moved in motions:
                 error = _error_m(motion.apply(part.uv_m), true, shape.all_uv_m, node_truth)
                 if np.isfinite(error):
                     score = robust.score(document, view, component, motion)
-                    laid.append(Laid(name, score.parts, error, moved))
+                    laid.append(Laid(name, truth.garment, score.parts, error, moved))
     return laid
 
 
@@ -155,28 +169,57 @@ def learned_weights(laid: list[Laid]) -> Float64:
     return np.asarray(minimize(loss, np.zeros(x.shape[1]), method="L-BFGS-B").x)
 
 
+def left_out_scores(laid: list[Laid]) -> Float64:
+    """Return the confidence of each placement by weights learned from all other garments; NaN if none."""
+    scores = np.full(len(laid), np.nan)
+    for garment in sorted({p.garment for p in laid}):
+        others = [p for p in laid if p.garment != garment]
+        if not any(p.error_m <= RIGHT_M for p in others) or not any(p.error_m >= WRONG_M for p in others):
+            continue
+        weights = tuple(float(w) for w in learned_weights(others))
+        for n, placement in enumerate(laid):
+            if placement.garment == garment:
+                scores[n] = confidence_of(placement.parts, weights)
+    return scores
+
+
+def figures_of(laid: list[Laid], scores: Float64, accept: float, *, moved: bool) -> dict[str, Any]:
+    """Return how well scores tell right from wrong among the natural placements, or the moved ones.
+
+    Right placements are natural in both cases.
+    """
+    error, was_moved = np.array([p.error_m for p in laid]), np.array([p.moved for p in laid])
+    known = np.isfinite(scores)
+    right = scores[known & (error <= RIGHT_M) & ~was_moved]
+    wrong = scores[known & (error >= WRONG_M) & (was_moved == moved)]
+    found: dict[str, Any] = {"right": int(right.size), "wrong": int(wrong.size)}
+    if right.size and wrong.size:
+        found |= {
+            "area_under_roc": round(area_under_roc(right, wrong), 4),
+            "right_accepted": round(float((right >= accept).mean()), 4),
+            "wrong_accepted": round(float((wrong >= accept).mean()), 4),
+        }
+    return found
+
+
 def run(options: Options) -> None:
     """Measure, print and write ``results/confidence.json``."""
-    from flatcloth.core.config import RobustConfig
-    from flatcloth.core.resources import sample_recordings
-
     random = np.random.default_rng(0)
-    names = options.recordings or sorted(str(path) for path in sample_recordings().values())
-    laid = [placement for name in names for placement in placements_of(name, random)]
+    names = sources(options.recordings)
+    laid = [placement for name in names for placement in placements_of(watched(name), random)]
     weights, accept = CONFIDENCE_WEIGHTS, RobustConfig().accept_confidence
     if options.learn:
         weights = tuple(float(w) for w in learned_weights(laid))
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
     scored = np.array([confidence_of(p.parts, weights) for p in laid])
-    error = np.array([p.error_m for p in laid])
-    right, wrong = scored[error <= RIGHT_M], scored[error >= WRONG_M]
+    left_out = left_out_scores(laid)
     figures = {
         "recordings": len(names),
-        "right": int(right.size),
-        "wrong": int(wrong.size),
-        "area_under_roc": round(area_under_roc(right, wrong), 4),
-        "right_accepted": round(float((right >= accept).mean()), 4),
-        "wrong_accepted": round(float((wrong >= accept).mean()), 4),
+        "natural": figures_of(laid, scored, accept, moved=False),
+        "natural_garment_left_out": figures_of(laid, left_out, accept, moved=False),
+        "moved": figures_of(laid, scored, accept, moved=True),
+        "moved_garment_left_out": figures_of(laid, left_out, accept, moved=True),
     }
     print(json.dumps(figures, indent=1))
-    save("confidence", figures, names)
+    if not options.quick:
+        save("confidence", figures, names)

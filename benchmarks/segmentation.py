@@ -152,10 +152,9 @@ def calibration_rows(
             at = view.surface & (truth[n].side == value)
             votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
     state = solver._state(found.decisions)
-    anchors = [touched for _, touched in state.strokes] or [solver.start_sheet]
     held = np.concatenate([np.empty(0, int), *(touched for _, touched in state.strokes)]).astype(int)
-    agreed = agreement(observed, state.side, anchors)
-    right = np.where(state.side > 0, votes[0], votes[1])
+    agreed = agreement(observed, state.side, solver._anchors(state), state.local)
+    right = np.where(state.shown > 0, votes[0], votes[1])
     used = (votes.sum(axis=0) > 0) & state.known
     used[held] = False
     share = right / np.maximum(votes.sum(axis=0), 1e-12)

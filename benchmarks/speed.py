@@ -1,22 +1,38 @@
-"""How long a recording takes unattended on one core, warm: reading included, and a proposal alone."""
+"""How long a recording takes unattended, and its parts, in units U that hold on any machine.
+
+U is the time in which SciPy's SuperLU (symmetric mode, MMD_AT_PLUS_A) factors the five-point Laplacian
+of a grid of 110 x 110, measured in the same run on the same core. Warm times include the reading of the
+files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels and
+export, on one core and on two.
+"""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix, diags_array, eye_array, kron
+from scipy.sparse.linalg import splu
 
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
+from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Command, Event, MemorySession, Propose, SessionState
 
-REPEATS = 5
+REPEATS = 3
+GRID = 110
+_RUN = "import sys; from flatcloth.cli import main; sys.exit(main())"
 
 
 @dataclass
@@ -34,53 +50,104 @@ class Stopwatch:
         self._asked_s = now_s if isinstance(said, Propose) else None
 
 
+def unit_s(repeats: int = 9) -> float:
+    """Return U in seconds, the least of several."""
+    along = diags_array([-np.ones(GRID - 1), 2 * np.ones(GRID), -np.ones(GRID - 1)], offsets=[-1, 0, 1])
+    one = eye_array(GRID)
+    matrix = csc_matrix(kron(along, one) + kron(one, along) + 1e-6 * eye_array(GRID * GRID))
+    options = {"SymmetricMode": True}
+    return best_s(
+        lambda: splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options), repeats
+    )
+
+
+def best_s(work: Callable[[], Any], repeats: int) -> float:
+    """Return the least time of some calls."""
+    times = []
+    for _ in range(repeats):
+        began_s = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began_s)
+    return min(times)
+
+
 def run(options: Options) -> None:
     """Measure and print; write ``results/speed.json`` unless ``quick``."""
     rows = []
     for source in sources(options.recordings):
         rows.append(row_of(source, repeats=1 if options.quick else REPEATS))
-        say(line(rows[-1]))
+        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
     if not options.quick:
         save("speed", rows, recordings_of(rows))
 
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
-    """Return the best of several times of each method, in turns, after one run of each to warm up."""
-    best = dict.fromkeys(method_names(), np.inf)
-    proposals_s = {}
-    for method in method_names():
-        whole_s(source, method)
+    """Return the best of several times after one run to warm up, in units U of the same minutes."""
+    _, _, views = whole_s(source, is_limited=False)
+    unit, watches, limited, whole = unit_s(), [], [], []
     for _ in range(repeats):
-        for method in method_names():
-            seconds, watch = whole_s(source, method)
-            if seconds < best[method]:
-                best[method], proposals_s[method] = seconds, watch.proposals_s
-    own = 1e3 * np.array(proposals_s["robust"])
+        seconds, watch, _ = whole_s(source, is_limited=True)
+        limited.append(seconds)
+        watches.append(watch)
+        whole.append(whole_s(source, is_limited=False)[0])
+        unit = min(unit, unit_s())
+    proposals = np.min([w.proposals_s for w in watches], axis=0)
+    cores = list(range(os.cpu_count() or 1)) if hasattr(os, "sched_setaffinity") else []
     return {
         "recording": open_recording(source).name,
-        **{f"{method}_s": round(best[method], 2) for method in method_names()},
-        "to_paper": round(best["robust"] / best["paper"], 2),
-        "proposals": len(own),
-        "proposal_median_ms": round(float(np.median(own)), 1),
-        "proposal_slowest_ms": round(float(own.max()), 1),
+        "unit_ms": round(1e3 * unit, 1),
+        "frame_u": round(frame_s(source) / unit, 2),
+        "proposal_u": round(float(np.median(proposals)) / unit, 2),
+        "slowest_proposal_u": round(float(proposals.max()) / unit, 2),
+        "views_14_u": round(min(limited) / unit, 1),
+        "views": views,
+        "unattended_u": round(min(whole) / unit, 1),
+        **{
+            f"command_on_{n}_to_warm": round(command_s(source, cores[:n], repeats) / min(whole), 2)
+            for n in (1, 2)
+            if len(cores) >= n
+        },
     }
 
 
-def whole_s(source: str, method: str) -> tuple[float, Stopwatch]:
-    """Integrate a recording from its files to the drawn shape; return the seconds, and each proposal's."""
+def whole_s(source: str, *, is_limited: bool) -> tuple[float, Stopwatch, int]:
+    """Integrate from the files to the canonical view; return seconds, each proposal's, and the views."""
     watch = Stopwatch()
     began_s = time.perf_counter()
     recording = open_recording(source)
-    integration = Integration(recording, method=method)
-    document = Run(integration, MemorySession(SessionState(len(recording))), watch=watch).finish().document
+    integration = Integration(recording)
+    session = MemorySession(SessionState(len(recording)))
+    document = Run(integration, session, watch=watch, is_limited=is_limited).finish().document
     integration.canonical(document)
-    return time.perf_counter() - began_s, watch
+    return time.perf_counter() - began_s, watch, len(document.used_views)
 
 
-def line(row: dict[str, Any]) -> str:
-    """Return a row as text."""
-    return (
-        f"{row['recording']:<24} {row['robust_s']:.2f} s, {row['to_paper']:.2f} times --method paper;"
-        f" {row['proposals']} proposals, {row['proposal_median_ms']:.0f} ms (median),"
-        f" {row['proposal_slowest_ms']:.0f} ms (slowest)"
-    )
+def frame_s(source: str) -> float:
+    """Return the median time from a frame that was read to its flattened view."""
+    integration = Integration(open_recording(source))
+    times = []
+    for view in range(len(integration.recording)):
+        integration.frame(view)
+        began_s = time.perf_counter()
+        try:
+            integration.flattening(view)
+        except FlatclothError:
+            continue  # it shows too little
+        times.append(time.perf_counter() - began_s)
+    return float(np.median(times))
+
+
+def command_s(source: str, cores: list[int], repeats: int) -> float:
+    """Return the least time of ``flatcloth run`` on some cores."""
+
+    def once() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-c", _RUN, "run", source, "--out", str(Path(folder) / "session")]
+            os.sched_setaffinity(0, cores)  # the command inherits it
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+    before = os.sched_getaffinity(0)
+    try:
+        return best_s(once, repeats)
+    finally:
+        os.sched_setaffinity(0, before)

@@ -6,6 +6,7 @@ import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
 import { isMove, KeyNudges } from "/static/canvas/nudges.js";
 import { Ruler } from "/static/canvas/ruler.js";
+import { Layout } from "/static/layout/layout.js";
 import { Connection } from "/static/page/connection.js";
 import { byId, setText } from "/static/page/dom.js";
 import { showExports } from "/static/page/exports.js";
@@ -24,8 +25,10 @@ import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
 import { Repair } from "/static/panels/repair.js";
-import { markPresent, showTimeline } from "/static/panels/timeline.js";
-import { Verdicts } from "/static/panels/verdicts.js";
+import { ReviewList } from "/static/review/list.js";
+import { ResultPanel } from "/static/review/result.js";
+import { markPresent, Timeline } from "/static/review/timeline.js";
+import { Verdicts } from "/static/review/verdicts.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
 let askedLayer = null; // in live mode: what the next frame was asked for with
@@ -49,12 +52,16 @@ const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
-page.add(new SceneMarks(page));
+const layout = page.add(new Layout(page));
+page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines());
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 const liveBar = page.add(new LiveBar(page, drawFrame));
 const verdicts = page.add(new Verdicts(page, decide));
+page.add(new Timeline(page, chooseView));
+page.add(new ReviewList(page, verdicts));
+page.add(new ResultPanel(page, verdicts));
 const keyPointer = new KeyPointer();
 const teaching = new Teaching({
   actions: () => page.state.actions,
@@ -110,7 +117,6 @@ function takeNote(message) {
 function show(state) {
   page.state = state;
   page.each("update", state);
-  showTimeline(state, chooseView);
   if (page.isLive) showLive(state);
   else showLayer(state);
   takeServerLog(state.log);
@@ -147,7 +153,7 @@ function showLayer(state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, false);
+  looking.show(looked, legend, false, state.layers?.legends);
   byId("empty").hidden = Boolean(state.layers);
   const computing = state.phase === "computing";
   setText(
@@ -184,6 +190,7 @@ function run(name, large = false) {
     return;
   }
   if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
+  layout.reveal(name);
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];
@@ -212,7 +219,7 @@ const PAGE_ACTIONS = {
     if (!send({ type: "set", follow: !on })) return;
     notify("info", on ? "The 3D camera stays where it is." : "The 3D camera follows the view.");
   },
-  export: () => showExports(notify, page.state.recording.name),
+  export: () => showExports(notify, page.state),
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));

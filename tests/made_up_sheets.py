@@ -79,4 +79,5 @@ def shape_of(uv: Float64, observations: Sequence[Observation], known: Bool) -> J
         anchor_uv_m=uv[known],
         weight=np.ones(sum(len(o.edges) for o in observations)),
         is_cut=np.zeros(sum(len(o.edges) for o in observations), dtype=bool),
+        by_hand=np.zeros(len(uv), dtype=bool),
     )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.config import Config
-from flatcloth.core.errors import JournalError
+from flatcloth.core.errors import GarmentError, JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 from flatcloth.engine.playing.recording import LiveFrame
 from flatcloth.engine.repair import Reach
@@ -39,6 +39,10 @@ HEIGHT_M = 0.30
 CENTER_M = np.array([0.0, 0.0, 0.85])
 PIXEL_M = 0.005
 SEEN_DEG = 55.0
+
+
+def _no_cameras(_document: Document) -> None:
+    raise GarmentError("There are no frames, so nothing is said of a garment.")
 
 
 @dataclass
@@ -123,6 +127,7 @@ class CylinderIntegration:
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
+        self.algorithm = SimpleNamespace(cameras=_no_cameras)
 
     def _held_angle(self, view_index: int) -> float:
         # The item turns right-handed about up; in the held frame the camera goes the other way.

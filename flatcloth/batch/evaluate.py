@@ -66,11 +66,11 @@ def _garment(integration: Integration, document: Document, truth: Truth) -> dict
     points = read_true_points(Path(integration.recording.location))
     if points is None:
         return {}
-    found = garment_of(integration, document)
-    if isinstance(found, str):
-        return {"garment": {"kind": None, "true_kind": points.kind, "reason": found}}
-    canonical = integration.canonical(document)
-    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    known = garment_of(integration, document)
+    if isinstance(known, str):
+        return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
+    canonical = known.canonical
+    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points)
     return {"garment": dataclasses.asdict(compared)}
 
 

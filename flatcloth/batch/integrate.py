@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,15 +13,13 @@ from typing import Any
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.outcome import earlier_scores, outcome_of, write_outcome
+from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import take_strokes
-from flatcloth.export.data import export_shape
-from flatcloth.export.garment import garment_points, keep_garment, outcome_entry
 from flatcloth.export.session import frames_of
-from flatcloth.garments.recognition import Recognition
+from flatcloth.export.session_data import SessionData
 from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import settle_axis
@@ -36,7 +35,7 @@ class Integrated:
 
     outcome: dict[str, Any]
     canonical: Canonical
-    garment: Recognition | str
+    garment: KnownGarment | str
     files: list[Path]
 
 
@@ -97,18 +96,20 @@ def integrate(
         with stages.stage("integrating"):
             unattended = Run(integration, folder)
             document = unattended.finish(progress).document
-            canonical = integration.canonical(document)
+            integration.canonical(document)
+        frames = frames_of(integration, document, read_grips(out), base_from_camera)
+        scores = {**earlier_scores(out), **_scores_of(unattended)}
         with stages.stage("garment"):
-            garment = garment_of(integration, document)
+            service = GarmentService(integration)
+            garment = place_sure_pieces(service, folder)
+        data = SessionData(integration, folder.state.document, folder.picks, frames, scores, service)
         progress(1.0, "writing")
         with stages.stage("writing"):
-            frames = frames_of(integration, document, read_grips(out), base_from_camera)
-            named = () if isinstance(garment, str) else garment_points(garment, canonical.view)
-            files = export_shape(canonical.view, folder.picks, out, frames, canonical.floating, named)
-            outcome = outcome_of(integration, unattended, earlier_scores(out))
-            outcome["garment"] = outcome_entry(garment)
-            files.append(write_outcome(outcome, out))
-            files += keep_garment(garment, canonical.view, canonical.floating, out)
+            files = data.write(out)
     finally:
         folder.close()
-    return Integrated(outcome=outcome, canonical=canonical, garment=garment, files=files)
+    return Integrated(outcome=data.outcome, canonical=data.canonical, garment=garment, files=files)
+
+
+def _scores_of(run: Run) -> dict[int, float]:
+    return {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}

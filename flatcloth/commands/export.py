@@ -15,13 +15,14 @@ if TYPE_CHECKING:
     from flatcloth.export.session import OpenedSession
 
 NAME = "export"
-SUMMARY = "export a session as offline page, report, figures, animation, grasp poses or outline"
+SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
   python app.py export result --html shirt.html --report report.html
+  python app.py export result --data files
   python app.py export result --figures figures --animation growth.gif
   python app.py export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = ("html", "report", "figures", "animation", "grasps", "outline", "garment")
+_OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +32,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="SESSION_DIR",
         help="session folder, of --out or --session; it is not changed",
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="write the data files that run writes (docs/exports.md)"
     )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one page that works offline")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write a report to print (HTML, A4)")
@@ -101,6 +105,8 @@ def _write(
     from flatcloth.export.files import write_text
 
     match name:
+        case "data":
+            session.data(base_from_camera, rotation_deg).write(path)
         case "html":
             from flatcloth.export.page import page
 
@@ -118,18 +124,12 @@ def _write(
 
             write_animation(session, path)
         case "grasps":
-            from flatcloth.engine.garment.recognition import garment_of
-            from flatcloth.export.data import grasps_text
-            from flatcloth.export.garment import garment_points
-
-            frames = session.frames(base_from_camera, rotation_deg)
-            garment = garment_of(session.integration, session.history.document)
-            named = () if isinstance(garment, str) else garment_points(garment, session.view)
-            write_text(path, grasps_text(session.growth.view, session.history.picks, frames, named))
+            grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
+            write_text(path, grasps.decode())
         case "garment":
             write_text(path, _garment_text(session))
         case "outline":
-            from flatcloth.export.outline import outline_text
+            from flatcloth.export.outlines.outline import outline_text
 
             write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
 
@@ -137,13 +137,11 @@ def _write(
 def _garment_text(session: OpenedSession) -> str:
     import json
 
-    from flatcloth.engine.garment.recognition import recognised
+    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.export.garment import garment_document
 
-    document = session.history.document
-    canonical = session.integration.canonical(document)
-    found = recognised(session.integration, document)
-    return json.dumps(garment_document(found, canonical.view, canonical.floating), indent=1) + "\n"
+    known = GarmentService(session.integration).of(session.history.document)
+    return json.dumps(garment_document(known), indent=1) + "\n"
 
 
 def _rotation(text: str) -> float:

@@ -64,11 +64,16 @@ class Cache(Generic[T]):
         How many are kept.
     most_bytes : int, optional
         How much memory they may keep alive together; the last one is kept whatever its size.
+    size : callable
+        Returns the memory that a value adds, in bytes. The default counts what values share once for each.
     """
 
-    def __init__(self, most: int, most_bytes: int | None = None) -> None:
+    def __init__(
+        self, most: int, most_bytes: int | None = None, size: Callable[[T], int] = size_in_bytes
+    ) -> None:
         self._most = most
         self._most_bytes = most_bytes
+        self._size = size
         self._lock = threading.Lock()
         self._values: OrderedDict[Hashable, tuple[T, int]] = OrderedDict()
         self._making: dict[Hashable, _Making[T]] = {}
@@ -101,7 +106,7 @@ class Cache(Generic[T]):
 
     def put(self, key: Hashable, value: T) -> T:
         """Keep a value and return it; if another thread was first, keep and return that thread's."""
-        size = size_in_bytes(value) if self._most_bytes is not None else 0
+        size = self._size(value) if self._most_bytes is not None else 0
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
@@ -112,6 +117,14 @@ class Cache(Generic[T]):
                 _, (_, freed) = self._values.popitem(last=False)
                 self._bytes -= freed
             return value
+
+    def kept(self, key: Hashable) -> T | None:
+        """Return the value if it is kept now, and count it as used."""
+        with self._lock:
+            if key not in self._values:
+                return None
+            self._values.move_to_end(key)
+            return self._values[key][0]
 
     def __contains__(self, key: Hashable) -> bool:
         """Say whether a value is kept now; asking does not count as using."""

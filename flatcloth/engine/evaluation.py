@@ -89,7 +89,7 @@ class Comparison:
 
     ``flat_uv_m`` (K, 2) the pixels of the result, aligned to the truth; ``true_uv_m`` (K, 2) their
     true positions; ``rgb`` (K, 3); ``reachable_cells`` and ``placed_cells`` (R, C) with
-    ``cell_origin_uv_m``.
+    ``cell_origin_uv_m``; ``std_mm`` (K,) the claimed standard deviations, NaN if there are none.
     """
 
     evaluation: Evaluation
@@ -99,6 +99,7 @@ class Comparison:
     reachable_cells: Bool
     placed_cells: Bool
     cell_origin_uv_m: Float64
+    std_mm: Float64
 
 
 def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int = 0) -> Comparison:
@@ -154,6 +155,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         reachable_cells=reachable,
         placed_cells=placed,
         cell_origin_uv_m=origin,
+        std_mm=_std_mm(view, known),
     )
 
 
@@ -161,7 +163,7 @@ def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, 
     """Return the evaluation of the placement uncertainty, if the result has one."""
     if view.placement_std_m is None:
         return {}
-    std_mm = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
+    std_mm = _std_mm(view, known)
     firm = error_mm[std_mm <= 1e3 * FIRM_M]
     figures = {
         "firm_share": float((std_mm <= 1e3 * FIRM_M).mean()),
@@ -174,6 +176,14 @@ def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, 
             "firm_far_share": float((firm > 1e3 * FAR_M).mean()),
         }
     return figures
+
+
+def _std_mm(view: FlattenedView, known: Bool) -> Float64:
+    """Return the claimed standard deviations (K,); NaN if the result has none."""
+    if view.placement_std_m is None:
+        return np.full(int(known.sum()), np.nan)
+    std_mm: Float64 = 1e3 * view.placement_std_m[view.valid][known].astype(np.float64)
+    return std_mm
 
 
 def trimmed_fit(points: Float64, target: Float64, rounds: int = 20) -> Float64:

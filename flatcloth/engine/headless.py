@@ -79,6 +79,8 @@ class Run:
         Owns the state, new or resumed, and records all commands and answers.
     policy : Policy
         Decides about proposals.
+    is_limited : bool
+        Use no more views than are proposed to an operator.
     watch : callable
         Called with every command and answer after it was recorded, in order.
 
@@ -93,6 +95,7 @@ class Run:
     policy: Policy = accept_by_score
     watch: Callable[[Command | Event], None] = field(default=lambda _: None)
     decisions: list[Decision] = field(default_factory=list)
+    is_limited: bool = False
 
     @property
     def state(self) -> SessionState:
@@ -107,7 +110,7 @@ class Run:
         FlatclothError
             If no start view can be flattened.
         """
-        self.integration.algorithm.is_unattended = True
+        self.integration.algorithm.is_unattended = not self.is_limited
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:

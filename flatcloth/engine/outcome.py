@@ -1,9 +1,10 @@
-"""The report of an unattended integration: which views were accepted or left out, and why."""
+"""The report of an integration: which views were accepted or left out, and why."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,47 +12,39 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import Finite, decoded
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
+from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe
+from flatcloth.session.document import Accepted, Document
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
 _FIRM_M = 0.010
 
 
-def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | None = None) -> dict[str, Any]:
+def outcome_of(
+    integration: Integration, document: Document, scores: Mapping[int, float] | None = None
+) -> dict[str, Any]:
     """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
 
     Parameters
     ----------
     integration : Integration
         The integration.
-    run : Run
-        The finished run.
-    earlier : dict of int to float, optional
-        Scores of views that were accepted before this run was resumed; see :func:`earlier_scores`.
+    document : Document
+        The decisions, of an operator or of an unattended run.
+    scores : dict of int to float, optional
+        Scores of views whose acceptance keeps none; see :func:`earlier_scores`.
     """
-    document = run.state.document
     canonical = integration.canonical(document)
     angles = integration.recording.angles_deg
-    last = {decision.view_index: decision for decision in run.decisions}
-    accepted = []
-    for added in document.accepted:
-        decision = last.get(added.view_index)
-        score = (earlier or {}).get(added.view_index) if decision is None else _number(decision.score)
-        accepted.append(
-            {
-                "view_index": added.view_index,
-                "angle_deg": angles[added.view_index],
-                "score": score,
-                "by_hand": added.fixed,
-            }
-        )
+    accepted = [
+        _accepted(added, angles[added.view_index], scores or {}, integration.accept_score)
+        for added in document.accepted
+    ]
     refused = {r.view_index: r.reason for r in document.rejected}
     skipped = {s.view_index: "skipped" for s in document.skipped}
     left = [
@@ -68,9 +61,34 @@ def outcome_of(integration: Integration, run: Run, earlier: dict[int, float] | N
         "ended": document.finished or "",
         "area_cm2": round(1e4 * canonical.view.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
-        **_sureness(canonical.view),
-        **_cameras(integration, run),
+        "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
+        **uncertainty(canonical.view),
+        **_cameras(integration, document),
         **_segmentation(integration),
+    }
+
+
+def _accepted(added: Accepted, angle_deg: float, scores: Mapping[int, float], limit: float) -> dict[str, Any]:
+    """Return an accepted view; ``flagged``: its score is below what is accepted without an operator."""
+    score = scores.get(added.view_index) if added.score is None else added.score
+    score = None if score is None else _number(score)
+    return {
+        "view_index": added.view_index,
+        "angle_deg": angle_deg,
+        "score": score,
+        "by_hand": added.fixed,
+        "flagged": score is not None and score < limit,
+    }
+
+
+def _floating(piece: SheetPiece) -> dict[str, Any]:
+    """Return a floating piece as it is called on the page, with its file."""
+    return {
+        "piece": piece.label,
+        "file": piece.file,
+        "area_cm2": round(1e4 * piece.view.area_m2, 1),
+        "reason": piece.reason,
+        "views": list(piece.views),
     }
 
 
@@ -80,9 +98,9 @@ def _segmentation(integration: Integration) -> dict[str, Any]:
     return {} if masks is None else {"segmentation": summary(masks.segmentation)}
 
 
-def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
+def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
     """Return the results of the registration of the cameras, if the method registers them."""
-    registered = integration.algorithm.cameras(run.state.document)
+    registered = integration.algorithm.cameras(document)
     if registered is None:
         return {}
     views = [
@@ -99,7 +117,8 @@ def _cameras(integration: Integration, run: Run) -> dict[str, Any]:
     return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
 
 
-def _sureness(view: FlattenedView) -> dict[str, float]:
+def uncertainty(view: FlattenedView) -> dict[str, float]:
+    """Return the median placement uncertainty and the reliable share; empty if the method computes none."""
     if view.placement_std_m is None or not view.valid.any():
         return {}
     std = view.placement_std_m[view.valid]
@@ -159,11 +178,6 @@ def earlier_scores(folder: Path) -> dict[int, float]:
     return {a.view_index: a.score for a in kept.accepted if a.score is not None}
 
 
-def write_outcome(outcome: dict[str, Any], folder: Path) -> Path:
-    """Write ``outcome.json`` atomically."""
-    file = folder / FILE
-    try:
-        replace_file(file, json.dumps(outcome, indent=1).encode() + b"\n")
-    except OSError as error:
-        raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
-    return file
+def outcome_text(outcome: dict[str, Any]) -> str:
+    """Return the content of ``outcome.json``."""
+    return json.dumps(outcome, indent=1) + "\n"

@@ -7,8 +7,9 @@ but whose place there is not reliable, stay where they lie.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -17,11 +18,14 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Floats, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2
+from flatcloth.flattening.resampling import place
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.base import Canonical
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
+    from flatcloth.session.document import Document
 
 GAP_M = 0.04
 """Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth."""
@@ -29,6 +33,7 @@ _NEAR_M = 1.0
 """A piece whose middle is nearer to the shape than this lies where it would belong."""
 
 FLOATS = "Nothing seen connects it to the shape."
+PLACED = "Placed by the garment: no view connects it, its edges fit the outline."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
 
 
@@ -36,15 +41,34 @@ LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is no
 class SheetPiece:
     """A floating piece on the sheet.
 
-    ``label`` B, C, ... by falling area; ``view`` is its raster on the sheet; ``shift_m`` (u, v) leads
-    there from the method's plane; ``reason`` says why it floats; ``views`` are the views that show it.
+    ``label`` B, C, ... by falling area; ``number`` its place among the method's pieces, from 1; ``view`` is
+    its raster on the sheet; ``shift_m`` (u, v) leads there from the method's plane; ``reason`` says why it
+    floats; ``views`` are the views that show it. ``placed`` is the motion from the method's plane of a piece
+    that lies on the shape by the garment.
     """
 
     label: str
+    number: int
     view: FlattenedView
     shift_m: tuple[float, float]
     reason: str
     views: tuple[int, ...]
+    placed: Rigid2 | None = None
+
+    @property
+    def sheet_from_plane(self) -> Rigid2:
+        """The motion from the method's plane to the sheet."""
+        return self.placed or Rigid2(0.0, *self.shift_m)
+
+    @property
+    def file(self) -> str:
+        """The file of the piece in an export."""
+        return floating_file(self.number)
+
+
+def floating_file(number: int) -> str:
+    """Return the file of a floating piece, counted from 1."""
+    return f"floating-{number}.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +85,28 @@ class Sheet:
     pieces: tuple[SheetPiece, ...]
 
     @property
+    def placed(self) -> dict[int, Rigid2]:
+        """The motions of the pieces placed by the garment, by their index in ``canonical.floating``."""
+        order = order_of(self.canonical.floating)
+        return {order[n]: piece.placed for n, piece in enumerate(self.pieces) if piece.placed is not None}
+
+    @property
     def floating_m2(self) -> float:
-        """Area of all floating pieces."""
-        return sum(piece.view.area_m2 for piece in self.pieces)
+        """Area of all floating pieces that have no place on the shape."""
+        return sum(piece.view.area_m2 for piece in self.pieces if piece.placed is None)
+
+    @property
+    def shape_m2(self) -> float:
+        """Area of the shape with the pieces that are placed on it."""
+        placed = sum(piece.view.area_m2 for piece in self.pieces if piece.placed is not None)
+        return self.canonical.view.area_m2 + placed
 
     def piece_at(self, uv_m: Floats) -> int:
         """Return which piece a place of the sheet belongs to: that whose rectangle holds it, else 0."""
         at = np.asarray(uv_m, dtype=np.float64)
+        row, col = np.rint(self.view.rc_from_uv(at)).astype(int).tolist()
+        if 0 <= row < self.piece.shape[0] and 0 <= col < self.piece.shape[1] and self.piece[row, col] > 0:
+            return int(self.piece[row, col])
         for n, piece in enumerate(self.pieces, start=1):
             low, high = _box(piece.view)
             if piece.shift_m != (0.0, 0.0) and bool(((at >= low) & (at <= high)).all()):
@@ -77,12 +116,12 @@ class Sheet:
     def piece_on_plane(self, uv_m: Floats) -> int:
         """Return which piece a place of the method's plane belongs to: the nearest far piece, else 0."""
         at, best, nearest = np.asarray(uv_m, dtype=np.float64), 0, np.inf
-        candidates = [(0, self.canonical.view, (0.0, 0.0))]
-        candidates += [
-            (n, p.view, p.shift_m) for n, p in enumerate(self.pieces, 1) if p.shift_m != (0.0, 0.0)
-        ]
-        for n, view, shift in candidates:
-            low, high = (end - np.asarray(shift) for end in _box(view))
+        candidates = [(0, *_box(self.canonical.view))]
+        for n, piece in enumerate(self.pieces, 1):
+            if piece.sheet_from_plane != Rigid2():
+                corners = piece.sheet_from_plane.inverse().apply(_corners(piece.view))
+                candidates.append((n, corners.min(axis=0), corners.max(axis=0)))
+        for n, low, high in candidates:
             off = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - at, at - high))))
             if off < nearest:
                 best, nearest = n, off
@@ -90,7 +129,7 @@ class Sheet:
 
     def shift(self, piece: int) -> Rigid2:
         """Return the motion from the method's plane to the sheet of a piece, 0 the shape."""
-        return Rigid2() if piece == 0 else Rigid2(0.0, *self.pieces[piece - 1].shift_m)
+        return Rigid2() if piece == 0 else self.pieces[piece - 1].sheet_from_plane
 
     def shown(self, placement: Rigid2, center_m: Floats) -> Rigid2:
         """Return a placement (plane from a component's own plane) as it is on the sheet.
@@ -113,15 +152,39 @@ class Sheet:
         return self.shift(self.piece_at(shown.apply(center_m))).inverse() @ shown
 
 
-def lay_out(canonical: Canonical) -> Sheet:
-    """Lay the floating pieces of a canonical view out beside it."""
+def order_of(floating: Sequence[FlattenedView]) -> list[int]:
+    """Return the indices of floating pieces in the order of their letters: the largest first."""
+    return sorted(range(len(floating)), key=lambda n: -floating[n].area_m2)
+
+
+def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyType({})) -> Sheet:
+    """Lay the floating pieces of a canonical view out beside it.
+
+    ``placed`` are motions onto the shape of those that the garment places, by their index in ``floating``.
+    """
     main = canonical.view
     low, high = _box(main)
-    floating = sorted(canonical.floating, key=lambda view: -view.area_m2)
     height = max(float(high[1] - low[1]), 0.2)
     left, top, wide = float(high[0]) + GAP_M, float(low[1]), 0.0
     pieces = []
-    for n, view in enumerate(floating):
+    for n, index in enumerate(order_of(canonical.floating)):
+        view = canonical.floating[index]
+        shown = np.unique(view.view_index[view.valid])
+        views = tuple(int(v) for v in shown if v >= 0)
+        motion = placed.get(index)
+        if motion is not None:
+            pieces.append(
+                SheetPiece(
+                    label=label_of(n + 1),
+                    number=index + 1,
+                    view=_moved(view, motion, main),
+                    shift_m=(0.0, 0.0),
+                    reason=PLACED,
+                    views=views,
+                    placed=motion,
+                )
+            )
+            continue
         own_low, own_high = _box(view)
         middle = (own_low + own_high) / 2
         near = bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
@@ -137,18 +200,65 @@ def lay_out(canonical: Canonical) -> Sheet:
             shift = (float(step[0]), float(step[1]))
             top, wide = top + float(size[1]) + GAP_M, max(wide, float(size[0]))
         origin = (view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1])
-        shown = np.unique(view.view_index[view.valid])
         pieces.append(
             SheetPiece(
                 label=label_of(n + 1),
+                number=index + 1,
                 view=replace(view, origin_uv_m=origin),
                 shift_m=shift,
                 reason=LOOSE if near else FLOATS,
-                views=tuple(int(v) for v in shown if v >= 0),
+                views=views,
             )
         )
     joined, piece = _joined(main, [p.view for p in pieces])
     return Sheet(canonical=canonical, view=joined, piece=piece, pieces=tuple(pieces))
+
+
+def sheet_of(canonical: Canonical, document: Document) -> Sheet:
+    """Lay a canonical view out, with the pieces that its document places by the garment."""
+    placed = decided_pieces(document.garment, canonical.view, canonical.floating)
+    return lay_out(canonical, placed.shape_from_piece)
+
+
+class Overlays(Protocol):
+    """What lays the components of views on a plane."""
+
+    def part(self, view_index: int, component: int) -> FlattenedView:
+        """Return one component of a flattened view."""
+        ...
+
+    def overlay(self, document: Document) -> FlattenedView:
+        """Return the pending view on the plane, at its placement."""
+        ...
+
+
+def overlay_on(views: Overlays, document: Document, sheet: Sheet) -> FlattenedView:
+    """Return the pending view of a document on the sheet."""
+    pending = document.pending
+    assert pending is not None
+    center = np.array(center_uv_m(views.part(pending.view_index, pending.component)))
+    shown = sheet.shown(pending.current_from_new, center)
+    if shown == pending.current_from_new:
+        return views.overlay(document)
+    return views.overlay(replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2())))
+
+
+def beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:
+    """Return (H, W) where a view has cloth and the shape has none."""
+    rc = np.rint(shape.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
+    inside = ((rc >= 0) & (rc < shape.shape)).all(axis=1)
+    known = np.zeros(len(rc), dtype=bool)
+    known[inside] = shape.valid[rc[inside, 0], rc[inside, 1]]
+    fresh: Bool = overlay.valid.copy()
+    fresh[overlay.valid] = ~known
+    return fresh
+
+
+def center_uv_m(view: FlattenedView) -> tuple[float, float]:
+    """Return the centre of a view's grid on its plane."""
+    rows, cols = view.shape
+    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
+    return float(u_m), float(v_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,6 +328,22 @@ def _box(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     rows, cols = view.shape
     low = np.asarray(view.origin_uv_m, dtype=np.float64)
     return low, low + view.pixel_size_m * np.array([cols - 1, rows - 1])
+
+
+def _corners(view: FlattenedView) -> NDArray[np.float64]:
+    (left, top), (right, bottom) = _box(view)
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+
+
+def _moved(view: FlattenedView, motion: Rigid2, main: FlattenedView) -> FlattenedView:
+    """Return a piece moved on the plane, its pixels on those of the shape."""
+    size = main.pixel_size_m
+    # place() rasters at whole pixels of the plane; the shape's raster may begin between them.
+    off = np.asarray(main.origin_uv_m) - np.rint(np.asarray(main.origin_uv_m) / size) * size
+    back = Rigid2(0.0, float(-off[0]), float(-off[1]))
+    moved = place(view, back @ motion)
+    origin = np.asarray(moved.origin_uv_m) + off
+    return replace(moved, origin_uv_m=(float(origin[0]), float(origin[1])))
 
 
 def _joined(main: FlattenedView, pieces: list[FlattenedView]) -> tuple[FlattenedView, NDArray[np.int16]]:

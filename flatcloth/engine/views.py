@@ -82,7 +82,7 @@ class RecordedViews:
     def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 128 * _MIB)
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 40 * _MIB)
         self._ahead = ReadAhead(self.recorded)
         self._segmenting = threading.RLock()
         hanging = resolve_axis(recording, self.recorded, config.surface)
@@ -96,9 +96,9 @@ class RecordedViews:
         No other thread may compute meanwhile.
         """
         self.axis = axis
-        # Unattended, a shape uses up to 36 views: all must fit, or each step flattens them again.
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 96 * _MIB)
-        self._flattenings: Cache[Flattening | FlatclothError] = Cache(MAX_VIEWS, 512 * _MIB)
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 48 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 160 * _MIB)
+        self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None
         segmenter = self._segmenter
@@ -171,10 +171,13 @@ class RecordedViews:
         if self.masks is None:
             self.segment(())
         key = view_index, self._mask_key(view_index)
-        made = self._flattenings.get(key, lambda: self._flatten(view_index))
-        if isinstance(made, FlatclothError):
-            raise made
-        return made
+        failure = self._failures.kept(key)
+        if failure is None:
+            try:
+                return self._flattenings.get(key, lambda: self._flatten(view_index))
+            except (SurfaceError, FlatteningError) as error:
+                failure = self._failures.put(key, type(error)(str(error)))
+        raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""
@@ -197,7 +200,7 @@ class RecordedViews:
             areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
         return areas
 
-    def _flatten(self, view_index: int) -> Flattening | FlatclothError:
+    def _flatten(self, view_index: int) -> Flattening:
         config = self.config
         try:
             surface = observe_item(self.frame(view_index), self.axis, config.surface)
@@ -205,12 +208,10 @@ class RecordedViews:
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )
         except (SurfaceError, FlatteningError) as error:
-            return type(error)(f"{self.recording.location}: {error}")
+            raise type(error)(f"{self.recording.location}: {error}") from None
 
     def _unusable(self) -> set[int]:
-        failed = (
-            cast("tuple[int, int]", k) for k, v in self._flattenings.items() if isinstance(v, FlatclothError)
-        )
+        failed = (cast("tuple[int, int]", key) for key, _ in self._failures.items())
         return {view for view, key in failed if key == self._mask_key(view)}
 
     def _cloud(self, view_index: int) -> ViewCloud:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import math
@@ -9,7 +10,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -21,10 +22,12 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.engine.sheet import floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.recordings.files.text import shortened
 
+GARMENT = "garment.json"
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
 
@@ -78,32 +81,41 @@ class GraspFrames:
     base_from_camera: Rigid3 | None = None
 
 
-def export_shape(
+Files = Mapping[str, Callable[[BinaryIO], object]]
+"""Files to be written: each name with what writes it."""
+
+
+def shape_files(
     view: FlattenedView,
     picks: Iterable[NamedPoint],
-    folder: Path,
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
-    named: Sequence[NamedPoint] = (),
-) -> list[Path]:
-    """Write ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
+    named: Callable[[], Sequence[NamedPoint]] = tuple,
+) -> dict[str, Callable[[BinaryIO], object]]:
+    """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
-    Each floating piece is written to ``floating-1.npz`` and so on, in a plane of its own. Files are
-    replaced atomically, so a crash leaves either the old or the new one.
+    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named`` is called when
+    ``grasps.json`` is written.
+    """
+    files: dict[str, Callable[[BinaryIO], object]] = {
+        "flattened.npz": lambda file: _write_npz(view, file),
+        "flattened.png": lambda file: file.write(png_bytes(view)),
+        "cloud.ply": lambda file: file.write(ply_bytes(view)),
+        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames, named(), floating).encode()),
+    }
+    for n, piece in enumerate(floating, start=1):
+        files[floating_file(n)] = functools.partial(_write_npz, piece)
+    return files
+
+
+def write_files(files: Files, folder: Path) -> list[Path]:
+    """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
 
     Raises
     ------
     FlatclothError
         If the folder cannot be written; the message names it.
     """
-    files: dict[str, Callable[[BinaryIO], object]] = {
-        "flattened.npz": lambda file: _write_npz(view, file),
-        "flattened.png": lambda file: file.write(png_bytes(view)),
-        "cloud.ply": lambda file: file.write(ply_bytes(view)),
-        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames, named).encode()),
-    }
-    for n, piece in enumerate(floating, start=1):
-        files[f"floating-{n}.npz"] = functools.partial(_write_npz, piece)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in files.items():
@@ -114,6 +126,18 @@ def export_shape(
             f"{folder}: the export cannot be written ({error}); choose another folder."
         ) from error
     return [folder / name for name in files]
+
+
+def remove_stale(written: Collection[str], folder: Path) -> None:
+    """Remove floating pieces and ``garment.json`` of an earlier export that this one has not."""
+    stale = [] if GARMENT in written else [GARMENT]
+    number = 1
+    while (folder / (name := floating_file(number))).exists() or name in written:
+        stale += [] if name in written else [name]
+        number += 1
+    for name in stale:
+        with contextlib.suppress(OSError):
+            (folder / name).unlink()
 
 
 _MOST_BYTES = 1_000_000_000
@@ -224,17 +248,30 @@ def ply_bytes(view: FlattenedView) -> bytes:
 
 
 def grasps_text(
-    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+    view: FlattenedView,
+    picks: Iterable[NamedPoint],
+    frames: GraspFrames,
+    named: Sequence[NamedPoint] = (),
+    floating: Sequence[FlattenedView] = (),
 ) -> str:
     """Return the content of ``grasps.json``."""
-    return json.dumps(grasps_document(view, picks, frames, named), indent=1, allow_nan=False) + "\n"
+    document = grasps_document(view, picks, frames, named, floating)
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def grasps_document(
-    view: FlattenedView, picks: Iterable[NamedPoint], frames: GraspFrames, named: Sequence[NamedPoint] = ()
+    view: FlattenedView,
+    picks: Iterable[NamedPoint],
+    frames: GraspFrames,
+    named: Sequence[NamedPoint] = (),
+    floating: Sequence[FlattenedView] = (),
 ) -> dict[str, Any]:
-    """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame."""
+    """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame.
+
+    A pick on a floating piece has its pixel and its pose there; ``file`` of its pixel names the piece.
+    """
     axis, base = frames.axis, frames.base_from_camera
+    views = (view, *floating)
     return {
         "format": GRASPS_FORMAT,
         "frame": "held",
@@ -242,12 +279,13 @@ def grasps_document(
         "rotation_deg": _number(frames.rotation_deg),
         "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
-        "grasps": [_grasp(view, pick, frames) for pick in picks],
-        "garment_points": [_grasp(view, point, frames) for point in named],
+        "grasps": [_grasp(views, pick, frames) for pick in picks],
+        "garment_points": [_grasp(views, point, frames) for point in named],
     }
 
 
-def _grasp(view: FlattenedView, pick: NamedPoint, frames: GraspFrames) -> dict[str, Any]:
+def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames) -> dict[str, Any]:
+    """Return a pick; ``views`` are the shape and its floating pieces."""
     position: Float64 = np.asarray(pick.position_held_m, dtype=np.float64)
     normal: Float64 = np.asarray(pick.normal_held, dtype=np.float64)
     grasp: dict[str, Any] = {
@@ -258,9 +296,13 @@ def _grasp(view: FlattenedView, pick: NamedPoint, frames: GraspFrames) -> dict[s
         "view_index": pick.view_index,
         "source_rc": _numbers(np.asarray(pick.source_rc), 3),
     }
-    if view.valid.any():
-        (row, col), distance_m = pixel_of_point(view, position)
+    found = [(n, *pixel_of_point(view, position)) for n, view in enumerate(views) if view.valid.any()]
+    view = views[0]
+    if found:
+        number, (row, col), distance_m = min(found, key=lambda place: place[2])
+        view = views[number]
         grasp["flattened"] = {
+            "file": floating_file(number) if number else "flattened.npz",
             "row": row,
             "col": col,
             "uv_m": _numbers(view.uv_from_rc(np.array([row, col]))),

@@ -11,6 +11,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
+from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on, sheet_of
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
@@ -26,7 +27,7 @@ from flatcloth.rendering.charts import (
     draw_scale_bar,
     draw_title,
 )
-from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, text_width
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
@@ -41,6 +42,7 @@ LAYER_WORDS = {
     "stretch": ("Stretch", "the change of lengths by flattening"),
     "incidence": ("Incidence", "the incidence angle of each pixel"),
     "density": ("Density", "the density of the measurement"),
+    "place": ("Uncertainty", "the placement uncertainty of each pixel"),
 }
 """The title of each layer, and its description."""
 
@@ -114,7 +116,9 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
         if name in QUALITY_LAYERS and view.quality is None:
             continue
         picture = cropped(rgba(view, name, integration.axis, len(angles_deg)), view)
-        about = f"{1e4 * view.area_m2:.0f} cm\u00b2 from {len(session.growth.steps)} views"
+        about = f"{1e4 * session.growth.area_m2:.0f} cm\u00b2 from {len(session.growth.steps)} views"
+        if session.growth.sheet.pieces:
+            about += f"; {1e4 * session.growth.sheet.floating_m2:.0f} cm\u00b2 float"
         explained = legend(view, name, integration.axis, angles_deg)
         shape = name == "color"
         title, shows = ("Canonical shape", about) if shape else words_of(name)
@@ -131,6 +135,7 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
                 about if shape else "",
                 explain,
                 marks=picks_on(session) if shape else (),
+                pieces=session.growth.sheet.pieces,
             ),
         )
 
@@ -155,10 +160,11 @@ def map_drawing(
     longest: float = 460.0,
     legend_width: float = 150.0,
     marks: Sequence[tuple[float, float, str]] = (),
+    pieces: Sequence[SheetPiece] = (),
 ) -> Drawing:
     """Return a picture of the plane with a title, a scale bar and a legend on the right.
 
-    ``marks`` are points (u, v in m) with a short label each.
+    ``marks`` are points (u, v in m) with a short label each; floating ``pieces`` are named where they lie.
     """
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
@@ -170,9 +176,23 @@ def map_drawing(
     drawing.picture(picture.rgba, _MARGIN, _HEAD, width, height)
     points_per_m = per_pixel / picture.pixel_size_m
     draw_scale_bar(drawing, _MARGIN, drawing.height - 14, points_per_m, 0.3 * longest)
+
+    def place(uv_m: Sequence[float]) -> tuple[float, float]:
+        across, down = (np.asarray(uv_m) - picture.origin_uv_m) / picture.pixel_size_m + 0.5
+        return float(_MARGIN + across * per_pixel), float(_HEAD + down * per_pixel)
+
+    for n, piece in enumerate(pieces, start=1):
+        x, y = place(piece.view.origin_uv_m)
+        drawing.text(
+            x,
+            max(y - 4, _HEAD + 10),
+            piece.label,
+            SIZE,
+            "#" + bytes(piece_color(n).tolist()).hex(),
+            bold=True,
+        )
     for u_m, v_m, label in marks:
-        across, down = (np.array([u_m, v_m]) - picture.origin_uv_m) / picture.pixel_size_m + 0.5
-        x, y = _MARGIN + across * per_pixel, _HEAD + down * per_pixel
+        x, y = place((u_m, v_m))
         drawing.dot(x, y, 6.5, PAPER)
         drawing.dot(x, y, 5.0, PINK)
         drawing.box(x + 8, y - 8, text_width(label, SIZE) + 6, 16, PAPER, 0.85)
@@ -200,11 +220,13 @@ def _explain(drawing: Drawing, x: float, y: float, explained: dict[str, object])
 def growth(session: OpenedSession) -> Figure:
     """Return the chart of the shape's area after each accepted view."""
     steps = session.growth.steps
-    after = 1e4 * np.array([step.area_m2 for step in steps])
+    after = 1e4 * np.array([step.area_m2 + step.floating_m2 for step in steps])
     before = np.concatenate([[0.0], after[:-1]])
+    shape = 1e4 * np.array([step.area_m2 for step in steps])
+    what = "area of shape and pieces" if bool((after > shape).any()) else "area of the shape"
     order = np.arange(len(steps), dtype=np.float64)
     drawing = Drawing(max(420.0, 110 + 46 * len(steps)), 350)
-    draw_title(drawing, "Growth", "area of the shape after each accepted view")
+    draw_title(drawing, "Growth", f"{what} after each accepted view")
     frame = Frame(
         left=62, top=84, width=drawing.width - 90, height=200,
         x_range=(-0.7, len(steps) - 0.3), y_range=(0.0, float(after.max()) * 1.05),
@@ -214,13 +236,16 @@ def growth(session: OpenedSession) -> Figure:
     low, high = np.minimum(before, after), np.maximum(before, after)
     axes.bar(order, low, 0.72, color="#b9c6d6")
     axes.bar(order, high - low, 0.72, bottom=low, color=BLUE)
+    axes.bar(order, after - shape, 0.72, bottom=shape, fill=False, edgecolor=SOFT, hatch="////", linewidth=0)
     for x, y, step in zip(order, high, steps, strict=True):
         added = f"{round(1e4 * step.added_m2):+d}".replace("-", "\u2212")
         axes.annotate(
             added, (x, y), (0, 4), textcoords="offset points", ha="center", color=SOFT, fontsize=SMALL
         )
     drawing.text(frame.left - 7, frame.top + frame.height + 54, "view, rotation", SMALL, SOFT)
-    caption = f"The shape grew from {after[0]:.0f} to {after[-1]:.0f} cm\u00b2 in {len(steps)} views."
+    caption = f"The {what} grew from {after[0]:.0f} to {after[-1]:.0f} cm\u00b2 in {len(steps)} views."
+    if after[-1] > shape[-1]:
+        caption += f" Hatched: floating pieces, {after[-1] - shape[-1]:.0f} cm\u00b2 in the end."
     return Figure(name="growth", caption=caption, drawing=drawing)
 
 
@@ -277,9 +302,9 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
 def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
     """Return a proposal on the shape at the time of the decision."""
     integration, before = session.integration, decision.before
-    return laid_on(
-        integration.canonical(before).view, integration.overlay(before), integration.new_points(before)
-    )
+    sheet = sheet_of(integration.canonical(before), before)
+    overlay = overlay_on(integration, before, sheet)
+    return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
 
 
 def told_verdict(decision: Decision) -> str:

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import replace_file
-from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, Recognition, is_sure
+from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.garments.recognition import NONE
 
 FORMAT = "flatcloth-garment/1"
-FILE = "garment.json"
 
 
 @dataclass(frozen=True)
@@ -33,12 +26,13 @@ class GarmentPoint:
     source_rc: tuple[float, float]
 
 
-def garment_points(found: Recognition, shape: FlattenedView) -> list[GarmentPoint]:
+def garment_points(known: KnownGarment | str) -> list[GarmentPoint]:
     """Return the named points that were seen, to be given as grasps; none if the kind is not known."""
-    if found.kind == NONE:
+    if isinstance(known, str) or known.found.kind == NONE:
         return []
     points: list[GarmentPoint] = []
-    for name, point in found.points.items():
+    for name, point in known.found.points.items():
+        shape = known.cloth_of(point)
         if point.pixel is None:
             continue
         row, col = shape.source_rc[point.pixel].tolist()
@@ -55,25 +49,22 @@ def garment_points(found: Recognition, shape: FlattenedView) -> list[GarmentPoin
     return points
 
 
-def garment_document(
-    found: Recognition, shape: FlattenedView, floating: Sequence[FlattenedView]
-) -> dict[str, Any]:
+def garment_document(garment: KnownGarment) -> dict[str, Any]:
     """Return the document for ``garment.json``; places are (column, row) times ``pixel_size_m``."""
+    found, shape = garment.found, garment.canonical.view
     known = found.kind != NONE
     return {
         "format": FORMAT,
         "kind": found.kind if known else None,
+        "by_hand": found.by_hand is not None,
         "probabilities": {name: round(p, 4) for name, p in _sorted(found.probabilities)},
         "dimensions_mm": {
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
             for name, d in (found.dimensions.items() if known else ())
         },
-        "points": {name: _point(found, shape, name) for name in (found.points if known else ())},
+        "points": {name: _point(garment, name) for name in (found.points if known else ())},
         "outline_uv_m": np.round(found.outline_uv_m - shape.origin_uv_m, 5).tolist() if known else [],
-        "pieces": {
-            f"floating-{piece.index + 1}.npz": _piece(piece, shape, floating[piece.index])
-            for piece in (found.pieces if known else ())
-        },
+        "pieces": _pieces(garment) if known else {},
     }
 
 
@@ -81,19 +72,21 @@ def _sorted(probabilities: dict[str, float]) -> list[tuple[str, float]]:
     return sorted(probabilities.items(), key=lambda each: -each[1])
 
 
-def _point(found: Recognition, shape: FlattenedView, name: str) -> dict[str, Any]:
-    point = found.points[name]
+def _point(garment: KnownGarment, name: str) -> dict[str, Any]:
+    point = garment.found.points[name]
     told: dict[str, Any] = {
-        "uv_m": np.round(point.uv_m - shape.origin_uv_m, 5).tolist(),
+        "uv_m": np.round(point.uv_m - garment.canonical.view.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": point.pixel is not None,
+        "held": name in garment.found.held,
     }
     if point.pixel is not None:
+        cloth = garment.cloth_of(point)
         told |= {
-            "xyz_m": _finite(shape.xyz_m[point.pixel]),
-            "normal": _finite(shape.normal[point.pixel]),
-            "view_index": int(shape.view_index[point.pixel]),
-            "source_rc": _finite(shape.source_rc[point.pixel], 3),
+            "xyz_m": _finite(cloth.xyz_m[point.pixel]),
+            "normal": _finite(cloth.normal[point.pixel]),
+            "view_index": int(cloth.view_index[point.pixel]),
+            "source_rc": _finite(cloth.source_rc[point.pixel], 3),
         }
     return told
 
@@ -102,58 +95,50 @@ def _finite(values: Any, digits: int = 6) -> list[float | None]:
     return [round(float(x), digits) if np.isfinite(x) else None for x in values]
 
 
-def _piece(piece: Placed, shape: FlattenedView, own: FlattenedView) -> dict[str, Any]:
-    motion = piece.shape_from_piece
+def _pieces(garment: KnownGarment) -> dict[str, Any]:
+    """Return the floating pieces with a place: that decided about, else that proposed."""
+    floating, decided = garment.canonical.floating, garment.pieces.shape_from_piece
+    proposed = {piece.index: piece for piece in garment.found.pieces}
+    told = {}
+    for index in sorted({*proposed, *decided}):
+        motion = decided.get(index) or proposed[index].shape_from_piece
+        piece = proposed.get(index)
+        told[f"floating-{index + 1}.npz"] = {
+            "shape_from_piece": _matrix(motion, garment.canonical.view, floating[index]),
+            "std_m": None if piece is None else round(piece.std_m, 5),
+            "probability": None if piece is None else round(piece.probability, 4),
+            "placed": index in decided,
+        }
+    return told
+
+
+def _matrix(motion: Rigid2, shape: FlattenedView, own: FlattenedView) -> list[list[float]]:
+    """Return a motion (3, 3) between the coordinates of two files, each from its first pixel."""
     columns = motion.apply(np.array([own.origin_uv_m]) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     shift = columns[0] - shape.origin_uv_m
     matrix = np.eye(3)
     matrix[:2, 0], matrix[:2, 1], matrix[:2, 2] = columns[1] - columns[0], columns[2] - columns[0], shift
-    return {
-        "shape_from_piece": np.round(matrix, 7).tolist(),
-        "std_m": round(piece.std_m, 5),
-        "probability": round(piece.probability, 4),
-        "placed": is_sure(piece),
-    }
+    return [[round(float(x), 7) for x in row] for row in matrix]
 
 
-def write_garment(document: dict[str, Any], folder: Path) -> Path:
-    """Write ``garment.json`` atomically."""
-    file = folder / FILE
-    try:
-        replace_file(file, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-    except OSError as error:
-        raise FlatclothError(f"{file}: cannot be written ({error}); choose another folder.") from error
-    return file
-
-
-def keep_garment(
-    found: Recognition | str, shape: FlattenedView, floating: Sequence[FlattenedView], folder: Path
-) -> list[Path]:
-    """Write ``garment.json``; where nothing can be said, remove that of an earlier run."""
-    if not isinstance(found, str):
-        return [write_garment(garment_document(found, shape, floating), folder)]
-    with contextlib.suppress(OSError):
-        (folder / FILE).unlink()
-    return []
-
-
-def outcome_entry(found: Recognition | str) -> dict[str, Any]:
+def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
     """Return the entry ``garment`` of ``outcome.json``."""
-    if isinstance(found, str):
-        return {"kind": None, "reason": found}
-    known = found.kind != NONE
-    pieces = [piece.index + 1 for piece in found.pieces if known and is_sure(piece)]
+    if isinstance(known, str):
+        return {"kind": None, "reason": known}
+    found = known.found
     return {
-        "kind": found.kind if known else None,
+        "kind": None if found.kind == NONE else found.kind,
+        "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
-        "placed_by_the_garment": [f"floating-{n}.npz" for n in pieces],
+        "placed_by_the_garment": [f"floating-{n + 1}.npz" for n in sorted(known.pieces.shape_from_piece)],
     }
 
 
-def told(found: Recognition | str) -> list[str]:
+def told(known: KnownGarment | str) -> list[str]:
     """Return the answer in a few lines of words."""
-    if isinstance(found, str):
-        return [f"No garment: {found}"]
+    if isinstance(known, str):
+        return [f"No garment: {known}"]
+    found = known.found
     name = found.kind
     if name == NONE:
         likeliest = found.fit.kind.name
@@ -171,7 +156,7 @@ def told(found: Recognition | str) -> list[str]:
         f"{seen} of {len(found.points)} named points seen.",
         f"Dimensions in mm: {sizes}.",
     ]
-    placed = [piece for piece in found.pieces if is_sure(piece)]
+    placed = sorted(known.pieces.shape_from_piece)
     if placed:
-        lines.append(f"Floating pieces placed by the garment: {', '.join(str(p.index + 1) for p in placed)}.")
+        lines.append(f"Floating pieces placed by the garment: {', '.join(str(n + 1) for n in placed)}.")
     return lines

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
+from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.session.machine import Document
 
@@ -30,30 +31,42 @@ _VIEW_APART_PX = 1e5
 class Step:
     """A view of the shape, in the order of acceptance; the start view is step 0.
 
-    ``area_m2`` is the area of the shape with this view, ``added_m2`` its contribution; ``decision`` is
-    None for the start view.
+    ``area_m2`` is the area of the shape with this view, ``floating_m2`` that of the pieces beside it,
+    ``added_m2`` the view's contribution to both; ``decision`` is None for the start view.
     """
 
     order: int
     view_index: int
     angle_deg: float
     area_m2: float
+    floating_m2: float
     added_m2: float
     decision: Decision | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Growth:
-    """The shape and its history.
+    """The shape with its floating pieces, and their history.
 
-    ``view`` is the shape; ``first_step`` (H, W) int16 the step that first covered each pixel,
-    ``source_step`` (H, W) int16 the step whose view each pixel shows; both -1 off the cloth.
+    ``sheet`` holds the shape and the pieces beside it, ``view`` is its raster; ``first_step`` (H, W) int16
+    the step that first covered each pixel, ``source_step`` (H, W) int16 the step whose view each pixel shows;
+    both -1 off the cloth.
     """
 
-    view: FlattenedView
+    sheet: Sheet
     first_step: Int16
     source_step: Int16
     steps: tuple[Step, ...]
+
+    @property
+    def view(self) -> FlattenedView:
+        """The raster of the sheet."""
+        return self.sheet.view
+
+    @property
+    def area_m2(self) -> float:
+        """The area of the shape, without what floats."""
+        return self.sheet.canonical.view.area_m2
 
     def shown_after(self, order: int) -> Bool:
         """Return the pixels (H, W) that are covered after a step."""
@@ -75,28 +88,28 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
             f"{history.folder}: the session has no start view, so there is nothing to export."
         )
     views = [document.start_view, *(a.view_index for a in document.accepted)]
-    shape = integration.canonical(document).view
-    source = _orders(shape, views)
+    sheet = sheet_of(integration.canonical(document), document)
+    source = _orders(sheet.view, views)
     first = source.copy()
     steps: list[Step] = []
     for order, view_index in enumerate(views):
         progress(order / len(views), f"computing the growth: {order + 1} of {len(views)} views")
-        earlier = integration.canonical(at_step(document, order)).view
-        before_m2 = steps[-1].area_m2 if steps else 0.0
+        canonical = integration.canonical(at_step(document, order))
+        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+        before_m2 = steps[-1].area_m2 + steps[-1].floating_m2 if steps else 0.0
         steps.append(
             Step(
                 order=order,
                 view_index=view_index,
                 angle_deg=integration.recording.angles_deg[view_index],
-                area_m2=earlier.area_m2,
-                added_m2=earlier.area_m2 - before_m2,
+                area_m2=canonical.view.area_m2,
+                floating_m2=floating_m2,
+                added_m2=canonical.view.area_m2 + floating_m2 - before_m2,
                 decision=_acceptance(history, view_index) if order else None,
             )
         )
-        covered = first > order
-        covered[covered] = _covers(earlier, shape, covered)
-        first[covered] = order
-    return Growth(view=shape, first_step=first, source_step=source, steps=tuple(steps))
+        first[_covers(sheet_of(canonical, document), sheet, first > order)] = order
+    return Growth(sheet=sheet, first_step=first, source_step=source, steps=tuple(steps))
 
 
 def at_step(document: Document, order: int) -> Document:
@@ -130,16 +143,29 @@ def _measured(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.floa
     return view.uv_from_rc(rc)[known], key[known]
 
 
-def _covers(earlier: FlattenedView, shape: FlattenedView, asked: Bool) -> Bool:
-    """Return for the given pixels (H, W) of the shape whether an earlier shape covered them (K,)."""
-    earlier_from_shape = motion_between(shape, earlier)
-    uv = shape.uv_from_rc(np.argwhere(asked))
-    if earlier_from_shape is None:
-        return np.zeros(len(uv), dtype=bool)
-    rc = np.rint(earlier.rc_from_uv(earlier_from_shape.apply(uv))).astype(np.intp)
-    inside = ((rc >= 0) & (rc < earlier.shape)).all(axis=1)
-    covered = np.zeros(len(uv), dtype=bool)
-    covered[inside] = earlier.valid[rc[inside, 0], rc[inside, 1]]
+def _covers(earlier: Sheet, sheet: Sheet, asked: Bool) -> Bool:
+    """Return which of the given pixels (H, W) of the sheet an earlier sheet covered.
+
+    Shape and pieces move by themselves, so each is compared with each of the earlier ones.
+    """
+    covered = np.zeros_like(asked)
+    for n in range(len(sheet.pieces) + 1):
+        own = sheet.view.valid & (sheet.piece == n)
+        todo = asked & own
+        if not todo.any():
+            continue
+        piece = replace(sheet.view, valid=own)
+        for m in range(len(earlier.pieces) + 1):
+            before = replace(earlier.view, valid=earlier.view.valid & (earlier.piece == m))
+            earlier_from_sheet = motion_between(piece, before)
+            if earlier_from_sheet is None:
+                continue
+            rows, cols = np.nonzero(todo)
+            uv = sheet.view.uv_from_rc(np.column_stack([rows, cols]))
+            rc = np.rint(before.rc_from_uv(earlier_from_sheet.apply(uv))).astype(np.intp)
+            at = np.flatnonzero(((rc >= 0) & (rc < before.shape)).all(axis=1))
+            at = at[before.valid[rc[at, 0], rc[at, 1]]]
+            covered[rows[at], cols[at]] = True
     return covered
 
 

@@ -24,8 +24,10 @@ from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
+from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, png_of
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-page/1"
@@ -135,6 +137,16 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
             "origin_uv_m": origin.tolist(),
             "corner_rc": [window[0].start, window[1].start],
         },
+        "pieces": [
+            {
+                "label": piece.label,
+                "area_cm2": 1e4 * piece.view.area_m2,
+                "reason": piece.reason,
+                "color": "#" + bytes(piece_color(n).tolist()).hex(),
+                "grid": grid_of(piece.view),
+            }
+            for n, piece in enumerate(growth.sheet.pieces, start=1)
+        ],
         "bounds": {"low": low.tolist(), "step": step_m},
         "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
@@ -199,6 +211,7 @@ def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:
             "view_index": step.view_index,
             "angle_deg": step.angle_deg,
             "area_cm2": 1e4 * step.area_m2,
+            "floating_cm2": 1e4 * step.floating_m2,
             "added_cm2": 1e4 * step.added_m2,
             "told": "the start view" if step.decision is None else told_verdict(step.decision),
             "camera_m": held_from_camera(axis, step.angle_deg).translation_m.tolist(),

@@ -12,10 +12,12 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Floats
+from flatcloth.engine.sheet import Sheet
 from flatcloth.export import figures
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
 from flatcloth.export.history import SKIPPED, VERDICTS, Decision
+from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, overridden
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import GraspPose, grasp_pose
 from flatcloth.rendering.drawing import Drawing, data_url, png_of
@@ -77,9 +79,11 @@ def _head(session: OpenedSession) -> Iterable[str]:
                 f"{history.n_views} views, {camera.width} \u00d7 {camera.height} px",
             ),
             ("Method", history.method),
-            ("Shape", f"{1e4 * growth.view.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
+            ("Shape", f"{1e4 * growth.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
+            *_floating(growth.sheet),
             ("Views, in order", views),
             ("Decisions", _counted(history.decisions)),
+            *_flagged(session),
             ("End", ended),
         ]
     )
@@ -87,6 +91,24 @@ def _head(session: OpenedSession) -> Iterable[str]:
         yield f'<p class="note">{escape(note)}</p>'
     yield "<h2>Shape</h2>"
     yield from (_figure(figure, "hero") for figure in figures.maps(session, ("color",)))
+
+
+def _floating(sheet: Sheet) -> Iterable[tuple[str, str]]:
+    for piece in sheet.pieces:
+        area = f"{1e4 * piece.view.area_m2:.0f} cm\u00b2"
+        yield (
+            f"Piece {piece.label}",
+            f"floats, {area}; views {', '.join(map(str, piece.views))}. {piece.reason}",
+        )
+
+
+def _flagged(session: OpenedSession) -> Iterable[tuple[str, str]]:
+    """Yield the flags of each accepted view that has any."""
+    limit = session.integration.accept_score
+    flags = Flags(limit, overridden(session.history, limit))
+    for added in session.history.document.accepted:
+        if words := [FLAGS[flag] for flag in flags.of(added)]:
+            yield f"\u2691 View {added.view_index}", "; ".join(words)
 
 
 def _settings(config: Config) -> Iterable[str]:
@@ -117,6 +139,8 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     told = figures.told_verdict(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
+    if is_overridden(decision, session.integration.accept_score):
+        told += f"; \u2691 {FLAGS[OVERRIDDEN]}"
     yield f'<section class="decision{gone}">'
     yield (
         f"<h3>{decision.number}. View {decision.view_index} ({angle:g}\u00b0):"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Progress, no_progress
+from flatcloth.engine.outcome import earlier_scores
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
@@ -22,6 +23,7 @@ from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
+    from flatcloth.export.session_data import SessionData
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,16 @@ class OpenedSession:
         """Return the frames of the grasp poses; by default at the item's present rotation."""
         return frames_of(
             self.integration, self.history.document, self.history.grips, base_from_camera, rotation_deg
+        )
+
+    def data(self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None) -> SessionData:
+        """Return the data files; grasp poses are by default at the item's present rotation."""
+        from flatcloth.export.session_data import SessionData
+
+        document = self.history.document
+        frames = frames_of(self.integration, document, self.history.grips, base_from_camera, rotation_deg)
+        return SessionData(
+            self.integration, document, self.history.picks, frames, earlier_scores(self.history.folder)
         )
 
 

@@ -8,6 +8,7 @@ triangles of the samples. Its attributes are then read at that position of the i
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -172,6 +173,15 @@ def _orientation(points: Float64, triangles: Int32) -> Float64:
     return cross
 
 
+class _Corner(NamedTuple):
+    """A corner of a triangle: (u, v) on the plane, in pixels, and (row, col) in the source image."""
+
+    u: float
+    v: float
+    row: float
+    col: float
+
+
 @njit(cache=True, nogil=True)
 def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple[int, int]) -> Float32:
     """Fill the pixels inside the triangles with the interpolated (row, col); NaN outside."""
@@ -179,9 +189,11 @@ def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple
     for t in range(triangles.shape[0]):
         i, j, k = triangles[t]
         _fill(
-            source, points[i, 0], points[i, 1], points[j, 0], points[j, 1], points[k, 0], points[k, 1],
-            rc[i, 0], rc[i, 1], rc[j, 0], rc[j, 1], rc[k, 0], rc[k, 1],
-        )  # fmt: skip
+            source,
+            _Corner(points[i, 0], points[i, 1], rc[i, 0], rc[i, 1]),
+            _Corner(points[j, 0], points[j, 1], rc[j, 0], rc[j, 1]),
+            _Corner(points[k, 0], points[k, 1], rc[k, 0], rc[k, 1]),
+        )
     return source
 
 
@@ -226,16 +238,15 @@ def _fill_corner(
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
     if not (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0) > 0.0:
         return 1, 0
-    return 0, _fill(source, u0, v0, u1, v1, u2, v2, r0, c0, r1, c1, r2, c2)
+    return 0, _fill(source, _Corner(u0, v0, r0, c0), _Corner(u1, v1, r1, c1), _Corner(u2, v2, r2, c2))
 
 
 @njit(cache=True, nogil=True)
-def _fill(
-    source: Float32,
-    u0: float, v0: float, u1: float, v1: float, u2: float, v2: float,
-    r0: float, c0: float, r1: float, c1: float, r2: float, c2: float,
-) -> int:  # fmt: skip
+def _fill(source: Float32, first: _Corner, second: _Corner, third: _Corner) -> int:
     """Fill one triangle; return how many of its pixels already held a place over 3 image pixels away."""
+    u0, v0, r0, c0 = first
+    u1, v1, r1, c1 = second
+    u2, v2, r2, c2 = third
     area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
     if area == 0.0 or not math.isfinite(area):
         return 0

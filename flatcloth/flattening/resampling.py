@@ -60,7 +60,12 @@ def sample(stack: Float32, rc: Float64) -> Float32:
 
 def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
     """Return a view rastered anew on another plane, on a grid of its own."""
-    return place_all([(view, target_from_view)])
+    origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
+    inverse, size = target_from_view.inverse(), view.pixel_size_m
+    label = carry_labels(view, view.view_index, inverse, origin, shape, size)
+    known = np.where(label >= 0, 0, -1).astype(np.int16)
+    drawn = render(known, {0: view}, {0: target_from_view}, origin, view.pixel_size_m)
+    return replace(drawn, view_index=np.where(drawn.valid, label, -1).astype(np.int16))
 
 
 def place_all(views: Sequence[tuple[FlattenedView, Rigid2]]) -> FlattenedView:

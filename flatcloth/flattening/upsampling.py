@@ -9,6 +9,8 @@ short and straightens every curve.)
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -17,6 +19,22 @@ from flatcloth.core.geometry import tangent_basis
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
+
+
+class _Placed(NamedTuple):
+    """The samples (N, ...) with their positions ``uv_m`` and the isometries ``frames`` to the plane.
+
+    ``first`` (N + 1,) is the index of each sample's first entry in ``neighbours``.
+    """
+
+    rc: Int32
+    points_m: Float64
+    normal: Float64
+    uv_m: Float64
+    frames: Float64
+    stretch: Float64
+    first: Int32
+    neighbours: Int32
 
 
 class Carrier:
@@ -38,10 +56,20 @@ class Carrier:
     """
 
     def __init__(self, uv_m: Float64, samples: Samples, surface: Surface) -> None:
-        self._uv_m, self._samples, self._surface = uv_m, samples, surface
-        self._frames = _plane_from_space(uv_m, samples)
-        self._stretch = _stretch(uv_m, samples)
-        self._first, self._neighbours = _adjacency(len(uv_m), samples.edges)
+        first, neighbours = _adjacency(len(uv_m), samples.edges)
+        self._surface = surface
+        self._placed = _Placed(
+            rc=samples.points_rc,
+            points_m=samples.points_m,
+            normal=samples.normal,
+            uv_m=uv_m,
+            frames=_plane_from_space(uv_m, samples),
+            stretch=_stretch(uv_m, samples),
+            first=first,
+            neighbours=neighbours,
+        )
+        # Beyond the farthest pixel, so that its weight is not 0.
+        self._radius_px = 2.0 * samples.sampling_interval_px + 1.0
         self.nearest = nearest_samples(
             surface.usable, surface.steps, samples.points_rc, 2 * samples.sampling_interval_px
         )
@@ -69,12 +97,8 @@ class Carrier:
         return uv, stretch
 
     def _blended(self, rc: Int32) -> Float64:
-        s = self._samples
-        return _blend(
-            rc, self.nearest, self._surface.xyz_m, self._surface.normal, s.points_rc, s.points_m, s.normal,
-            self._uv_m, self._frames, self._stretch, self._first, self._neighbours,
-            2.0 * s.sampling_interval_px + 1.0,  # beyond the farthest pixel, so that its weight is not 0
-        )  # fmt: skip
+        surface = self._surface
+        return _blend(rc, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
 
 
 def _stretch(uv_m: Float64, samples: Samples) -> Float64:
@@ -156,10 +180,10 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: in
 
 @njit(cache=True, nogil=True)
 def _blend(
-    pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, rc: Int32, points: Float64,
-    normals: Float64, uv: Float64, frames: Float64, stretch: Float64, first: Int32, neighbours: Int32,
-    reach: float,
-) -> Float64:  # fmt: skip
+    pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
+) -> Float64:
+    """Return position and stretch (K, 3) of pixels (K, 2), from the samples within a radius."""
+    rc, points, normals, uv, frames, stretch, first, neighbours = samples
     placed = np.full((pixels.shape[0], 3), np.nan)
     for p in range(pixels.shape[0]):
         r, c = pixels[p]
@@ -170,7 +194,7 @@ def _blend(
         for k in range(first[n] - 1, first[n + 1]):
             m = n if k < first[n] else neighbours[k]
             dr, dc = r - rc[m, 0], c - rc[m, 1]
-            t = (dr * dr + dc * dc) / (reach * reach)
+            t = (dr * dr + dc * dc) / (radius_px * radius_px)
             if t >= 1.0:
                 continue
             w = (1.0 - t) * (1.0 - t)

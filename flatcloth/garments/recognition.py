@@ -8,8 +8,9 @@ centimetres, which makes it surer than it is: differences count by ``1 / TEMPERA
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -53,12 +54,14 @@ class Measure:
 class Point:
     """A named point: its place (2,) on the plane of the shape and standard deviation (each axis), m.
 
-    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen; None: predicted only.
+    ``pixel`` is the pixel (row, col) of the shape where its cloth was seen, or that of a floating
+    ``piece`` which was placed there, by its index; None: predicted only.
     """
 
     uv_m: Float64
     std_m: float
     pixel: tuple[int, int] | None
+    piece: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +70,7 @@ class Recognition:
 
     ``probabilities`` of every known kind and of :data:`NONE`; ``fits`` the best fit of each kind, the
     most probable first; ``pieces`` the floating pieces that the most probable kind has a place for.
+    ``by_hand`` is the kind that an operator set, ``held`` the named points that one holds in their places.
     """
 
     probabilities: dict[str, float]
@@ -74,6 +78,8 @@ class Recognition:
     dimensions: dict[str, Measure]
     points: dict[str, Point]
     pieces: tuple[Placed, ...] = ()
+    by_hand: str | None = None
+    held: frozenset[str] = frozenset()
 
     @property
     def fit(self) -> Fit:
@@ -82,8 +88,8 @@ class Recognition:
 
     @property
     def kind(self) -> str:
-        """The most probable answer: a kind, or :data:`NONE`."""
-        return max(self.probabilities, key=lambda name: self.probabilities[name])
+        """The kind set by hand, else the most probable answer: a kind, or :data:`NONE`."""
+        return self.by_hand or max(self.probabilities, key=lambda name: self.probabilities[name])
 
     @property
     def outline_uv_m(self) -> Float64:
@@ -227,8 +233,13 @@ def dimensions_of(fit: Fit) -> dict[str, Measure]:
     }
 
 
-def points_of(fit: Fit, shape: FlattenedView, main: PieceEvidence) -> dict[str, Point]:
-    """Return the named points of a fit on the plane of the shape.
+def points_of(
+    fit: Fit,
+    shape: FlattenedView,
+    main: PieceEvidence,
+    held: Mapping[str, tuple[Float64, float]] = MappingProxyType({}),
+) -> dict[str, Point]:
+    """Return the named points of a fit on the plane of the shape; ``held`` are given (place, std) by hand.
 
     Cloth is never quite symmetric: a point whose true edges were seen follows them.
     """
@@ -246,19 +257,28 @@ def points_of(fit: Fit, shape: FlattenedView, main: PieceEvidence) -> dict[str, 
     x = np.concatenate([fit.parameters, [pose.theta_rad, pose.u_m, pose.v_m]])
     value, slope = _with_slope(places, x)
     variance = np.einsum("kp,pq,kq->k", slope, joint, slope)
-    seen_rc = np.argwhere(shape.valid)
-    seen_uv = shape.uv_from_rc(seen_rc)
     outline_uv = pose.inverse().apply(fit.outline)
     points: dict[str, Point] = {}
     for n, name in enumerate(names):
         own = np.s_[2 * n : 2 * n + 2]
         told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
-        uv, std = _followed(value[own], told_std, outline_uv, main)
-        off = np.linalg.norm(seen_uv - uv, axis=1)
-        nearest = int(off.argmin())
-        row, col = seen_rc[nearest].tolist()
-        points[name] = Point(uv_m=uv, std_m=std, pixel=(row, col) if off[nearest] <= SEEN_M else None)
+        uv, std = held[name] if name in held else _followed(value[own], told_std, outline_uv, main)
+        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape))
     return points
+
+
+def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
+    """Return the pixel with cloth nearest to a place, None if none is within :data:`SEEN_M`."""
+    row, col = shape.rc_from_uv(uv).tolist()
+    reach = SEEN_M / shape.pixel_size_m
+    first_row, first_col = max(0, math.floor(row - reach)), max(0, math.floor(col - reach))
+    window = shape.valid[first_row : math.ceil(row + reach) + 1, first_col : math.ceil(col + reach) + 1]
+    if row < -reach or col < -reach or not window.any():
+        return None
+    rc = np.argwhere(window) + np.array([first_row, first_col])
+    off = np.hypot(rc[:, 0] - row, rc[:, 1] - col)
+    nearest = int(off.argmin())
+    return (int(rc[nearest, 0]), int(rc[nearest, 1])) if off[nearest] <= reach else None
 
 
 def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidence) -> tuple[Float64, float]:

@@ -6,10 +6,98 @@ to the other camera, projected, and compared with the surface and the texture th
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from flatcloth.core.types import Bool, Float32, Float64, Int32
+
+
+class ComparedView(NamedTuple):
+    """The arrays of one of the two views, camera frame; see :class:`.view_features.ViewFeatures`.
+
+    ``points_m``, ``normal`` (N, 3) and ``pixel`` (N, 2) are the points that are compared; the others
+    are images. ``camera`` (4,) is fx, fy, cx, cy in pixels.
+    """
+
+    points_m: Float64
+    normal: Float64
+    pixel: Int32
+    xyz_m: Float32
+    normals: Float32
+    usable: Bool
+    fattening: Float32
+    texture: Float32
+    slope: Float32
+    inner: Bool
+    camera: Float64
+
+
+class Transforms(NamedTuple):
+    """``target_from_source`` and the target's pose in the object frame, relative to the centre.
+
+    ``sign`` is 1 if the source is the view that moves, -1 if it is the other.
+    """
+
+    rotation: Float64
+    translation_m: Float64
+    held_rotation: Float64
+    held_shift_m: Float64
+    sign: float
+
+
+class Limits(NamedTuple):
+    """Which points are compared, and how differences are weighted.
+
+    Points farther than ``search_radius_m`` from the other surface, or whose normals differ by more
+    than the angle of ``same_normal_cos``, do not correspond. The weight grows with the cosine of
+    incidence from 0 at ``least_facing_cos`` to 1 at ``full_facing_cos``. ``spread`` (4,) are the
+    typical differences (0: the term is left out). Every ``every``-th point is compared. Blocks of
+    the image are ``1 / blocks_per_px`` wide, ``block_cols`` in a row.
+    """
+
+    search_radius_m: float
+    same_normal_cos: float
+    least_facing_cos: float
+    full_facing_cos: float
+    fattening_px: float
+    spread: Float64
+    every: int
+    blocks_per_px: float
+    block_cols: int
+
+
+class Sums(NamedTuple):
+    """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
+
+    ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the
+    points (x, 1).
+    """
+
+    matrix: Float64
+    gradient: Float64
+    scores: Float64
+    products: Float64
+    parts: Float64
+    moments: Float64
+
+
+class _MovedPoint(NamedTuple):
+    """A source point in the target's camera.
+
+    ``place_m`` (3,) its position there, ``by_fattening`` its derivative by the fattening, ``centered_m``
+    its position in the object frame relative to the centre, ``row`` and ``col`` where it is projected
+    to, ``block`` the block of the image, ``derivative`` (7,) work space for a term's derivatives.
+    """
+
+    place_m: Float64
+    by_fattening: Float64
+    centered_m: Float64
+    row: float
+    col: float
+    block: int
+    derivative: Float64
 
 
 @njit(cache=True, nogil=True)
@@ -20,47 +108,47 @@ def _facing(x: float, y: float, z: float, n: Float64, least: float, full: float)
     return weight
 
 
-@njit(cache=True, nogil=True)
-def _add(
-    term: int, block: int, row: Float64, weight: float, residual: float,
-    matrix: Float64, gradient: Float64, scores: Float64,
-) -> None:  # fmt: skip
+@njit(cache=True, nogil=True, inline="always")
+def _add(term: int, block: int, row: Float64, weight: float, residual: float, sums: Sums) -> None:
     for a in range(7):
         weighted = weight * row[a]
-        gradient[term, a] += weighted * residual
-        scores[term, block, a] += weighted * residual
+        sums.gradient[term, a] += weighted * residual
+        sums.scores[term, block, a] += weighted * residual
         for b in range(a + 1):
-            matrix[term, a, b] += weighted * row[b]
+            sums.matrix[term, a, b] += weighted * row[b]
 
 
 @njit(cache=True, nogil=True)
 def accumulate(
-    points: Float64, normal: Float64, pixel: Int32, source_fat: Float32, source_texture: Float32,
-    source_inner: Bool, xyz: Float32, normals: Float32, usable: Bool, fat: Float32, texture: Float32,
-    slope: Float32, inner: Bool, camera: Float64, rotation: Float64, translation: Float64,
-    held: Float64, held_shift: Float64, sign: float, every: int, block_cols: int, fattening_px: float,
-    limits: Float64, spread: Float64, matrix: Float64, gradient: Float64, scores: Float64,
-    products: Float64, parts: Float64, moments: Float64, found: Float64,
-) -> None:  # fmt: skip
-    """Add the contributions of the source's points; ``found`` receives the differences.
+    source: ComparedView,
+    target: ComparedView,
+    transforms: Transforms,
+    limits: Limits,
+    sums: Sums,
+    found: Float64,
+) -> None:
+    """Add the contributions of the source's points to ``sums``.
 
-    ``sign`` is 1 if the source is the view that moves, -1 if it is the other. Blocks of the image
-    are always those of the view that moves.
+    ``found`` (4, N) receives the differences; its values stay as they are where a point has no
+    corresponding one. Blocks of the image are always those of the view that moves.
     """
-    reach, same_normal, least, full, blocks_per_px = limits
+    rotation, translation = transforms.rotation, transforms.translation_m
+    held, held_shift = transforms.held_rotation, transforms.held_shift_m
+    least, full = limits.least_facing_cos, limits.full_facing_cos
+    points, normal, camera, spread = source.points_m, source.normal, target.camera, limits.spread
     p, m, q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)  # m, n: normals in the target
-    x, g, by_place, row = np.empty(3), np.empty(3), np.empty(3), np.empty(7)
-    for i in range(0, points.shape[0], every):
-        r_own, c_own = pixel[i, 0], pixel[i, 1]
-        own_fat = source_fat[r_own, c_own]
+    x, g, by_fattening, row = np.empty(3), np.empty(3), np.empty(3), np.empty(7)
+    for i in range(0, points.shape[0], limits.every):
+        r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
+        own_fat = source.fattening[r_own, c_own]
         alike = 0.0
         for a in range(3):
             # Without fattening each point lies deeper along its ray, by the slope.
             g[a] = (
                 rotation[a, 0] * points[i, 0] + rotation[a, 1] * points[i, 1] + rotation[a, 2] * points[i, 2]
             )
-            p[a] = translation[a] + (1.0 + fattening_px * own_fat) * g[a]
-            by_place[a] = own_fat * g[a]
+            p[a] = translation[a] + (1.0 + limits.fattening_px * own_fat) * g[a]
+            by_fattening[a] = own_fat * g[a]
             m[a] = (
                 rotation[a, 0] * normal[i, 0] + rotation[a, 1] * normal[i, 1] + rotation[a, 2] * normal[i, 2]
             )
@@ -68,19 +156,20 @@ def accumulate(
             continue
         col = p[0] / p[2] * camera[0] + camera[2]
         r_at = p[1] / p[2] * camera[1] + camera[3]
-        if not (1.0 < r_at < xyz.shape[0] - 2 and 1.0 < col < xyz.shape[1] - 2):
+        if not (1.0 < r_at < target.usable.shape[0] - 2 and 1.0 < col < target.usable.shape[1] - 2):
             continue
         r, c = int(r_at + 0.5), int(col + 0.5)
-        if not usable[r, c]:
+        if not target.usable[r, c]:
             continue
         distance, by_fat = 0.0, 0.0
+        fat = target.fattening[r, c]
         for a in range(3):
-            n[a] = normals[r, c, a]
-            q[a] = xyz[r, c, a]
-            distance += (p[a] - (1.0 + fattening_px * fat[r, c]) * q[a]) * n[a]
-            by_fat += (by_place[a] - fat[r, c] * q[a]) * n[a]
+            n[a] = target.normals[r, c, a]
+            q[a] = target.xyz_m[r, c, a]
+            distance += (p[a] - (1.0 + limits.fattening_px * fat) * q[a]) * n[a]
+            by_fat += (by_fattening[a] - fat * q[a]) * n[a]
             alike += m[a] * n[a]
-        if not (abs(distance) < reach and alike > same_normal):
+        if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
         # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
         s = points[i]
@@ -90,67 +179,70 @@ def accumulate(
         if weight <= 0.0:
             continue
         found[0, i] = distance
-        block = int(r_own * blocks_per_px) * block_cols + int(c_own * blocks_per_px)
-        if sign < 0:
-            block = int(r * blocks_per_px) * block_cols + int(c * blocks_per_px)
+        block = int(r_own * limits.blocks_per_px) * limits.block_cols + int(c_own * limits.blocks_per_px)
+        if transforms.sign < 0:
+            block = int(r * limits.blocks_per_px) * limits.block_cols + int(c * limits.blocks_per_px)
         for a in range(3):
             x[a] = held_shift[a] + held[a, 0] * p[0] + held[a, 1] * p[1] + held[a, 2] * p[2]
-        parts[block] += 1.0
+        sums.parts[block] += 1.0
         for a in range(3):
             for b in range(3):
-                moments[a, b] += x[a] * x[b]
-            moments[a, 3] += x[a]
-        moments[3, 3] += 1.0
+                sums.moments[a, b] += x[a] * x[b]
+            sums.moments[a, 3] += x[a]
+        sums.moments[3, 3] += 1.0
         if spread[0] > 0.0:
-            _row(x, n, held, sign, row)
+            _row(x, (n[0], n[1], n[2]), transforms, row)
             row[6] = by_fat
             robust = weight / (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
-            _add(0, block, row, robust, distance, matrix, gradient, scores)
-        if not (source_inner[r_own, c_own] and inner[r, c]):
-            continue
-        _add_texture(
-            i, block, (r_at, col), source_texture[:, r_own, c_own], texture, slope, camera, p, by_place, x,
-            held, sign, spread, g, row, matrix, gradient, scores, products, found,
-        )  # fmt: skip
+            _add(0, block, row, robust, distance, sums)
+        if source.inner[r_own, c_own] and target.inner[r, c]:
+            point = _MovedPoint(p, by_fattening, x, r_at, col, block, row)
+            own = source.texture[:, r_own, c_own]
+            _add_texture(point, own, target, transforms, spread, sums, found[:, i])
 
 
 @njit(cache=True, nogil=True)
 def _add_texture(
-    i: int, block: int, at_rc: tuple[float, float], own: Float32, texture: Float32, slope: Float32,
-    camera: Float64, p: Float64, by_place: Float64, x: Float64, held: Float64, sign: float, spread: Float64,
-    g: Float64, row: Float64, matrix: Float64, gradient: Float64, scores: Float64, products: Float64,
+    point: _MovedPoint,
+    own: Float32,
+    target: ComparedView,
+    transforms: Transforms,
+    spread: Float64,
+    sums: Sums,
     found: Float64,
-) -> None:  # fmt: skip
-    """Add the contribution of the texture of source point ``i``, which is at ``p`` in the target's camera."""
-    r0, c0 = int(at_rc[0]), int(at_rc[1])
-    fr, fc = at_rc[0] - r0, at_rc[1] - c0
+) -> None:
+    """Add the contribution of a point's texture ``own`` (3,); ``found`` (4,) receives the differences."""
+    p, by_fattening, camera, row = point.place_m, point.by_fattening, target.camera, point.derivative
+    r0, c0 = int(point.row), int(point.col)
+    fr, fc = point.row - r0, point.col - c0
     for h in range(3):
         value, down, right = 0.0, 0.0, 0.0
         for j in range(2):
             for k in range(2):
                 part = (fr if j else 1.0 - fr) * (fc if k else 1.0 - fc)
-                value += part * texture[h, r0 + j, c0 + k]
-                down += part * slope[0, h, r0 + j, c0 + k]
-                right += part * slope[1, h, r0 + j, c0 + k]
+                value += part * target.texture[h, r0 + j, c0 + k]
+                down += part * target.slope[0, h, r0 + j, c0 + k]
+                right += part * target.slope[1, h, r0 + j, c0 + k]
         difference = value - own[h]
-        found[1 + h, i] = difference
+        found[1 + h] = difference
         if spread[1 + h] <= 0.0:
             continue
-        g[0] = right * camera[0] / p[2]
-        g[1] = down * camera[1] / p[2]
-        g[2] = -(g[0] * p[0] + g[1] * p[1]) / p[2]
-        _row(x, g, held, sign, row)
-        row[6] = g[0] * by_place[0] + g[1] * by_place[1] + g[2] * by_place[2]
+        gx = right * camera[0] / p[2]
+        gy = down * camera[1] / p[2]
+        gz = -(gx * p[0] + gy * p[1]) / p[2]
+        _row(point.centered_m, (gx, gy, gz), transforms, row)
+        row[6] = gx * by_fattening[0] + gy * by_fattening[1] + gz * by_fattening[2]
         robust = 1.0 / (1.0 + (difference / (2.0 * spread[1 + h])) ** 2) ** 2
-        _add(1 + h, block, row, robust, difference, matrix, gradient, scores)
-        products[h, 0] += robust * value * value
-        products[h, 1] += robust * own[h] * own[h]
-        products[h, 2] += robust * value * own[h]
+        _add(1 + h, point.block, row, robust, difference, sums)
+        sums.products[h, 0] += robust * value * value
+        sums.products[h, 1] += robust * own[h] * own[h]
+        sums.products[h, 2] += robust * value * own[h]
 
 
-@njit(cache=True, nogil=True)
-def _row(x: Float64, direction: Float64, held: Float64, sign: float, row: Float64) -> None:
+@njit(cache=True, nogil=True, inline="always")
+def _row(x: Float64, direction: tuple[float, float, float], transforms: Transforms, row: Float64) -> None:
     """Write the derivative of a displacement along a direction of the target's camera by the motion."""
+    held, sign = transforms.held_rotation, transforms.sign
     d0, d1, d2 = direction
     h0 = held[0, 0] * d0 + held[0, 1] * d1 + held[0, 2] * d2
     h1 = held[1, 0] * d0 + held[1, 1] * d1 + held[1, 2] * d2

@@ -40,7 +40,7 @@ _PART_STD_M = 0.0001
 _PART_NOISE = 0.4
 """... plus this share of the noise."""
 
-_REACH_SHRINKS = 0.75
+_SEARCH_RADIUS_SHRINKS = 0.75
 _STILL = 2e-5
 """A smaller step (rad, m) counts as zero."""
 _LEAST_TEXTURE_SPREAD = 1e-3
@@ -114,10 +114,10 @@ def fit_pair(
     plan, spread = _rounds(before)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()
-    for n, (reach_m, every) in enumerate(plan):
+    for n, (search_radius_m, every) in enumerate(plan):
         found = compare(
             features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
-            fattening_px, reach_m, spread, every,
+            fattening_px, search_radius_m, spread, every,
         )  # fmt: skip
         if found.count * every < LEAST_POINTS:
             return None
@@ -151,10 +151,12 @@ def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
     fine = [(_LEAST_SEARCH_RADIUS_M, 1)] * _FINE_ROUNDS
     if before is not None:
         return fine, before.spread
-    reaches = [max(_LEAST_SEARCH_RADIUS_M, _SEARCH_RADIUS_M * _REACH_SHRINKS**n) for n in range(_ROUNDS)]
+    radii_m = [
+        max(_LEAST_SEARCH_RADIUS_M, _SEARCH_RADIUS_M * _SEARCH_RADIUS_SHRINKS**n) for n in range(_ROUNDS)
+    ]
     spread = np.zeros(TERMS)
     spread[0] = _SEARCH_RADIUS_M / 3
-    return [*((reach_m, 2) for reach_m in reaches), *fine], spread
+    return [*((search_radius_m, 2) for search_radius_m in radii_m), *fine], spread
 
 
 def _usual(found: Float64) -> Float64:

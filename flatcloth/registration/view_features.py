@@ -17,7 +17,7 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.surface import Surface
-from flatcloth.registration.normal_equations import accumulate
+from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, Transforms, accumulate
 
 POINTS_PER_VIEW = 1200
 """Approximate number of compared points of a view."""
@@ -74,6 +74,23 @@ class ViewFeatures:
     def angle_deg(self) -> float:
         """The recorded rotation of the item."""
         return self.surface.frame.angle_deg
+
+    def compared(self) -> ComparedView:
+        """Return the arrays as the compiled loops take them."""
+        k = self.surface.frame.intrinsics
+        return ComparedView(
+            points_m=self.points_m,
+            normal=self.normal,
+            pixel=self.pixel,
+            xyz_m=self.surface.xyz_m,
+            normals=self.normals,
+            usable=self.surface.usable,
+            fattening=self.fattening,
+            texture=self.texture,
+            slope=self.slope,
+            inner=self.inner,
+            camera=np.array([k.fx, k.fy, k.cx, k.cy]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +219,7 @@ def compare(
     other_held: Rigid3,
     center_m: Float64,
     fattening_px: float,
-    reach_m: float,
+    search_radius_m: float,
     spread: Float64,
     every: int = 1,
 ) -> Agreement:
@@ -218,7 +235,7 @@ def compare(
         Object frame; centre of the rotation of ``one`` against ``other``.
     fattening_px : float
         Edge fattening of the sensor in pixels.
-    reach_m : float
+    search_radius_m : float
         Points farther from the other surface than this are not compared.
     spread : (4,) float64
         Typical size of the differences; differences of several times this size have little
@@ -228,41 +245,53 @@ def compare(
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.surface.usable.shape)
-    matrix, gradient = np.zeros((TERMS, UNKNOWNS, UNKNOWNS)), np.zeros((TERMS, UNKNOWNS))
-    scores, parts = np.zeros((TERMS, rows * cols, UNKNOWNS)), np.zeros(rows * cols)
-    moments = np.zeros((4, 4))
-    products = np.zeros((CHANNELS, 3))
-    limits = np.array([reach_m, _SAME_NORMAL_COS, _LEAST_FACING_COS, _FULL_FACING_COS, 1 / block_px])
+    sums = Sums(
+        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
+        gradient=np.zeros((TERMS, UNKNOWNS)),
+        scores=np.zeros((TERMS, rows * cols, UNKNOWNS)),
+        products=np.zeros((CHANNELS, 3)),
+        parts=np.zeros(rows * cols),
+        moments=np.zeros((4, 4)),
+    )
+    limits = Limits(
+        search_radius_m=search_radius_m,
+        same_normal_cos=_SAME_NORMAL_COS,
+        least_facing_cos=_LEAST_FACING_COS,
+        full_facing_cos=_FULL_FACING_COS,
+        fattening_px=fattening_px,
+        spread=spread,
+        every=every,
+        blocks_per_px=1 / block_px,
+        block_cols=cols,
+    )
     differences = []
     for source, target, source_held, target_held, sign in (
         (one, other, one_held, other_held, 1.0),
         (other, one, other_held, one_held, -1.0),
     ):
-        k = target.surface.frame.intrinsics
         moved = target_held.inverse() @ source_held
+        transforms = Transforms(
+            rotation=np.ascontiguousarray(moved.rotation),
+            translation_m=moved.translation_m,
+            held_rotation=np.ascontiguousarray(target_held.rotation),
+            held_shift_m=target_held.translation_m - center_m,
+            sign=sign,
+        )
         found = np.full((TERMS, len(source.points_m)), np.nan)
-        accumulate(
-            source.points_m, source.normal, source.pixel, source.fattening, source.texture, source.inner,
-            target.surface.xyz_m, target.normals, target.surface.usable, target.fattening, target.texture,
-            target.slope, target.inner, np.array([k.fx, k.fy, k.cx, k.cy]),
-            np.ascontiguousarray(moved.rotation), moved.translation_m,
-            np.ascontiguousarray(target_held.rotation), target_held.translation_m - center_m,
-            sign, every, cols, fattening_px, limits, spread, matrix, gradient, scores, products, parts,
-            moments, found,
-        )  # fmt: skip
+        accumulate(source.compared(), target.compared(), transforms, limits, sums, found)
         differences.append(found)
     both = np.abs(np.concatenate(differences, axis=1))
     kept = [term[np.isfinite(term)] for term in both]
-    energy = np.sqrt(products[:, 0] * products[:, 1])
+    energy = np.sqrt(sums.products[:, 0] * sums.products[:, 1])
     return Agreement(
-        matrix=matrix + np.tril(matrix, -1).transpose(0, 2, 1),
-        gradient=gradient,
-        scores=scores,
+        matrix=sums.matrix + np.tril(sums.matrix, -1).transpose(0, 2, 1),
+        gradient=sums.gradient,
+        scores=sums.scores,
         spread=np.array([_usual(term) for term in kept]),
-        likeness=np.where(energy > 0, products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
+        likeness=np.where(energy > 0, sums.products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
         count=len(kept[0]),
-        parts=parts,
-        inertia=_inertia(moments),
+        parts=sums.parts,
+        inertia=_inertia(sums.moments),
     )
 
 

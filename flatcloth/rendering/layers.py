@@ -226,7 +226,7 @@ def legend(
         "stretch": ("Stretch (%)", 100.0),
         "incidence": ("Incidence (deg)", 1.0),
         "density": ("Density (px/cm²)", 1.0),
-        "place": ("Std of place (mm)", 1000.0),
+        "place": ("Uncertainty, std (mm)", 1000.0),
     }[layer]
     low, high = layer_range(view, layer, axis)
     return _ramp(title, OWN_MAPS[layer], scale * low, scale * high)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -19,6 +20,16 @@ class PlanePicture:
     rgba: Uint8
     pixel_size_m: float
     origin_uv_m: tuple[float, float]
+
+
+def grid_of(view: FlattenedView) -> dict[str, Any]:
+    """Return the size of a view's grid and its position on the plane."""
+    return {
+        "rows": view.shape[0],
+        "cols": view.shape[1],
+        "pixel_size_m": view.pixel_size_m,
+        "origin_uv_m": list(view.origin_uv_m),
+    }
 
 
 def cropped(rgba: Uint8, view: FlattenedView, margin_px: int = 3) -> PlanePicture:

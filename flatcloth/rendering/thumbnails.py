@@ -1,15 +1,20 @@
-"""Thumbnails of the hypotheses: a view at its possible placements on the shape."""
+"""Thumbnails: a view at its possible placements on the shape; the image of a view; its flattened view."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, Uint8
 
 WIDTH_PX, HEIGHT_PX = 216, 150
 """Twice the displayed size, for high-resolution screens."""
+
+SMALL_PX = (112, 88)
+"""Width and height of the thumbnails of views."""
+_JPEG_QUALITY = 80
 
 _MARGIN = 0.04
 _PALE = 90
@@ -60,3 +65,37 @@ def _look_up(view: FlattenedView, uv: Float64) -> tuple[Bool, Uint8]:
     row, col = np.where(inside[..., None], at, 0).transpose(2, 0, 1)
     known: Bool = inside & view.valid[row, col]
     return known, view.rgb[row, col]
+
+
+def jpeg_thumbnail(color: Uint8, where: Bool) -> bytes:
+    """Return the part of an image (H, W, 3) that holds the item, as JPEG of at most ``SMALL_PX``."""
+    small = _fitted(color[_box(where)])
+    return bytes(cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
+
+
+def picture_thumbnail(view: FlattenedView | None) -> Uint8:
+    """Return a flattened view (h, w, 4) uint8, of at most ``SMALL_PX``; without a view one clear pixel."""
+    if view is None or not view.valid.any():
+        return np.zeros((1, 1, 4), dtype=np.uint8)
+    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
+    # Off the cloth black would darken its edge when the picture is made smaller.
+    rgb = np.where(view.valid[..., None], view.rgb, 160).astype(np.uint8)
+    return _fitted(np.dstack([rgb, alpha])[_box(view.valid)])
+
+
+def _box(where: Bool) -> tuple[slice, slice]:
+    rows, cols = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))
+    if not rows.size:
+        return slice(None), slice(None)
+    margin = 1 + int(_MARGIN * max(np.ptp(rows), np.ptp(cols)))
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
+        slice(max(0, int(cols[0]) - margin), int(cols[-1]) + 1 + margin),
+    )
+
+
+def _fitted(image: Uint8) -> Uint8:
+    rows, cols = image.shape[:2]
+    scale = min(1.0, SMALL_PX[0] / cols, SMALL_PX[1] / rows)
+    size = max(1, round(scale * cols)), max(1, round(scale * rows))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

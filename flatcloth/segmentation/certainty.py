@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -14,7 +14,9 @@ CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
 pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation --learn``."""
 
 
-def agreement(observed: Observed, side: Float64, anchors: Sequence[Int64]) -> Float64:
+def agreement(
+    observed: Observed, side: Float64, anchors: Sequence[Int64], local: Collection[int] = ()
+) -> Float64:
     """Return (M,) how often a cluster lies to the anchors as ``side`` says, in the samples.
 
     Parameters
@@ -24,19 +26,25 @@ def agreement(observed: Observed, side: Float64, anchors: Sequence[Int64]) -> Fl
     side : (M,) float64
         +1 or -1.
     anchors : sequence of (K,) int64
-        Clusters whose side is known: those under each stroke, or the sheet where it starts. The anchor
-        that says most counts.
+        Clusters whose side is known: those under each stroke, and the sheet where it starts. The
+        log odds of the one that agrees most and of the one that contradicts most add up.
+    local : collection of int
+        Which of them corrected a small region only: that they contradict the rest tells nothing of it.
     """
     samples = observed.samples.astype(np.float32)
     count = len(samples)
     best = np.full(observed.clusters.count, 0.5)
-    for anchor in anchors:
+    worst = best.copy()
+    for n, anchor in enumerate(anchors):
         says = np.sign((samples[:, anchor] * side[anchor]).sum(axis=1))
-        together = (says @ samples) * side / count  # -1 .. 1
-        share = 0.5 + 0.5 * together * count / (count + 1.0)
+        share = 0.5 + 0.5 * (says @ samples) * side / (count + 1.0)
         best = np.maximum(best, share)
-        best[anchor] = 1.0 - 0.5 / (count + 1.0)
-    return best
+        worst = worst if n in local else np.minimum(worst, share)
+    odds = best / (1.0 - best) * worst / (1.0 - worst)
+    agreed: Float64 = odds / (1.0 + odds)
+    for anchor in anchors:
+        agreed[anchor] = 1.0 - 0.5 / (count + 1.0)
+    return agreed
 
 
 def features(observed: Observed, agreed: Float64) -> Float64:

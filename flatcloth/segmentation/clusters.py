@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -63,15 +64,18 @@ def gather(
     -----
     Takes about 0.7 s for 1.2 million pixels.
     """
-    radius = config.cluster_m
-    offset = max(config.cluster_offset_m, config.cluster_noise * noise_m)
+    limits = _Limits(
+        radius_m=config.cluster_m,
+        offset_m=max(config.cluster_offset_m, config.cluster_noise * noise_m),
+        least_cos=config.cluster_cos,
+    )
     order = np.argsort(-facing, kind="stable")
-    place, normal = _seeded(points_m, normals, order, radius, offset, config.cluster_cos)
+    place, normal = _seeded(points_m, normals, order, limits)
     of_pixel = np.empty(len(points_m), dtype=np.int32)
     pixels = np.zeros(len(place), dtype=np.int64)
     for _ in range(2):
-        cells = _cells(place, radius)
-        _assign(points_m, normals, radius, offset, config.cluster_cos, *cells, place, normal, of_pixel)
+        cells = _cells(place, limits.radius_m)
+        _assign(points_m, normals, limits, cells, place, normal, of_pixel)
         pixels = _averaged(points_m, normals, facing, of_pixel, place, normal)
     kept = pixels > 0
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
@@ -79,7 +83,7 @@ def gather(
     of_pixel[assigned] = number[of_pixel[assigned]]
     best = np.zeros(len(place))
     np.maximum.at(best, np.flatnonzero(kept)[of_pixel[assigned]], facing[assigned])
-    area = np.full(int(kept.sum()), _AREA * radius**2)
+    area = np.full(int(kept.sum()), _AREA * limits.radius_m**2)
     return Clusters(
         place_m=place[kept],
         normal=normal[kept],
@@ -88,6 +92,14 @@ def gather(
         area_m2=area,
         of_pixel=of_pixel,
     )
+
+
+class _Limits(NamedTuple):
+    """What one cluster covers: its radius, the offset along its normal, and the turn of the normals."""
+
+    radius_m: float
+    offset_m: float
+    least_cos: float
 
 
 @njit(cache=True, nogil=True)
@@ -112,10 +124,9 @@ def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
 
 
 @njit(cache=True, nogil=True)
-def _seeded(
-    points: Float32, normals: Float32, order: Int64, radius: float, offset: float, least_cos: float
-) -> tuple[Float64, Float64]:
+def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
     """Take each point, in order, that no cluster taken before covers."""
+    radius, offset, least_cos = limits
     capacity = min(len(points), 400_000)
     place, normal = np.empty((capacity, 3)), np.empty((capacity, 3))
     head, following = np.full(_BUCKETS, -1, np.int32), np.full(capacity, -1, np.int32)
@@ -161,17 +172,16 @@ def _relation(
 def _assign(
     points: Float32,
     normals: Float32,
-    radius: float,
-    offset: float,
-    least_cos: float,
-    head: Int32,
-    following: Int32,
+    limits: _Limits,
+    cells: tuple[Int32, Int32],
     place: Float64,
     normal: Float64,
     of_pixel: Int32,
 ) -> None:
     """Give each pixel the nearest cluster on its layer; distance along the normal counts twice."""
-    reach = 1.2 * radius * radius
+    radius, offset, least_cos = limits
+    head, following = cells
+    farthest = 1.2 * radius * radius
     for i in range(len(points)):
         x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
         best, least = -1, 1e9
@@ -179,7 +189,7 @@ def _assign(
             j = head[_bucket(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)]
             while j >= 0:
                 turn, along, beside = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and beside < reach and abs(along) < 1.5 * offset:
+                if turn > least_cos and beside < farthest and abs(along) < 1.5 * offset:
                     distance = beside + 4.0 * along * along + (1.0 - turn) * radius * radius
                     if distance < least:
                         best, least = j, distance

@@ -54,11 +54,14 @@ class SegmentationConfig:
     flip_potential: float = 0.6
     """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
     most_first_cost: float = 105.0
-    """A first stroke that contradicts the guess turns all over, if its region would cost more than this."""
+    """A region that would cost more than this has no clear border: a first stroke that contradicts the guess
+    turns all over then, for a later one the partition is made anew."""
     flip_rounds: int = 1
     """Reweightings of the potentials."""
     least_certainty: float = 0.7
-    """Cloth that is less certain than this is undecided, and stays out."""
+    """Cloth that is less certain than this is undecided, and stays out, ..."""
+    certainty_per_stroke: float = 0.05
+    """... less this for each stroke after the second: what is wrong would have been stroked first."""
     sure: float = 0.9
     """What is more certain than this is not turned over silently."""
     fill_px: int = 16

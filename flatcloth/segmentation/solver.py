@@ -32,22 +32,33 @@ from flatcloth.segmentation.spreading import Spreading
 _WELL_SEEN = 0.6
 _START_M = 0.02
 _CANDIDATES = 64
+_LOCAL = 0.05
+"""Share of all clusters; a stroke that turns over less corrects a small region."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _State:
     """After some decisions: sides (M,), which decision holds a cluster (M,), -1 none, what is cut off.
 
-    ``strokes`` are the clusters under each stroke, in order; ``known`` (M,) is True in the largest part of
-    the evidence, and in others that a stroke touched: elsewhere nothing tells the side.
+    ``inner`` (M,) is True on inner faces, which are of no interest whatever side they lie on; ``strokes``
+    are the clusters under each stroke, in order; ``local`` numbers those of them that corrected a small
+    region; ``known`` (M,) is True in the largest part of the evidence, and in others that a stroke
+    touched: elsewhere nothing tells the side.
     """
 
     side: Float64
+    inner: Bool
     holder: Int64
     strokes: tuple[tuple[int, Int64], ...]
+    local: tuple[int, ...]
     known: Bool
     excluded: Bool
     conflicts: tuple[Conflict, ...]
+
+    @property
+    def shown(self) -> Float64:
+        """Sides (M,), +1 of interest, -1 not."""
+        return np.where(self.inner, -1.0, self.side)
 
 
 class SideSolver:
@@ -93,7 +104,7 @@ class SideSolver:
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
         if unsure.sum() < 1e-4:
             return None
-        inner = self._inner(state) & (clusters.facing > 0.8) & (state.holder < 0)
+        inner = self._off_borders(state) & (clusters.facing > 0.8) & (state.holder < 0)
         weight = np.where(inner, unsure, 0.0)
         if not weight.any():
             return None
@@ -132,8 +143,10 @@ class SideSolver:
         side = found.side * np.sign((found.side[start] * (found.part[start] == largest)).sum() or 1.0)
         return _State(
             side=side,
+            inner=np.zeros(len(side), dtype=np.bool_),
             holder=np.full(len(side), -1, dtype=np.int64),
             strokes=(),
+            local=(),
             known=found.part == largest,
             excluded=np.zeros(len(side), dtype=np.bool_),
             conflicts=(),
@@ -143,54 +156,84 @@ class SideSolver:
         number, decision = len(decisions) - 1, decisions[-1]
         name = f"decision {number + 1}"
         if isinstance(decision, Cut):
-            off = beyond(self.observed, decision, (state.side > 0) & state.known & ~state.excluded, name)
+            off = beyond(self.observed, decision, (state.shown > 0) & state.known & ~state.excluded, name)
             excluded = state.excluded.copy()
             excluded[off] = True
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         conflicts = self._conflicts(state, touched, wanted, number)
-        side, known = self._spread(state, touched, wanted)
+        side, inner, known = self._spread(state, touched, wanted)
+        turned = int((np.where(inner, -1.0, side) != state.shown).sum())
         holder = state.holder.copy()
         holder[touched] = number
         return replace(
             state,
             side=side,
+            inner=inner,
             known=known,
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
+            local=(*state.local, len(state.strokes)) if 0 < turned < _LOCAL * len(side) else state.local,
             conflicts=(*state.conflicts, *conflicts),
         )
 
-    def _spread(self, state: _State, touched: Int64, wanted: float) -> tuple[Float64, Bool]:
-        side, part = state.side.copy(), self.observed.partition.part
-        known = state.known.copy()
+    def _spread(self, state: _State, touched: Int64, wanted: float) -> tuple[Float64, Bool, Bool]:
+        side, inner, known = state.side.copy(), state.inner.copy(), state.known.copy()
+        part, shown = self.observed.partition.part, state.shown
         for n in np.unique(part[touched]):
             own = touched[part[touched] == n]
             if not known[own[0]]:  # a part that nothing joined to the others: its polarity is the stroke's
                 members = part == n
                 side[members] *= np.sign(wanted * side[own].sum() or 1.0)
+                shown[members] = side[members]
                 known[members] = True
-        wrong = touched[side[touched] != wanted]
+        wrong = touched[shown[touched] != wanted]
         if not wrong.size:
-            return side, known
+            return side, inner, known
         if not state.strokes and 2 * np.intersect1d(wrong, self._start).size >= wrong.size:
             # The guess where it began is contradicted: it was the other side.
-            return np.where(state.known, -side, side), known
+            return np.where(state.known, -side, side), inner, known
         kept = state.holder >= 0
         kept[touched] = False
-        right = touched[side[touched] == wanted]
-        keep = np.concatenate([np.flatnonzero(kept), right])
+        keep = np.concatenate([np.flatnonzero(kept), touched[shown[touched] == wanted]])
         if not state.strokes:
             keep = np.union1d(np.setdiff1d(self._start, touched), keep)
-        region, cost = self._spreading.turned_over(side, keep, wrong, 1 + len(state.strokes))
-        if not state.strokes and cost > self.observed.config.most_first_cost:
-            return np.where(state.known, -side, side), known  # no border lies between it and the guess
-        side[region] = -side[region]
-        side[touched] = wanted
-        return side, known
+        number, faces = 1 + len(state.strokes), wrong[inner[wrong]]
+        if faces.size:  # was taken for an inner face, and is none
+            inner[self._spreading.inner_face(np.where(inner, -1.0, 1.0), keep, faces, number)[0]] = False
+        rest = wrong[~state.inner[wrong]]
+        if rest.size:
+            turned, of_inner = self._turned(state, side, keep, rest, number)
+            inner[of_inner] = True
+            side[turned] = -side[turned]
+        off = touched[np.where(inner, -1.0, side)[touched] != wanted]
+        inner[off] = wanted < 0
+        side[off] = 1.0 if wanted > 0 else side[off]
+        return side, inner, known
+
+    def _turned(
+        self, state: _State, side: Float64, keep: Int64, wrong: Int64, number: int
+    ) -> tuple[Int64, Int64]:
+        """Return the clusters that change sides, and those that turn out to be an inner face."""
+        g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
+        most = self.observed.config.most_first_cost
+        # What lies at the back of an inner face tells nothing about the side.
+        weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
+        region, cost = spreading.turned_over(side, keep, wrong, number, weight)
+        if state.strokes and most <= cost < np.inf:
+            anew, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
+            if price < most:
+                region, cost = anew, price
+        if side[wrong[0]] > 0:
+            face, price = spreading.inner_face(side, keep, wrong, number)
+            if price < cost:
+                return none, face
+        if not state.strokes and cost > most:  # no border lies between it and the guess
+            return np.flatnonzero(state.known), none
+        return region, none
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
-        against = touched[(state.holder[touched] >= 0) & (state.side[touched] != wanted)]
+        against = touched[(state.holder[touched] >= 0) & (state.shown[touched] != wanted)]
         found = []
         for earlier in np.unique(state.holder[against]):
             area = float(self.observed.clusters.area_m2[against[state.holder[against] == earlier]].sum())
@@ -205,15 +248,14 @@ class SideSolver:
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
         state, observed = self._state(decisions), self.observed
-        anchors = [touched for _, touched in state.strokes] or [self._start]
-        agreed = agreement(observed, state.side, anchors)
+        agreed = agreement(observed, state.side, self._anchors(state), state.local)
         certainty = calibrated(observed, agreed)
         certainty[~state.known] = 0.5
         held = state.holder >= 0
         certainty[held | state.excluded] = 1.0
-        side = np.where(state.side > 0, OF_INTEREST, OTHER).astype(np.int8)
-        # Who has stroked has seen the rest, and would have stroked that first if it were wrong.
-        least = observed.config.least_certainty if not state.strokes else 0.0
+        side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
+        least = observed.config.least_certainty
+        least -= observed.config.certainty_per_stroke * max(len(state.strokes) - 2, 0)
         side[(certainty < least) | ~state.known] = UNDECIDED
         side[state.excluded] = OTHER
         found = Segmentation(
@@ -225,6 +267,11 @@ class SideSolver:
             changed=None,
         )
         return replace(found, changed=self._changed(found)) if decisions else found
+
+    def _anchors(self, state: _State) -> list[Int64]:
+        """Return the clusters under each stroke, and where it began unless a stroke turned that over."""
+        begun = [] if state.strokes and (state.shown[self._start] < 0).any() else [self._start]
+        return [touched for _, touched in state.strokes] + begun
 
     def _changed(self, now: Segmentation) -> Changed:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2
@@ -272,7 +319,7 @@ class SideSolver:
         near = np.hypot(rows - row, cols - col) <= radius_px
         return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)
 
-    def _inner(self, state: _State) -> Bool:
+    def _off_borders(self, state: _State) -> Bool:
         """Clusters (M,) none of whose neighbours lies on the other side."""
         g = self.observed.graph
         apart = (g.weight > 0) & (state.side[g.first] != state.side[g.second])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session.document import PlacedPart, Side
+from flatcloth.session.garment import GarmentCommand
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,7 @@ Command = (
     | Nudge
     | TakePart
     | Paint
+    | GarmentCommand
     | Undo
     | Redo
     | Cancel

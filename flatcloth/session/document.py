@@ -12,6 +12,7 @@ from enum import StrEnum
 
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Rigid2
+from flatcloth.session.garment import GarmentDecisions
 
 UNSURE = "score too low"
 """Reason of an automatic rejection: such a view may be tried again once the shape has grown."""
@@ -135,6 +136,7 @@ class Document:
     skipped: tuple[Skipped, ...] = ()
     later: tuple[Later, ...] = ()
     strokes: tuple[Decision, ...] = ()
+    garment: GarmentDecisions = field(default_factory=GarmentDecisions)
 
     @property
     def put_off(self) -> frozenset[int]:

@@ -24,6 +24,7 @@ import numpy as np
 from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.types import Float64
+from flatcloth.session import garment
 from flatcloth.session import machine as session
 from flatcloth.session.header import Header
 from flatcloth.session.machine import Command, Event, SessionState, apply
@@ -94,6 +95,10 @@ _KINDS: dict[str, type[Any]] = {
     "paint image": session.PaintImage,
     "paint space": session.PaintSpace,
     "cut cloth": session.CutCloth,
+    "set kind": garment.SetKind,
+    "hold point": garment.HoldPoint,
+    "release points": garment.ReleasePoints,
+    "decide piece": garment.DecidePiece,
     "undo": session.Undo,
     "redo": session.Redo,
     "cancel": session.Cancel,

@@ -20,6 +20,7 @@ from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.core.strokes import MOST_DECISIONS, Cut, Decision, ImageStroke
 from flatcloth.core.types import Rigid2
 from flatcloth.session import document as edits
+from flatcloth.session import garment as garments
 from flatcloth.session.commands import (
     Accept,
     Cancel,
@@ -56,6 +57,7 @@ from flatcloth.session.document import (
     Side,
     Skipped,
 )
+from flatcloth.session.garment import DecidePiece, HoldPoint, ReleasePoints, SetKind
 
 __all__ = [
     "UNSURE",
@@ -192,6 +194,8 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
         return None
     if isinstance(command, PaintImage | PaintSpace | CutCloth):
         return _why_not_paint(state, command)
+    if isinstance(command, SetKind | HoldPoint | ReleasePoints | DecidePiece):
+        return garments.why_not(state.document.garment, command)
     if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
     if isinstance(command, Start):
@@ -272,6 +276,9 @@ def _check_bounds(document: Document, command: Command) -> None:
             placed = by @ pending.current_from_new
         case TakePart(current_from_new=placed):
             pass
+        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece():
+            garments.check_bounds(command, MAX_EXTENT_M)
+            return
         case _:
             return
     apart_m = math.hypot(placed.u_m, placed.v_m)
@@ -314,6 +321,11 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
             return _go_on(painted)
+        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece():
+            name, decided = garments.decide(document.garment, command)
+            # What is being computed does not depend on it.
+            edited = _edit(state, name, replace(document, garment=decided))
+            return replace(edited, request=state.request)
         case Undo():
             item = state.undo[-1]
             redo = (*state.redo, HistoryItem(item.name, document))
@@ -325,7 +337,11 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case Cancel():
             return replace(state, request=None)
         case Restart(view_index=view):
-            return _ask(_edit(state, "restart", Document(strokes=document.strokes)), "start", view)
+            return _ask(
+                _edit(state, "restart", Document(strokes=document.strokes, garment=document.garment)),
+                "start",
+                view,
+            )
 
 
 def _name_of(stroke: Decision) -> str:

@@ -9,9 +9,18 @@ import { Pyramid } from "/static/canvas/pyramid.js";
 const CLICK_PX = 4;
 const MARGIN_PX = 34;
 const SLACK_M = 0.05;
+const LEGEND_GAP_PX = 12;
+const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over the cloth
 
 /** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
+
+const cornersOf = ({ left, top, right, bottom }) => [
+  [left, top],
+  [right, top],
+  [left, bottom],
+  [right, bottom],
+];
 
 export class FlatCanvas {
   /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(),
@@ -34,12 +43,15 @@ export class FlatCanvas {
     this.marks = [];
     this.pick = null;
     this.scenery = SHAPE_ALONE;
+    /** @type {any} how the shape's layers are looked at */
+    this.layers = null;
     this.tools = [];
     this.drawers = [];
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
+    new ResizeObserver(() => this.fitted && this.fit()).observe(byId("legend"));
     matchMedia("(resolution: 1dppx)").addEventListener("change", () => this.resize());
     this.listen();
   }
@@ -119,10 +131,17 @@ export class FlatCanvas {
     this.draw(); // at once: a new size has cleared the canvas
   }
 
+  /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
     const box = this.extent ?? union(this.layer.shown?.box, this.overlay.shown?.box);
-    if (box && this.width) this.transform.fit(box, this.width, this.height, MARGIN_PX);
+    if (box && this.width) {
+      const legend = byId("legend");
+      const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
+      this.transform.fit(box, this.width, this.height, MARGIN_PX);
+      const right = Math.max(...cornersOf(box).map(([u, v]) => this.transform.toPane(u, v).x));
+      if (right > free && free > LEAST_FREE_SHARE * this.width) this.transform.fit(box, free, this.height, MARGIN_PX);
+    }
     this.redraw();
   }
 
@@ -198,7 +217,7 @@ export class FlatCanvas {
   }
 
   drawShape() {
-    if (this.layer.shown) this.drawPicture(this.layer.shown, this.layer.shown.image);
+    if (this.layer.shown) this.layers.paintShape(this);
   }
 
   /** The proposal where it is, or is being moved to; `outlined` also its outline, which is never pale. */

@@ -1,6 +1,7 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
+import { LayerList } from "/static/canvas/layer_list.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
@@ -8,7 +9,7 @@ const STEP_DEG = 15;
 const GRID_GAP_PX = 44;
 const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
-const PLAIN = { map: "", low: 0, high: 1 };
+const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1, blending: "source-over" };
 
 /** Keeps how each layer is looked at. */
 export class Looking {
@@ -32,6 +33,8 @@ export class Looking {
     this.maps = {};
     this.open = false;
     this.grid = false;
+    this.list = new LayerList(page, this);
+    this.canvas.layers = this;
     this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
     this.chip = make("button", {
       type: "button",
@@ -87,6 +90,26 @@ export class Looking {
     this.page.changed();
   }
 
+  /** While a slider is moved: only the canvas follows. */
+  setQuietly(layer, change) {
+    this.settings.set(layer, { ...this.of(layer), ...change });
+    this.canvas.redraw();
+  }
+
+  update(state) {
+    this.list.update(state);
+  }
+
+  /** Draw the shape: the chosen layer, and those that lie over it. */
+  paintShape(canvas) {
+    const { context } = canvas;
+    const pale = context.globalAlpha;
+    context.globalAlpha = pale * (this.page.isLive ? 1 : this.of(this.page.layer).opacity);
+    canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
+    context.globalAlpha = pale;
+    this.list.paint(canvas);
+  }
+
   /** How a layer is looked at, as part of an address. */
   query(layer) {
     const { map, low, high } = this.of(layer);
@@ -121,15 +144,18 @@ export class Looking {
     if (this.open) byId("look").querySelector("button")?.focus();
   }
 
-  /** Show the panel for a layer with its legend (null: it has no numbers); */
-  show(layer, legend, live) {
+  /** Show the panel for a layer with its legend (null: it has no numbers), and the legends of all. */
+  show(layer, legend, live, legends = null) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
-    rebuild(panel, [layer, legend, setting, Object.keys(this.maps), live], () =>
+    const all = [...this.settings.entries()];
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () =>
       [
+        make("h2", {}, "Layers"),
+        live ? null : this.list.build(legends),
         make(
           "div",
           { class: "looks" },

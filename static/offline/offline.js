@@ -1,6 +1,7 @@
 // The exported page: steps through the growth of a shape, in 3D and flattened, with its picks. It has no server.
 
 import { FlatCanvas } from "/static/canvas/canvas.js";
+import { drawPieces } from "/static/canvas/pieces.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { count, keyName, number } from "/static/page/format.js";
 import { startTips } from "/static/page/notices.js";
@@ -29,6 +30,10 @@ class Page {
       nudge: () => {},
       mayDrag: () => false,
     });
+    // They lie beside the shape as they do in the end.
+    this.flat.drawers.push((_, context, style) =>
+      drawPieces(this.flat, context, style, this.step === this.last ? history.pieces : [], null),
+    );
     const { low, high } = history.extent;
     const scene = {
       cloth,
@@ -131,7 +136,8 @@ class Page {
     setText(
       byId("hint"),
       `Step ${this.step + 1} of ${this.last + 1}: view ${step.view_index} at ${number(step.angle_deg, 0)}°,` +
-        ` ${step.told}. It adds ${number(step.added_cm2, 0)} cm²; the shape has ${number(step.area_cm2, 0)} cm².` +
+        ` ${step.told}. It adds ${number(step.added_cm2, 0)} cm²; the shape has ${number(step.area_cm2, 0)} cm²` +
+        (step.floating_cm2 ? `, and ${number(step.floating_cm2, 0)} cm² float.` : ".") +
         (this.step === this.last && this.history.finished ? ` ${this.history.finished}` : ""),
     );
     this.showLegend();

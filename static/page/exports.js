@@ -1,47 +1,93 @@
 // The sheet of exports: each is made by the server on request, and then saved.
 
-import { make, setText } from "/static/page/dom.js";
+import { make, rebuild, setText } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
 
-/** @type {[string, string, string][]} */
-const KINDS = [
-  [
-    "page.html",
-    "Offline page",
-    "3D timeline and flattened view with the picks in one HTML file; needs no server and no network.",
+/**
+ * File, title, what it is; a piece that floats has a file of its own.
+ *
+ * @type {Record<string, [string, string, string][]>}
+ */
+const GROUPS = {
+  Data: [
+    [
+      "data.zip",
+      "All data, ZIP",
+      "Everything of this group: shape, pieces, cloud, grasps and report, as run writes them.",
+    ],
+    ["flattened.npz", "Shape, NPZ", "Color, 3D point, normal, source view and uncertainty of each pixel."],
+    ["cloud.ply", "Cloud, PLY", "The 3D points of the shape with color, normal and place on the plane."],
+    ["flattened.png", "Picture, PNG", "The flattened shape, transparent off the cloth."],
+    ["grasps.json", "Grasp poses", "The picks with their poses, as JSON."],
+    ["outcome.json", "Outcome", "Each view with its score and flags, views left out and why, areas."],
   ],
-  ["report.html", "Report", "To print: recording, settings, each decision, picks and figures."],
-  ["figures.zip", "Figures", "Every map, curve and decision as PNG and SVG."],
-  ["growth.gif", "Animation, GIF", "The growth of the shape, view by view."],
-  ["growth.mp4", "Animation, MP4", "The same as a video."],
-  ["outline.svg", "Outline, SVG", "The outline of the shape in mm, 1:1, to print or cut."],
-  ["outline.dxf", "Outline, DXF", "The same for CAD and cutting machines."],
-  ["outline.json", "Outline, JSON", "The same as polygons in mm, to compute with."],
-  ["grasps.json", "Grasp poses", "The picks with their poses, as JSON."],
-];
+  Documents: [
+    [
+      "page.html",
+      "Offline page",
+      "3D timeline and flattened view with the picks in one HTML file; needs no server and no network.",
+    ],
+    ["report.html", "Report", "To print: recording, settings, each decision, picks and figures."],
+    ["figures.zip", "Figures", "Every map, curve and decision as PNG and SVG."],
+    ["growth.gif", "Animation, GIF", "The growth of the shape, view by view."],
+    ["growth.mp4", "Animation, MP4", "The same as a video."],
+  ],
+  Outline: [
+    ["outline.svg", "Outline, SVG", "The outline of the shape in mm, 1:1, to print or cut."],
+    ["outline.dxf", "Outline, DXF", "The same for CAD and cutting machines."],
+    ["outline.json", "Outline, JSON", "The same as polygons in mm, to compute with."],
+  ],
+};
 
 let sheet = null;
 
-/** Open the sheet; `notify` reports errors, `name` is that of the recording. */
-export function showExports(notify, name) {
+/** Open the sheet of exports; `notify` reports what became of each. */
+export function showExports(notify, state) {
   sheet ??= build();
-  sheet.buttons.forEach((button, i) => (button.onclick = () => save(button, KINDS[i], notify, name)));
+  rebuild(sheet.body, [state.recording.name, state.layers?.pieces ?? []], () => groups(notify, state));
   sheet.dialog.showModal();
 }
 
 function build() {
-  const buttons = KINDS.map(([file, title]) =>
-    make("button", { type: "button", class: "button", data: { id: file } }, title),
-  );
-  const rows = KINDS.flatMap(([, , about], i) => [make("dt", {}, buttons[i]), make("dd", {}, about)]);
+  const body = make("div", { class: "export-groups" });
   const dialog = make(
     "dialog",
-    { class: "sheet", "aria-labelledby": "exports-title" },
-    make("h2", { id: "exports-title" }, "Take away"),
-    make("dl", { class: "exports" }, ...rows),
+    { class: "sheet", id: "exports", "aria-labelledby": "exports-title" },
+    make("h2", { id: "exports-title" }, "Export"),
+    body,
     make("form", { method: "dialog" }, make("button", { class: "button", autofocus: true }, "Close")),
   );
   document.body.append(dialog);
-  return { dialog, buttons };
+  return { dialog, body };
+}
+
+function groups(notify, state) {
+  const pieces = (state.layers?.pieces ?? []).map(({ label, file, area_cm2 }) => [
+    file,
+    `Piece ${label}, NPZ`,
+    `The floating piece ${label} (${number(area_cm2, 0)} cm²), on a plane of its own.`,
+  ]);
+  return Object.entries(GROUPS).map(([title, kinds]) => {
+    const rows = title === "Data" ? [...kinds.slice(0, 2), ...pieces, ...kinds.slice(2)] : kinds;
+    return make(
+      "section",
+      {},
+      make("h3", {}, title),
+      make("dl", { class: "exports" }, ...rows.flatMap((kind) => row(kind, notify, state.recording.name))),
+    );
+  });
+}
+
+function row([file, title, about], notify, name) {
+  const button = exportButton(file, title, notify, name);
+  return [make("dt", {}, button), make("dd", {}, about)];
+}
+
+/** A button that makes one export and saves it. */
+export function exportButton(file, title, notify, name, kind = "") {
+  const button = make("button", { type: "button", class: `button ${kind}`, data: { id: file } }, title);
+  button.addEventListener("click", () => save(button, [file, title], notify, name));
+  return button;
 }
 
 async function save(button, kind, notify, name) {

@@ -4,8 +4,9 @@ import { count, number } from "/static/page/format.js";
 
 /** How large the shape is, and what floats beside it. */
 function shapeOf({ step, layers }) {
-  const floating = layers.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
-  const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(layers.pieces.length, "piece")}.` : "";
+  const pieces = layers.pieces.filter((piece) => !piece.placed);
+  const floating = pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+  const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(pieces.length, "piece")}.` : "";
   return ` Shape: ${count(step, "view")}, ${number(layers.area_cm2, 0)} cm².${beside}`;
 }
 

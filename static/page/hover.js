@@ -7,14 +7,30 @@ export class Hover {
     this.page = page;
     this.id = 0;
     this.wanted = null;
+    this.last = null; // where the pointer is
+    this.about = ""; // what the last state showed there
     this.busy = false;
     this.messages = { hover: (message) => this.take(message) };
+  }
+
+  /** What lies under a pointer that rests may be something else now. */
+  update(state) {
+    const about = JSON.stringify([
+      state.layers?.revision,
+      state.layers?.overlay?.revision,
+      state.pending?.view_index,
+    ]);
+    if (about === this.about) return;
+    this.about = about;
+    if (state.live || !this.last) return;
+    this.wanted = this.last;
+    this.ask();
   }
 
   /** The pointer is at a place of the plane, or has left it. */
   at(place) {
     this.page.each("hover", place);
-    this.wanted = place;
+    this.wanted = this.last = place;
     if (place) return this.ask();
     this.id += 1; // what is on its way is about nothing
     this.page.each("hovered", null);
@@ -22,7 +38,9 @@ export class Hover {
 
   take(message) {
     this.busy = false;
-    if (message.id === this.id) this.page.each("hovered", message);
+    // Once it is decided the proposal is no longer asked about, though it may still be drawn.
+    const answer = this.page.state?.pending || this.page.isLive ? message : { ...message, proposal: null };
+    if (message.id === this.id) this.page.each("hovered", answer);
     this.ask();
   }
 

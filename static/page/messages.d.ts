@@ -156,6 +156,15 @@ export interface ShowEdges {
   show: boolean;
 }
 
+/** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
+export interface Look {
+  type: "look";
+  layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "z_angle";
+  map?: string | null;
+  low?: number;
+  high?: number;
+}
+
 /** Live mode: play or pause, turn round, change the rate, or show a frame by hand. */
 export interface Play {
   type: "play";
@@ -215,6 +224,48 @@ export interface WhereToStroke {
   type: "where_to_stroke";
 }
 
+/** Say which kind the garment is; None: let the evidence say. */
+export interface SetKind {
+  type: "garment_kind";
+  kind?: string | null;
+}
+
+/** Hold a named point of the garment at a place of the plane; the rest refits. */
+export interface HoldPoint {
+  type: "hold_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+}
+
+/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
+export interface PreviewPoint {
+  type: "preview_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+  id: number;
+}
+
+/** Let a held point go, or all of them. */
+export interface ReleasePoints {
+  type: "release_points";
+  name?: string | null;
+}
+
+/** Lay a floating piece where the garment has a place for it, or refuse that place. */
+export interface DecidePiece {
+  type: "decide_piece";
+  label: string;
+  accepted: boolean;
+}
+
+/** Pick a named point of the garment as a grasp. */
+export interface PickPoint {
+  type: "pick_point";
+  name: string;
+}
+
 /** All that the page may say to the server. */
 export type ClientMessage = Do
   | Move
@@ -236,6 +287,7 @@ export type ClientMessage = Do
   | SetAuto
   | Set
   | ShowEdges
+  | Look
   | Play
   | Ready
   | Capture
@@ -243,4 +295,10 @@ export type ClientMessage = Do
   | StrokeShape
   | CutShape
   | Brush
-  | WhereToStroke;
+  | WhereToStroke
+  | SetKind
+  | HoldPoint
+  | PreviewPoint
+  | ReleasePoints
+  | DecidePiece
+  | PickPoint;

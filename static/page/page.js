@@ -40,6 +40,8 @@ export class Page {
     this.looking = null;
     /** @type {any} */
     this.ruler = null;
+    /** @type {any} what is drawn over the 3D scene */
+    this.sceneMarks = null;
     /** @type {any} the brush of the side of interest, for panels that can be painted on */
     this.brush = null;
     /** @type {Panel[]} */

@@ -1,11 +1,13 @@
-// viser's page in its frame: theme, reload after a lost connection, keys, and the divider beside it.
+// viser's page in its frame: theme, reload after a lost connection, keys, and what it warns of.
 
 import { byId } from "/static/page/dom.js";
+import { notify } from "/static/page/notices.js";
 import { isDark, onTheme } from "/static/page/theme.js";
 
-const LEFT_MIN_PX = 584;
-const RIGHT_MIN_PX = 600;
-const STORED = "flatcloth-split";
+const TOLD = "flatcloth-scene-told"; // the warnings of viser's page that this browser has shown
+const SOFTWARE =
+  "The 3D scene is drawn without a graphics card, so it moves slowly. If this computer has one, turn on hardware " +
+  "acceleration in the browser's settings.";
 
 const frame = byId("viser");
 let shownDark = null;
@@ -15,10 +17,10 @@ export function startScene(onKeyDown) {
     // Same origin: keys pressed in the scene mean the same as in the page. On the capture phase,
     // so that viser does not also fly its camera with the letters that are ours.
     frame.contentWindow.addEventListener("keydown", onKeyDown, true);
+    foldWarnings(frame.contentDocument);
   });
   onTheme(() => loadScene(false));
   loadScene(true);
-  startDivider();
 }
 
 /** Load viser's page (again): after a lost connection it would wait for the focus before it returns. */
@@ -31,42 +33,22 @@ export function loadScene(force) {
   frame.dataset.loaded = "yes";
 }
 
-function startDivider() {
-  const split = byId("split");
-  const divider = byId("divider");
-  const shield = byId("scene-shield");
-  let share = Number(localStorage.getItem(STORED)) || 0.45;
-
-  const apply = () => {
-    const width = split.clientWidth;
-    const most = Math.max(LEFT_MIN_PX, width - RIGHT_MIN_PX);
-    const left = Math.round(Math.min(most, Math.max(LEFT_MIN_PX, share * width)));
-    split.style.setProperty("--left", `${left}px`);
-    divider.setAttribute("aria-valuenow", String(Math.round((100 * left) / width)));
-    return left / width;
+/** Warnings about the browser that viser's page lays over the scene become notices of this page, each once. */
+function foldWarnings(inside) {
+  const fold = () => {
+    for (const warning of inside.querySelectorAll(".mantine-Notification-root:not([data-folded])")) {
+      const title = warning.querySelector(".mantine-Notification-title")?.textContent ?? "";
+      if (!/webgl|browser/i.test(title)) continue;
+      warning.dataset.folded = "";
+      warning.style.display = "none";
+      warning.querySelector("button")?.click();
+      const told = JSON.parse(localStorage.getItem(TOLD) ?? "[]");
+      if (told.includes(title)) continue;
+      localStorage.setItem(TOLD, JSON.stringify([...told, title]));
+      const description = warning.querySelector(".mantine-Notification-description")?.textContent ?? "";
+      notify("info", /software/i.test(title) ? SOFTWARE : `3D scene: ${title}. ${description}`);
+    }
   };
-  const set = (value) => {
-    share = value;
-    share = apply();
-    localStorage.setItem(STORED, String(share));
-  };
-
-  divider.addEventListener("pointerdown", (event) => {
-    divider.setPointerCapture(event.pointerId);
-    shield.hidden = false; // the frame would swallow the pointer
-  });
-  divider.addEventListener("pointermove", (event) => {
-    if (divider.hasPointerCapture(event.pointerId))
-      set((event.clientX - split.getBoundingClientRect().left) / split.clientWidth);
-  });
-  divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
-  divider.addEventListener("dblclick", () => set(0.45));
-  divider.addEventListener("keydown", (event) => {
-    const by = { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 }[event.key];
-    if (by === undefined) return;
-    set(share + by);
-    event.preventDefault();
-    event.stopPropagation();
-  });
-  new ResizeObserver(apply).observe(split);
+  new MutationObserver(fold).observe(inside.body, { childList: true, subtree: true });
+  fold();
 }

@@ -21,6 +21,7 @@ export class SceneMarks {
     this.cursor = null; // a point in space that the pointer is at, on either side
     this.plane = null; // and where it lies on the plane
     this.lines = []; // [[from, to], color] in space
+    this.drawers = []; // of panels: (context, style, place) draws what place(point in space) puts on the overlay
     this.drawn = []; // where marks were drawn, for tests
     this.id = 0;
     this.key = ""; // of what is drawn: the camera
@@ -148,6 +149,7 @@ export class SceneMarks {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     const style = getComputedStyle(this.overlay);
     for (const [ends, color] of this.lines) this.drawLine(context, view, ends, color);
+    for (const draw of this.drawers) draw(context, style, (point) => this.place(view, point));
     this.drawn = this.picks.map((pick) => this.drawPick(context, style, view, pick));
     const at = this.cursor && this.place(view, this.cursor);
     if (at) drawCursor(context, at, style.getPropertyValue("--accent"));

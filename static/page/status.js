@@ -4,8 +4,13 @@ import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { count } from "/static/page/format.js";
 import { hint } from "/static/page/hints.js";
 
+const BUSY_AFTER_MS = 250;
+
 export class StatusLines {
   constructor() {
+    this.busyTimer = null;
+    this.busy = make("p", { class: "busy", role: "status", hidden: true }, "Drawing the shape …");
+    byId("stage").append(this.busy);
     this.messages = { progress: (message) => this.showProgress(message) };
   }
 
@@ -19,6 +24,19 @@ export class StatusLines {
     setText(byId("hint"), hint(state));
     this.showProgress(state.progress);
     this.showNotes(state);
+    this.showBusy(Boolean(state.drawing));
+  }
+
+  /** While the session is ahead of the shape that is shown, and not for the blink of an eye. */
+  showBusy(drawing) {
+    if (drawing === (this.busyTimer !== null)) return;
+    clearTimeout(this.busyTimer);
+    const show = (on) => {
+      this.busy.hidden = !on;
+      byId("stage").setAttribute("aria-busy", String(on));
+    };
+    this.busyTimer = drawing ? setTimeout(() => show(true), BUSY_AFTER_MS) : null;
+    if (!drawing) show(false);
   }
 
   showProgress(progress) {

@@ -1,5 +1,6 @@
 // The panels beside the canvas and the scene, in the order in which they take a state. A new one gets a line here.
 
+import { GarmentPanel } from "/static/garment/panel.js";
 import { CapturePanel } from "/static/panels/capture.js";
 import { Diagnostics } from "/static/panels/diagnostics.js";
 import { PicksPanel } from "/static/panels/picks.js";
@@ -15,6 +16,7 @@ export const PANELS = [
   CapturePanel,
   ProposalPanel,
   PiecesPanel,
+  GarmentPanel,
   PicksPanel,
   SidesPanel,
   SettingsSheet,

@@ -1,9 +1,11 @@
-// The pieces that float: listed with area and reason, marked on the canvas, placed by hand.
+// The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
+import { strokeLine } from "/static/canvas/marks.js";
+import { drawPieces } from "/static/canvas/pieces.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
 
-const FONT = "600 13px system-ui, sans-serif";
+const share = (probability) => (probability > 0.995 ? "> 99 %" : `${number(100 * probability, 0)} %`);
 
 export class PiecesPanel {
   name = "pieces";
@@ -12,6 +14,7 @@ export class PiecesPanel {
     this.page = page;
     this.canvas = page.canvas;
     this.pieces = [];
+    this.places = new Map(); // that the garment has for them, by letter
     this.chosen = null; // its letter
     this.section = make("section", { id: "floating", "aria-label": "Floating pieces", hidden: true });
     byId("pick").before(this.section);
@@ -20,6 +23,9 @@ export class PiecesPanel {
 
   update(state) {
     this.pieces = state.layers?.pieces ?? [];
+    // While the garment is being recognised again, its places are those of another shape.
+    const places = state.garment?.working ? [] : (state.garment?.found?.pieces ?? []);
+    this.places = new Map(places.map((place) => [place.label, place]));
     if (!this.pieces.some((piece) => piece.label === this.chosen)) this.chosen = null;
     this.section.hidden = !this.pieces.length;
     const why = state.pending
@@ -27,15 +33,18 @@ export class PiecesPanel {
       : state.request
         ? "Something is being computed."
         : null;
-    rebuild(this.section, [this.pieces, this.chosen, why], () => this.build(why));
+    rebuild(this.section, [this.pieces, [...this.places.values()], this.chosen, why], () => this.build(why));
   }
 
   build(why) {
-    const area = this.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+    const floating = this.pieces.filter((piece) => !piece.placed);
+    const area = floating.reduce((sum, piece) => sum + piece.area_cm2, 0);
+    const placed = this.pieces.length - floating.length;
     return [
-      make("h2", {}, `Floating: ${count(this.pieces.length, "piece")}, ${number(area, 0)} cm²`),
+      make("h2", {}, `Floating: ${count(floating.length, "piece")}, ${number(area, 0)} cm²`),
+      placed ? make("p", { class: "note" }, `${count(placed, "piece")} placed by the garment.`) : null,
       make("ul", { class: "pieces" }, ...this.pieces.map((piece) => this.row(piece, why))),
-    ];
+    ].filter(Boolean);
   }
 
   row(piece, why) {
@@ -61,6 +70,7 @@ export class PiecesPanel {
         make("b", {}, piece.label),
         ` ${number(piece.area_cm2, 0)} cm²`,
       ),
+      this.byGarment(piece),
       ...(on
         ? [
             make("p", { class: "note" }, `${piece.reason} ${views}`),
@@ -84,6 +94,34 @@ export class PiecesPanel {
     );
   }
 
+  /** The place that the garment has for a piece, to be accepted or refused like a proposal. */
+  byGarment(piece) {
+    const place = this.places.get(piece.label);
+    if (!place) return piece.placed ? make("p", { class: "note" }, "Placed by the garment.") : null;
+    const button = (title, accepted, tip) =>
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button small",
+          "aria-label": `${title}: piece ${piece.label}`,
+          data: { id: `garment-${piece.label}-${accepted}`, tip: `${tip}\nUndo takes it back.` },
+          on: { click: () => this.page.send({ type: "decide_piece", label: piece.label, accepted }) },
+        },
+        title,
+      );
+    const told = `By the garment: ${share(place.probability)}, ± ${number(place.std_mm, 0)} mm`;
+    const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
+    const refuse = button("Refuse", false, "The garment has no place for it there.");
+    return make(
+      "div",
+      { class: "by-garment", role: "group", "aria-label": `Place of piece ${piece.label} by the garment` },
+      make("p", { class: "note" }, place.state === "proposed" ? `${told}.` : `${told}: ${place.state}.`),
+      place.state === "placed" ? null : accept,
+      place.state === "refused" ? null : refuse,
+    );
+  }
+
   choose(piece) {
     this.chosen = piece?.label ?? null;
     this.page.changed();
@@ -94,42 +132,21 @@ export class PiecesPanel {
     return { pieces: this.pieces, chosen: this.chosen };
   }
 
-  /** Each piece has a rectangle in its colour and its letter with the area. */
+  /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
   draw(context, style) {
-    for (const piece of this.pieces) {
-      const { origin_uv_m: origin, pixel_size_m: d, rows, cols } = piece.grid;
-      const [left, top] = origin;
-      const [right, bottom] = [left + d * cols, top + d * rows];
-      const corners = [
-        [left, top],
-        [right, top],
-        [right, bottom],
-        [left, bottom],
-      ].map(([u, v]) => this.canvas.transform.toPane(u, v));
-      context.beginPath();
-      corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.closePath();
-      context.strokeStyle = piece.color;
-      context.lineWidth = piece.label === this.chosen ? 3 : 1.5;
-      context.setLineDash(piece.label === this.chosen ? [] : [5, 4]);
-      context.stroke();
-      context.setLineDash([]);
-      this.drawLabel(context, style, corners, piece);
-    }
+    for (const piece of this.pieces) this.drawPlace(context, piece);
+    const beside = this.pieces.filter((piece) => !piece.placed);
+    drawPieces(this.canvas, context, style, beside, this.chosen);
   }
 
-  drawLabel(context, style, corners, piece) {
-    const x = Math.min(...corners.map((c) => c.x));
-    const y = Math.min(...corners.map((c) => c.y));
-    const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
-    context.font = FONT;
-    context.textBaseline = "middle";
-    const width = context.measureText(text).width + 20;
-    context.fillStyle = style.getPropertyValue("--panel");
-    context.fillRect(x, y - 21, width, 19);
-    context.fillStyle = piece.color;
-    context.fillRect(x, y - 21, 6, 19);
-    context.fillStyle = style.getPropertyValue("--text");
-    context.fillText(text, x + 12, y - 11);
+  /** The outline of a piece where the garment has a place for it. */
+  drawPlace(context, piece) {
+    const place = this.places.get(piece.label);
+    if (!place || place.state === "refused") return;
+    const chosen = piece.label === this.chosen;
+    for (const loop of place.outline_uv_m) {
+      const line = [...loop, loop[0]].map(([u, v]) => this.canvas.transform.toPane(u, v));
+      strokeLine(context, line, piece.color, chosen ? 3 : 1.5, piece.placed ? [] : [5, 4]);
+    }
   }
 }

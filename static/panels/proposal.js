@@ -115,7 +115,7 @@ function showProposal(state, send, show) {
           ...Object.entries(pending.parts).flatMap(([name, value]) => {
             const [words, unit] = unitless(name);
             return [
-              make("dt", {}, words),
+              make("dt", { data: { tip: PARTS[name] ?? words } }, words),
               make("dd", {}, value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`),
             ];
           }),
@@ -254,3 +254,19 @@ const CHECKS = {
 };
 const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
 const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };
+
+/** What the parts of the score mean, by their names in both methods. */
+const PARTS = {
+  place_agreement: "Agreement of the positions in space where both have cloth: 1 is the same place",
+  color_agreement: "Agreement of the colour where both have cloth: 1 is the same colour",
+  height_agreement: "Agreement of the height along the turning axis: 1 is the same height",
+  outline_agreement: "Share of the cloth in common that lies within the outline of the shape",
+  other_cloth_share: "Share of the overlap where the two are different cloth: far apart in space, or facing away",
+  twice_share: "Share of the cloth in common that would lie 15 mm or more from itself",
+  place_median_mm: "Median distance in space between proposal and shape",
+  overlap_cm2: "Cloth of the proposal that lies on the shape",
+  overlap_share: "The same as a share of the proposal",
+  intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",
+  height_rms_mm: "Root of the mean squared difference of the heights along the turning axis",
+  texture_share: "How much the brightness counts: 0 for plain cloth, 1 for a strong pattern",
+};

@@ -85,6 +85,8 @@ export class Repair {
             type: "button",
             class: "button",
             "aria-pressed": String(piece.chosen),
+            "aria-label":
+              `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²` + (piece.waits ? ", waits" : ""),
             data: {
               id: `piece-${piece.component}`,
               tip: piece.waits
@@ -97,7 +99,8 @@ export class Repair {
                 piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
             },
           },
-          `Part ${piece.component + 1}: ${number(piece.area_cm2, 0)} cm²${piece.waits ? ", waits" : ""}`,
+          make("b", {}, String(piece.component + 1)),
+          `${number(piece.area_cm2, 0)} cm²${piece.waits ? " …" : ""}`,
         ),
       ),
     );

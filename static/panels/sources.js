@@ -8,6 +8,7 @@ const FOLDED = "flatcloth-source-folded";
 const MASKED = "flatcloth-source-mask";
 const LEAST_PX = 200; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.42; // of the scene's width and height
+const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
 const IMAGES_KEPT = 8;
 const HIDDEN = {
@@ -296,7 +297,7 @@ export class SourcePanel {
     const box = mask.box;
     const scene = this.panel.parentElement;
     const [mostWide, mostHigh] = [scene.clientWidth, scene.clientHeight].map((px) =>
-      Math.max(LEAST_PX, MOST_SHARE * px),
+      Math.max(scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
     const scale = Math.min(mostWide / box.width, mostHigh / box.height);
     const [width, height] = [Math.round(box.width * scale), Math.round(box.height * scale)];

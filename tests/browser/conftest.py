@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
+import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Frame, Page, sync_playwright
+from forked_program import forked
+from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
@@ -68,17 +67,8 @@ class Program:
 
     def __init__(self, arguments: str, session: Path, port: int = 0) -> None:
         self._arguments, self._session = arguments, session
-        self._process = subprocess.Popen(
-            [
-                *(sys.executable, "app.py", "view", *arguments.split()),
-                *("--port", str(port), "--session", str(session)),
-            ],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        assert self._process.stdout is not None
+        options = ["view", *arguments.split(), "--port", str(port), "--session", str(session)]
+        self._process, self._printed = forked(options, str(ROOT))
         self.said: list[str] = []
         self._urls: list[str] = []
         self._answered = threading.Event()
@@ -91,12 +81,12 @@ class Program:
         self.url = self._urls[0]
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.said.append(line)
-            if found := re.search(r"http://\S+", line):
-                self._urls.append(found.group())
-                self._answered.set()
+        with open(self._printed) as printed:
+            for line in printed:
+                self.said.append(line)
+                if found := re.search(r"http://\S+", line):
+                    self._urls.append(found.group())
+                    self._answered.set()
         self._answered.set()
 
     def again(self) -> Program:
@@ -110,13 +100,12 @@ class Program:
 
     def stop(self) -> int:
         """End it as an operator does, and return its exit status."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-        status = self._process.wait(timeout=30)
+        if self._process.is_alive():
+            os.kill(self._process.pid, signal.SIGINT)
+        self._process.join(timeout=30)
+        assert self._process.exitcode is not None, "the program did not end in 30 s"
         self._reader.join(timeout=10)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        return status
+        return self._process.exitcode
 
 
 @pytest.fixture
@@ -149,8 +138,23 @@ class Tab:
             page.route(VISER, lambda route: route.fulfill(body="<!doctype html><title>no scene</title>"))
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._hear)
+        page.on("response", self._see)
         page.set_default_timeout(WAIT_MS)
         page.goto(url)
+
+    def _hear(self, said: ConsoleMessage) -> None:
+        # What the browser says of a refused request or a lost connection is no error of the page.
+        if (
+            said.type == "error"
+            and "Failed to load resource" not in said.text
+            and "WebSocket" not in said.text
+        ):
+            self.errors.append(f"console: {said.text}")
+
+    def _see(self, response: Response) -> None:
+        if response.status == 404:
+            self.errors.append(f"404: {response.url}")
 
     @property
     def scene(self) -> Frame:
@@ -209,18 +213,25 @@ class Tab:
         )
         return self.scene.evaluate("window.__viserMutable.nodePoseData['/pick/ball'].position")
 
-    def close_viser_notice(self) -> None:
-        """Dismiss viser's remark about software rendering, which is none of ours."""
-        if not self.has_scene:
-            return
-        with contextlib.suppress(Exception):
-            self.scene.locator(".mantine-Notification-closeButton").first.click(timeout=3000)
-
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""
         return self.page.evaluate(
             "(e => [e.scrollWidth - innerWidth, e.scrollHeight - innerHeight])(document.documentElement)"
         )
+
+    def findings(self) -> list[str]:
+        """Return what axe-core finds serious or critical: rule, why it matters, and the elements."""
+        axe = pytest.importorskip(
+            "axe_playwright_python.sync_playwright",
+            reason="axe-core is not installed: pip install '.[test]'",
+        )
+        viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
+        found = axe.Axe().run(self.page, context=viser).response["violations"]
+        return [
+            f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
+            for f in found
+            if f["impact"] in ("serious", "critical")
+        ]
 
     def shoot(self, name: str) -> None:
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)

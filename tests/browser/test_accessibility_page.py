@@ -4,70 +4,61 @@ from __future__ import annotations
 
 import pytest
 
-axe = pytest.importorskip(
-    "axe_playwright_python.sync_playwright", reason="axe-core is not installed: pip install '.[test]'"
-)
-
 pytestmark = pytest.mark.browser
-
-VISER = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
-
-
-def findings(tab):
-    """What is serious or critical: rule, why it matters, and the elements."""
-    found = axe.Axe().run(tab.page, context=VISER).response["violations"]
-    return [
-        f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
-        for f in found
-        if f["impact"] in ("serious", "critical")
-    ]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     tab = open_tab(scheme=scheme).ready()
     keys = tab.page.keyboard
-    found = {"ready": findings(tab)}
+    found = {"ready": tab.findings()}
     tab.step()
     tab.accept()
     tab.click_shape()
-    found["accepted, with a pick"] = findings(tab)
+    found["accepted, with a pick"] = tab.findings()
     keys.press("q")
     tab.page.locator("#view-card").wait_for()
-    found["card of a view"] = findings(tab)
+    found["card of a view"] = tab.findings()
     keys.press("Escape")
+    keys.press("Shift+E")
+    keys.press("Shift+R")
+    tab.until("flatcloth.result.found && flatcloth.state.views.some((v) => v.added_cm2 > 0)")
+    found["list and result"] = tab.findings()
+    tab.shoot(f"axe-review-{scheme}")
+    keys.press("Escape")
+    keys.press("Shift+E")
     tab.step()
     keys.press("p")
     keys.press("w")
     tab.page.locator("#parts-of-score summary").click()
-    found["proposal, wiped, with pairs"] = findings(tab)
+    found["proposal, wiped, with pairs"] = tab.findings()
     keys.press("p")
     keys.press("d")
     keys.press("i")
     keys.press("Shift+L")
     tab.until("flatcloth.diagnostics.known !== null && flatcloth.differenceShown !== null")
-    found["difference, why, looking"] = findings(tab)
+    found["difference, why, looking"] = tab.findings()
     keys.press("2")
     keys.press("0")
     keys.press("z")
-    found["height, turned, with the ruler"] = findings(tab)
+    found["height, turned, with the ruler"] = tab.findings()
     tab.shoot(f"axe-looking-{scheme}")
     keys.press("Escape")
     keys.press("i")
     keys.press("e")
-    found["reasons"] = findings(tab)
+    found["reasons"] = tab.findings()
     keys.press("Escape")
     keys.press("k")
     tab.until("flatcloth.phase === 'ready'")
     keys.press("k")  # nothing to skip: told
     tab.page.locator(".toast").first.wait_for()
-    found["skipped, with a notice"] = findings(tab)
+    found["skipped, with a notice"] = tab.findings()
     for dialog in ("#settings", "#palette", "#help"):
         tab.page.locator(f"[data-action={dialog[1:]}]").click()
         tab.page.locator(dialog).wait_for()
         if dialog == "#settings":
             tab.page.locator("#settings summary").click()
-        found[dialog] = findings(tab)
+        found[dialog] = tab.findings()
         tab.shoot(f"axe-{dialog.strip('#')}-{scheme}")
         keys.press("Escape")
         tab.page.locator(dialog).wait_for(state="hidden")
@@ -77,4 +68,4 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
 def test_the_checker_sees_the_page(open_tab):
     tab = open_tab().ready()
     tab.page.evaluate("document.querySelector('.status').append(document.createElement('button'))")
-    assert any("critical: button-name" in finding for finding in findings(tab))
+    assert any("critical: button-name" in finding for finding in tab.findings())

@@ -43,7 +43,6 @@ def tab(chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRe
 def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path: Path) -> None:
     tab.until("flatcloth.capture && flatcloth.frame !== null")
     tab.scene_shows("/live/cloud")
-    tab.close_viser_notice()
     page = tab.page
     assert page.locator("#capture-task").inner_text() == "Hang the item in sight, then begin."
     tab.shoot("capture-idle")

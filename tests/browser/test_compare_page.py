@@ -66,7 +66,6 @@ class Cloth:
 @pytest.fixture
 def cloth(open_tab, program):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.step()
     return tab, Cloth(tab, program.url)
 
@@ -164,6 +163,12 @@ def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
     tab.page.mouse.move(place["x"], place["y"])
     expect(table).not_to_be_visible()
     expect(tab.page.locator("#readout")).to_be_visible()
+    # Under a pointer that rests, what is decided is no longer compared.
+    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
+    tab.page.mouse.move(place["x"], place["y"])
+    expect(table).to_be_visible()
+    tab.accept()
+    expect(table).not_to_be_visible()
 
 
 def test_without_a_proposal_there_is_nothing_to_compare(open_tab):

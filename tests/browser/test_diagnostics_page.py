@@ -25,7 +25,6 @@ def drawn(tab, uv):
 
 def asked_why(open_tab, **size):
     tab = open_tab(**size).ready()
-    tab.close_viser_notice()
     tab.step()
     tab.page.keyboard.press("i")
     tab.until("flatcloth.diagnostics.known !== null")

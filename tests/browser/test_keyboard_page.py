@@ -126,7 +126,6 @@ def test_tab_reaches_everything_in_order_and_the_focus_is_seen(open_tab, width, 
 @pytest.mark.parametrize(("width", "height", "scheme"), [(1280, 720, "light"), (2560, 1440, "dark")])
 def test_repair_and_dialogs_fit_their_window(open_tab, width, height, scheme):
     tab = open_tab(width, height, scheme).ready()
-    tab.close_viser_notice()
     tab.step()
     tab.page.keyboard.press("p")
     tab.shoot(f"repair-{width}-{scheme}")

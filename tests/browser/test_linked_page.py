@@ -17,7 +17,6 @@ def eye(tab):
 
 def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     first = tab.click_shape(0.5, 0.5)
     tab.click_shape(0.4, 0.6)
     tab.until("flatcloth.sceneMarks.drawn.filter(Boolean).length === 2")

@@ -22,7 +22,6 @@ def live_tab(open_tab, *size) -> Tab:
     tab = open_tab(*size)
     tab.until("flatcloth.frame !== null")
     tab.scene_shows("/live/cloud")
-    tab.close_viser_notice()
     return tab
 
 

@@ -43,7 +43,6 @@ def cloth(tab):
 
 def test_a_turned_and_flipped_view_picks_and_reads_the_same_cloth(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     where, _ = cloth(tab)
     tab.page.mouse.click(*screen(tab, where))
     tab.until("flatcloth.state.picks.length === 1")
@@ -134,7 +133,6 @@ def test_the_proposal_follows_the_pointer_on_a_turned_view(open_tab):
 
 def test_the_ruler_measures_and_escape_clears_it(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.page.keyboard.press("#")
     start, end = cloth(tab)
     tab.page.keyboard.press("z")
@@ -179,9 +177,13 @@ def test_what_is_measured_follows_the_shape(open_tab):
     tab.page.wait_for_function("window.measures > 0")
 
 
+MIDDLE = """([u, v]) => { const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
+    const at = flatcloth.toScreen(u, v); const [x, y] = [at.x - box.left, at.y - box.top].map(Math.round);
+    return c.getContext("2d").getImageData(x - 40, y - 60, 80, 120).data.reduce((a, b) => a + b, 0); }"""
+
+
 def test_colours_and_window_change_what_is_seen_and_its_legend(open_tab):
     tab = open_tab().ready()
-    tab.close_viser_notice()
     tab.page.keyboard.press("2")
     legend = tab.page.locator("#legend")
     expect(legend).to_contain_text("Height z (mm)")
@@ -200,6 +202,14 @@ def test_colours_and_window_change_what_is_seen_and_its_legend(open_tab):
         tab.page.keyboard.press("ArrowLeft")
     assert top.inner_text() != high
     tab.shoot("look-colours")
+    with tab.page.expect_response(re.compile(r"/layers/\d+/color\.png")):
+        panel.get_by_label("Color: show it over the others").check()
+    at = place(tab, 0.5, 0.5)
+    tab.page.wait_for_timeout(100)
+    middle = tab.page.evaluate(MIDDLE, at)
+    panel.get_by_label("Color: opacity").fill("0")
+    tab.page.wait_for_function(f"([at, was]) => ({MIDDLE})(at) !== was", arg=[at, middle])
+    assert panel.locator("li.chosen .color-bar").count() == 1
     tab.page.keyboard.press("1")  # another layer is looked at as it is
     expect(panel.get_by_label("White")).to_have_value("1")
     tab.page.keyboard.press("2")
@@ -230,8 +240,8 @@ def test_the_panel_fits(open_tab, width):
     tab.page.keyboard.press("Shift+L")
     tab.page.wait_for_selector("#look-map, #look select")
     outside = tab.page.evaluate(
-        "[...document.querySelectorAll('.tools *')].filter(e => e.offsetParent &&"
-        " e.getBoundingClientRect().right > e.closest('.tools').getBoundingClientRect().right - 4)"
+        "[...document.querySelectorAll('.tools *, .look-panel *')].filter(e => e.offsetParent &&"
+        " e.getBoundingClientRect().right > e.closest('.flat, .inspector').getBoundingClientRect().right - 4)"
         ".map(e => e.textContent)"
     )
     assert outside == []

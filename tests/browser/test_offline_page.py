@@ -351,7 +351,6 @@ def test_the_operator_page_turns_the_grip_and_hands_out_the_offline_page(
     open_tab: Callable[..., Tab], chromium: Browser, tmp_path: Path
 ) -> None:
     tab = open_tab(1600, 900).ready()
-    tab.close_viser_notice()
     tab.click_shape()
     axis = tab.page.get_by_label("Axis °")
     axis.fill("25")

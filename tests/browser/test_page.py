@@ -17,7 +17,6 @@ def distance_m(a, b):
 @pytest.mark.scene
 def test_step_accept_undo_and_click_the_centre(open_tab):
     tab = open_tab(1600, 900).ready()
-    tab.close_viser_notice()
     tab.step()
     tab.shoot("proposal")
     tab.accept()
@@ -212,7 +211,6 @@ def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program
 )
 def test_the_page_fits_its_window(open_tab, width, height, scheme):
     tab = open_tab(width, height, scheme).ready()
-    tab.close_viser_notice()
     tab.step()
     tab.click_shape()
     assert tab.overflow() == [0, 0]

@@ -11,7 +11,7 @@ import pytest
 pytestmark = pytest.mark.browser
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean"
-KNOWN = "flatcloth.state.sides && flatcloth.state.sides.certainty !== null"
+KNOWN = "flatcloth.state?.sides && flatcloth.state.sides.certainty !== null"
 IDLE = "flatcloth.state.request === null"
 
 

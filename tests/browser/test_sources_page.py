@@ -25,7 +25,6 @@ def test_the_source_image_follows_the_proposal_and_shows_where_a_pick_was_seen(o
     seen = tab.page.evaluate("flatcloth.sources.seen")
     assert pick["view_index"] in seen
     assert 3 <= len(seen) <= 24  # not those from behind
-    tab.close_viser_notice()
     tab.shoot("source-image")
 
     other = next(view for view in seen if view != pending)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -17,11 +19,22 @@ COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize
 SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 
 
-def test_run_integrates_a_bundled_recording_and_evaluate_agrees(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Every second view of a bundled recording, with its truth."""
+    folder = tmp_path_factory.mktemp("sample") / SAMPLE.name
+    shutil.copytree(SAMPLE, folder)
+    header = json.loads((folder / "recording.json").read_text())
+    header["views"] = header["views"][::2]
+    (folder / "recording.json").write_text(json.dumps(header))
+    return folder
+
+
+def test_run_integrates_resumes_and_evaluate_agrees(
+    sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["run", "shirt-sleeve-clean", "--out", str(out)]) == 0
+    assert main(["run", str(sample), "--out", str(out)]) == 0
     for name in (
         "session.json",
         "journal.jsonl",
@@ -33,12 +46,18 @@ def test_run_integrates_a_bundled_recording_and_evaluate_agrees(
         assert (out / name).is_file()
     view = read_shape(out / "flattened.npz")
     assert view.pixel_size_m == 0.002
-    said = capsys.readouterr()
-    assert "views integrated" in said.out
-    assert said.err == ""
+    first = capsys.readouterr()
+    assert "views integrated" in first.out
+    assert first.err == ""
+
+    journal = (out / "journal.jsonl").read_bytes()
+    assert main(["run", str(sample), "--out", str(out)]) == 0
+    assert (out / "journal.jsonl").read_bytes() == journal
+    assert capsys.readouterr().out == first.out
+
     figures = tmp_path / "figures.json"
     pictures = tmp_path / "pictures"
-    code = main(["evaluate", str(SAMPLE), "--json", str(figures), "--pictures", str(pictures)])
+    code = main(["evaluate", str(sample), "--json", str(figures), "--pictures", str(pictures)])
     assert code == 0
     (row,) = json.loads(figures.read_text())
     assert row["pixels"] == int(view.valid.sum())  # the same integration, twice
@@ -49,16 +68,6 @@ def test_run_integrates_a_bundled_recording_and_evaluate_agrees(
     assert len(row["views"]) >= 6
     assert (pictures / "shirt-sleeve-clean.png").is_file()
     assert "shirt-sleeve-clean" in capsys.readouterr().out
-
-
-def test_run_again_resumes_the_finished_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    assert main(["run", str(SAMPLE), "--out", str(out)]) == 0
-    journal = (out / "journal.jsonl").read_bytes()
-    first = capsys.readouterr().out
-    assert main(["run", str(SAMPLE), "--out", str(out)]) == 0
-    assert (out / "journal.jsonl").read_bytes() == journal
-    assert capsys.readouterr().out == first
 
 
 @pytest.mark.parametrize(
@@ -177,3 +186,16 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "1", done.stderr
+
+
+def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
+    command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
+    running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert running.stdout is not None
+    said = next((line for line in running.stdout if "http://127.0.0.1:" in line), None)
+    running.send_signal(signal.SIGINT)
+    rest, errors = running.communicate(timeout=60)
+    assert said is not None, errors
+    assert running.returncode in (0, 130)
+    assert "Traceback" not in rest + errors
+    assert (tmp_path / "s" / "session.json").is_file()

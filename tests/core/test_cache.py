@@ -66,6 +66,16 @@ def test_the_bytes_of_all_values_are_bounded() -> None:
     assert [key for key, _ in memory.items()] == ["next"]
 
 
+def test_what_is_kept_is_used_by_asking_for_it_and_sizes_may_be_counted_otherwise() -> None:
+    memory: Cache[int] = Cache(9, most_bytes=10, size=lambda number: number)
+    for n in (4, 5):
+        memory.put(n, n)
+    assert memory.kept(4) == 4
+    assert memory.kept(6) is None
+    memory.put(6, 6)
+    assert memory.items() == [(4, 4), (6, 6)]
+
+
 def test_a_value_that_another_thread_put_first_stays() -> None:
     memory: Cache[int] = Cache(2, most_bytes=1000)
     assert memory.put("key", 1) == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, label_of, lay_out
+from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out
 from flatcloth.methods.base import Canonical
 
 PIXEL_M = 0.002
@@ -110,3 +110,28 @@ def test_a_placement_far_from_all_cloth_is_shown_beside_the_shape() -> None:
 
 def test_pieces_are_lettered_on_after_z() -> None:
     assert [label_of(n) for n in (0, 1, 25, 26, 27)] == ["A", "B", "Z", "AA", "AB"]
+
+
+def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() -> None:
+    piece = patch(30, 20, (10.0, -3.0), 2)
+    # A quarter turn, to the right of the shape: its pixels meet those of the shape's raster.
+    motion = Rigid2(math.pi / 2, 0.05, 0.4).about((10.0, -3.0)) @ Rigid2()
+    motion = Rigid2(0.0, -9.95, 3.35) @ motion
+    sheet = lay_out(canonical(piece), {0: motion})
+    (shown,) = sheet.pieces
+    assert (shown.label, shown.reason, shown.placed) == ("B", PLACED, motion)
+    assert sheet.floating_m2 == 0.0
+    assert sheet.shape_m2 == pytest.approx((6000 + 600) * PIXEL_M**2, rel=0.1)
+    assert sheet.placed == {0: motion}
+    # Each pixel of it is the point of cloth that the motion leads there.
+    rows, cols = np.nonzero(sheet.piece == 1)
+    assert len(rows) > 400
+    there = sheet.view.uv_from_rc(np.stack([rows, cols], axis=1))
+    cloth = motion.apply(sheet.view.xyz_m[rows, cols, :2].astype(np.float64))
+    np.testing.assert_allclose(cloth, there, atol=PIXEL_M)
+    assert (sheet.view.view_index[rows, cols] == 2).all()
+    assert sheet.piece_at(there[0]) == 1
+    center = np.array([10.02, -2.97])
+    own = Rigid2(0.3, 0.001, 0.002).about((10.02, -2.97))
+    back = sheet.meant(sheet.shown(own, center), center)
+    np.testing.assert_allclose(back.apply(center), own.apply(center), atol=1e-9)

@@ -82,7 +82,7 @@ def test_run_takes_a_hand_eye_transform(
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
-        ([], "give one or more of --html, --report, --figures, --animation, --grasps, --outline"),
+        ([], "give one or more of --data, --html, --report, --figures, --animation, --grasps, --outline"),
         (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
         (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),

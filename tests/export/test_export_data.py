@@ -12,7 +12,14 @@ from scenes import sheet
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
 from flatcloth.core.types import RotationAxis
-from flatcloth.export.data import GraspFrames, export_shape, grasps_document, read_shape
+from flatcloth.export.data import (
+    GraspFrames,
+    grasps_document,
+    read_shape,
+    remove_stale,
+    shape_files,
+    write_files,
+)
 from flatcloth.grasping.grasps import Grip
 
 
@@ -33,7 +40,7 @@ PICK = Pick(4, "left <collar>", (0.02, 0.01, 0.001), (0.0, 0.0, -1.0), 1, (5.0, 
 
 def test_the_arrays_come_back_as_they_were_and_need_no_pickle(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
-    export_shape(view, [], tmp_path, FRAMES)
+    write_files(shape_files(view, [], FRAMES), tmp_path)
     back = read_shape(tmp_path / "flattened.npz")
     for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc"):
         original, read = getattr(view, name), getattr(back, name)
@@ -48,7 +55,7 @@ def test_the_picture_is_transparent_off_the_cloth(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
     valid = view.valid.copy()
     valid[:, :10] = False
-    export_shape(replace(view, valid=valid), [], tmp_path, FRAMES)
+    write_files(shape_files(replace(view, valid=valid), [], FRAMES), tmp_path)
     image = cv2.imread(str(tmp_path / "flattened.png"), cv2.IMREAD_UNCHANGED)
     assert image is not None
     assert image.shape == (20, 40, 4)
@@ -58,7 +65,7 @@ def test_the_picture_is_transparent_off_the_cloth(tmp_path: Path) -> None:
 
 def test_the_cloud_is_a_readable_ply_of_all_valid_pixels(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
-    export_shape(view, [], tmp_path, FRAMES)
+    write_files(shape_files(view, [], FRAMES), tmp_path)
     head, body = (tmp_path / "cloud.ply").read_bytes().split(b"end_header\n", 1)
     assert b"element vertex 800" in head
     record = np.dtype([("x", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3), ("uv", "<f4", 2)])
@@ -69,7 +76,7 @@ def test_the_cloud_is_a_readable_ply_of_all_valid_pixels(tmp_path: Path) -> None
 
 
 def test_picks_are_written_with_their_place_in_space_and_on_the_plane(tmp_path: Path) -> None:
-    export_shape(sheet(1, 0, 40, 12.0), [PICK], tmp_path, FRAMES)
+    write_files(shape_files(sheet(1, 0, 40, 12.0), [PICK], FRAMES), tmp_path)
     document = json.loads((tmp_path / "grasps.json").read_text())
     assert document["format"] == "flatcloth-grasps/1"
     assert document["frame"] == "held"
@@ -109,6 +116,25 @@ def test_a_pose_is_given_in_held_camera_and_robot_frame(tmp_path: Path) -> None:
         assert pose["position_m"] == [row[3] for row in pose["matrix"][:3]]
 
 
+def test_a_pick_on_a_floating_piece_has_its_pixel_there() -> None:
+    shape, piece = sheet(1, 0, 40, 12.0), sheet(2, 0, 40, 12.0)
+    away = replace(piece, xyz_m=piece.xyz_m + np.array([1.0, 0.0, 0.0], np.float32))
+    on_piece = replace(PICK, position_held_m=tuple((away.xyz_m[5, 12]).tolist()))
+    first, second = grasps_document(shape, [PICK, on_piece], FRAMES, floating=[away])["grasps"]
+    assert first["flattened"]["file"] == "flattened.npz"
+    found = second["flattened"]
+    assert (found["file"], found["row"], found["col"]) == ("floating-1.npz", 5, 12)
+    assert found["distance_m"] < 1e-6
+
+
+def test_a_smaller_export_removes_the_pieces_of_a_larger_one(tmp_path: Path) -> None:
+    view = sheet(1, 0, 40, 12.0)
+    write_files(shape_files(view, [], FRAMES, [view, view]), tmp_path)
+    remove_stale(["flattened.npz", "floating-1.npz"], tmp_path)
+    assert not (tmp_path / "floating-2.npz").exists()
+    assert (tmp_path / "floating-1.npz").exists()
+
+
 def test_without_a_hand_eye_transform_there_is_no_robot_frame() -> None:
     document = grasps_document(sheet(1, 0, 40, 12.0), [PICK], FRAMES)
     assert document["base_from_camera"] is None
@@ -118,7 +144,7 @@ def test_without_a_hand_eye_transform_there_is_no_robot_frame() -> None:
 def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> None:
     nowhere = Pick(5, "lost", (0.5, 0.5, 0.5), (0.0, 0.0, -1.0), 1, (5.0, 10.0))
     blind = Pick(6, "blind", (0.02, 0.01, 0.0), (float("nan"),) * 3, 1, (5.0, 10.0))
-    export_shape(sheet(1, 0, 40, 12.0), [nowhere, blind], tmp_path, FRAMES)
+    write_files(shape_files(sheet(1, 0, 40, 12.0), [nowhere, blind], FRAMES), tmp_path)
     text = (tmp_path / "grasps.json").read_text()
     assert "NaN" not in text
     lost, unseen = json.loads(text)["grasps"]
@@ -131,7 +157,7 @@ def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> No
     blocked = tmp_path / "file"
     blocked.write_text("")
     with pytest.raises(FlatclothError, match="choose another folder"):
-        export_shape(sheet(1, 0, 4, 0.0), [], blocked / "out", FRAMES)
+        write_files(shape_files(sheet(1, 0, 4, 0.0), [], FRAMES), blocked / "out")
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04truncated"])

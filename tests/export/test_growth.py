@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from exported_sessions import cylinder_session, write_cylinder
 from scenes import Cylinder, sheet
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
-from flatcloth.core.types import FlattenedView
+from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.engine.integration import Integration
 from flatcloth.export.growth import at_step, grow, motion_between
 from flatcloth.export.session import OpenedSession, of_page, open_session
+from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import write_axis
-from flatcloth.session.machine import Document
+from flatcloth.session.machine import Accepted, Document
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +65,39 @@ def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> Non
     assert (first.decision.number, first.decision.verdict) == (2, "accepted")  # not the refusal before
     assert second.decision is not None
     assert second.decision.number == 3
+
+
+def test_floating_pieces_grow_beside_the_shape_and_join_it(session: OpenedSession) -> None:
+    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
+    far = replace(piece, origin_uv_m=(12.0, 3.0))
+    wider = replace(sheet(0, 0, 50, 0.0), origin_uv_m=(0.0, 0.0))
+
+    class Shapes:
+        """The start view; then a piece floats; then the shape is wider and the piece is larger."""
+
+        recording = session.integration.recording
+        made = (
+            Canonical(view=main, current_from_view={}),
+            Canonical(view=main, current_from_view={}, floating=(far,)),
+            Canonical(view=wider, current_from_view={}, floating=(far,)),
+        )
+
+        def canonical(self, document: Document) -> Canonical:
+            return self.made[len(document.accepted)]
+
+    accepted = (Accepted(1, Rigid2()), Accepted(2, Rigid2()))
+    history = replace(session.history, document=Document(start_view=0, accepted=accepted), decisions=())
+    growth = grow(cast("Integration", Shapes()), history)
+    pixel_m2 = main.pixel_size_m**2
+    areas = [(s.area_m2, s.floating_m2, s.added_m2) for s in growth.steps]
+    np.testing.assert_allclose(
+        areas, pixel_m2 * np.array([[800, 0, 800], [800, 600, 600], [1000, 600, 200]]), rtol=1e-9
+    )
+    assert growth.area_m2 == pytest.approx(1000 * pixel_m2)
+    assert int(growth.view.valid.sum()) == 1600
+    assert (growth.first_step[growth.sheet.piece == 1] == 1).all()
+    on_shape = growth.first_step[growth.sheet.piece == 0]
+    assert [int((on_shape == n).sum()) for n in range(3)] == [1000, 0, 0]  # all of it shows view 0
 
 
 def test_shapes_that_share_too_little_have_no_motion() -> None:

@@ -6,11 +6,9 @@ from scenes import Cylinder
 
 from flatcloth.core.config import Config, RobustConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.resources import sample_recordings
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.headless import CONTRADICTS, Run, accept_by_score
 from flatcloth.engine.integration import Integration
-from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -76,13 +74,6 @@ def test_the_result_says_how_sure_each_place_is(finished: tuple[Integration, Ses
     turn = np.abs(view.z_angle_deg - np.array(made.recording.angles_deg)[view.view_index] + start)
     near, far = view.valid & (turn < 20), view.valid & (turn > 80)
     assert view.placement_std_m[near].mean() < view.placement_std_m[far].mean()
-
-
-def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
-    made = Integration(open_recording(str(sample_recordings()["trousers-waist-d435"])))
-    document = Run(made, MemorySession(SessionState(len(made.recording)))).finish().document
-    view = made.canonical(document).view
-    assert np.abs(view.uv_from_rc(np.argwhere(view.valid))).max() < 2.0
 
 
 def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionState, Run]) -> None:

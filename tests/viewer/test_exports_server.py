@@ -19,6 +19,7 @@ from exported_sessions import write_cylinder, write_session
 from page_tabs import get, open_socket
 from viewer_fakes import MemoryFolder
 
+from flatcloth.cli import main
 from flatcloth.core.errors import CancelledError
 from flatcloth.engine.integration import Integration
 from flatcloth.export.page import page
@@ -167,6 +168,25 @@ def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
     with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip", timeout=120).content)) as archive:
         assert archive.testzip() is None
         assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(archive.namelist())
+
+
+def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_hand(
+    unchanged: PageServer, written: Path, tmp_path: Path
+) -> None:
+    main(["export", str(written), "--data", str(tmp_path)])
+    by_hand = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/data.zip", timeout=120).content)) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == by_hand
+    assert set(by_hand) >= {"flattened.npz", "flattened.png", "cloud.ply", "grasps.json", "outcome.json"}
+    accepted = json.loads(by_hand["outcome.json"])["accepted"]
+    assert len(accepted) == 2
+    assert all(0.0 < view["score"] <= 1.0 and not view["by_hand"] for view in accepted)
+    single = get(unchanged, "/export/cloud.ply", timeout=120)
+    assert single.content == by_hand["cloud.ply"]
+    assert single.headers["content-disposition"].endswith('-cloud.ply"')
+    missing = get(unchanged, "/export/floating-1.npz", timeout=120)
+    assert (missing.status_code, missing.text) == (409, "This session has no floating-1.npz.")
+    assert get(unchanged, "/export/floating-0.npz").status_code == 404
 
 
 def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -> None:

@@ -17,6 +17,7 @@ from scenes import AXIS, Cylinder
 from flatcloth.core.errors import RecordingError
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering.colormaps import view_colors
+from flatcloth.rendering.layers import Appearance, rgba
 from flatcloth.session.machine import Propose, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.picture import Picture, make_picture
@@ -93,6 +94,31 @@ def test_every_layer_colors_the_cloud(picture: Picture, color: str) -> None:
     found = clouds_of(picture, AXIS, N, SHAPE, color)
     assert found[HELD].colors.shape == found[HELD].points_m.shape
     assert found[HELD].colors.dtype == np.uint8
+
+
+def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(
+    integration: Integration, picture: Picture
+) -> None:
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    shown: list[str] = []
+    panel = CloudPanel(server, integration, lambda: shown.append("again"))
+    try:
+        gray = Appearance("gray", 0.2, 0.8)
+        panel.choose_color("height", gray)
+        found = panel.clouds(picture, AXIS)[HELD].colors
+        expected = rgba(picture.view, "height", AXIS, N, gray)[picture.view.valid][:, :3]
+        np.testing.assert_array_equal(found, expected)
+        assert (np.ptp(found, axis=1) == 0).all()
+        while not shown:
+            time.sleep(0.01)
+        told = len(shown)
+        panel.choose_color("height", gray)
+        assert len(shown) == told  # nothing is drawn for what is shown already
+        panel.choose_color("height", Appearance("gray"))
+        assert len(shown) == told + 1
+    finally:
+        panel.stop()
+        server.stop()
 
 
 def test_only_conflicts_are_where_proposal_and_shape_are_apart(picture: Picture) -> None:

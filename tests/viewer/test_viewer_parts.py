@@ -20,7 +20,8 @@ from flatcloth.rendering.colormaps import (
 )
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
-from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS, action_table, command_of, nudge_about
+from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
+from flatcloth.viewer.protocol.allowed import action_table, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import attributes_at
 from flatcloth.viewer.scene.scene import quaternion_from_matrix, quaternion_from_z
 

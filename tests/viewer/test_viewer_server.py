@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from page_tabs import WAIT_S, Tab, get
@@ -28,8 +30,19 @@ def test_step_accept_undo_redo(server, folder):
         state = tab.proposed()
         assert state["views"][1]["state"] == "pending"
         assert state["pending"]["parts"]["overlap_cm2"] == 42.0
+        assert not state["drawing"]
         tab.say(type="do", action="accept", view_index=1)
-        state = tab.state_where(lambda s: s["step"] == 2 and s["layers"]["revision"] == 2)
+        seen: list[dict[str, Any]] = []
+
+        def drawn(state: dict[str, Any]) -> bool:
+            seen.append(state)
+            return state["step"] == 2 and state["layers"]["revision"] == 2
+
+        state = tab.state_where(drawn)
+        # Until the shape is drawn anew, the session is ahead of it, and that is told.
+        ahead = [s for s in seen if s["step"] == 2 and s["layers"]["revision"] == 1]
+        assert [s["drawing"] for s in ahead] == [True] * len(ahead)
+        assert not state["drawing"]
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: s["step"] == 1 and s["pending"] and s["layers"]["overlay"])
         tab.say(type="do", action="redo")

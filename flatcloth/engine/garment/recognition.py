@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import dataclass
+
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.evidence import SeenFrom, evidence_of
-from flatcloth.garments.recognition import Recognition, recognise
+from flatcloth.garments.deciding import (
+    DecidedPieces,
+    decided,
+    decided_pieces,
+    placed_piece,
+    pulls_of,
+    with_placed_cloth,
+)
+from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.placing import Placed
+from flatcloth.garments.recognition import NONE, Point, Recognition, is_sure, recognise
+from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
+from flatcloth.session.garment import DecidePiece, GarmentDecisions, PlacedPiece
+from flatcloth.session.machine import Keeper
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -33,25 +49,110 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     return views
 
 
-def recognised(integration: Integration, document: Document) -> Recognition:
-    """Return what garment a document's shape is (flatcloth.garments.recognition).
+@dataclass(frozen=True, kw_only=True)
+class KnownGarment:
+    """What is known of the garment of a document's shape.
 
-    Raises
-    ------
-    GarmentError
-        If the shape shows too little, or was seen in one view only.
+    ``by_evidence`` is what the evidence alone says, ``found`` that with the operator's decisions;
+    ``pieces`` what was decided about the floating pieces of ``canonical``.
     """
-    views = seen_from(integration, document)
-    if len(views) < 2:
-        raise GarmentError("The shape was made of one view; a garment is not recognised by one. Add views.")
-    canonical = integration.canonical(document)
-    evidence = [evidence_of(piece, views) for piece in (canonical.view, *canonical.floating)]
-    return recognise(canonical.view, evidence)
+
+    canonical: Canonical
+    evidence: tuple[PieceEvidence, ...]
+    by_evidence: Recognition
+    found: Recognition
+    pieces: DecidedPieces
+
+    def cloth_of(self, point: Point) -> FlattenedView:
+        """Return the view that a named point's pixel belongs to: the shape, or a placed piece."""
+        return self.canonical.view if point.piece is None else self.canonical.floating[point.piece]
 
 
-def garment_of(integration: Integration, document: Document) -> Recognition | str:
-    """Return what garment a document's shape is, or why nothing can be said of it."""
-    try:
-        return recognised(integration, document)
-    except GarmentError as error:
-        return str(error)
+class GarmentService:
+    """Recognises the garments of an integration's shapes; remembers the last. For several threads."""
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        self._lock = threading.Lock()
+        self._shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition] | None = None
+        self._last: tuple[GarmentDecisions, KnownGarment] | None = None
+
+    def of(self, document: Document) -> KnownGarment:
+        """Return what is known of the garment of a document's shape.
+
+        Raises
+        ------
+        GarmentError
+            If the shape shows too little, or was seen in one view only.
+        """
+        with self._lock:
+            canonical = self._integration.canonical(document)
+            if self._shape is None or self._shape[0] is not canonical:
+                self._shape, self._last = self._recognised(canonical, document), None
+            if self._last is None or self._last[0] != document.garment:
+                self._last = document.garment, self._decided(self._shape, document.garment)
+            return self._last[1]
+
+    def known(self, document: Document) -> KnownGarment | str:
+        """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+        try:
+            return self.of(document)
+        except GarmentError as error:
+            return str(error)
+
+    def _recognised(
+        self, canonical: Canonical, document: Document
+    ) -> tuple[Canonical, tuple[PieceEvidence, ...], Recognition]:
+        views = seen_from(self._integration, document)
+        if len(views) < 2:
+            raise GarmentError(
+                "The shape was made of one view; a garment is not recognised by one. Add views."
+            )
+        evidence = tuple(evidence_of(piece, views) for piece in (canonical.view, *canonical.floating))
+        return canonical, evidence, recognise(canonical.view, evidence)
+
+    def _decided(
+        self, shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition], decisions: GarmentDecisions
+    ) -> KnownGarment:
+        canonical, evidence, by_evidence = shape
+        pulls = pulls_of(decisions, canonical.view)
+        pieces = decided_pieces(decisions, canonical.view, canonical.floating)
+        found = decided(by_evidence, evidence, canonical.view, decisions.kind, pulls)
+        return KnownGarment(
+            canonical=canonical,
+            evidence=evidence,
+            by_evidence=by_evidence,
+            found=with_placed_cloth(found, pieces, canonical.floating),
+            pieces=pieces,
+        )
+
+
+def garment_of(integration: Integration, document: Document) -> KnownGarment | str:
+    """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+    return GarmentService(integration).known(document)
+
+
+def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
+    """Place the floating pieces whose place by the garment is sure, as decisions of the session.
+
+    Pieces that were decided about before stay as they are.
+    """
+    known = service.known(session.state.document)
+    if isinstance(known, str) or known.found.kind == NONE:
+        return known
+    canonical, decided = known.canonical, known.pieces
+    for piece in known.found.pieces:
+        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
+            session.record(DecidePiece(piece_decision(canonical, piece, accepted=True)))
+    return service.known(session.state.document)
+
+
+def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:
+    """Return the decision about a piece at the place that the garment has for it."""
+    return placed_piece(
+        canonical.floating[piece.index],
+        canonical.view,
+        piece.shape_from_piece,
+        piece.probability,
+        accepted=accepted,
+    )

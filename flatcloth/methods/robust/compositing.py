@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -69,16 +70,14 @@ def composite(
         samples, own_uv = seen
         carrier = Carrier(own_uv, samples, surface)
         points, stretches[n] = carrier.place_all()
-        _composite(
-            points / pixel_size_m - low,
-            carrier.nearest >= 0,
-            surface.steps,
-            costs[observation.view_index],
-            n,
-            source,
-            cost,
-            label,
+        view = _PlacedView(
+            points=points / pixel_size_m - low,
+            part=carrier.nearest >= 0,
+            steps=surface.steps,
+            pixel_cost=costs[observation.view_index],
+            number=n,
         )
+        _composite(view, _Canvas(source, cost, label))
     return _read_views(shape, surfaces, axis, label, source, stretches, low, pixel_size_m)
 
 
@@ -130,18 +129,29 @@ _POINT_COST = 100.0
 """Cost of a single point, so that triangles are preferred."""
 
 
+class _PlacedView(NamedTuple):
+    """A view's pixels: positions on the plane (pixels; H, W, 2), membership, steps, cost, and its number."""
+
+    points: Float64
+    part: Bool
+    steps: NDArray[np.uint8]
+    pixel_cost: Float32
+    number: int
+
+
+class _Canvas(NamedTuple):
+    """The plane's pixels: source position (H, W, 2), cost, and the number of the view they are read from."""
+
+    source: Float32
+    cost: Float32
+    label: NDArray[np.int16]
+
+
 @njit(cache=True, nogil=True)
-def _composite(
-    points: Float64,
-    part: Bool,
-    steps: NDArray[np.uint8],
-    pixel_cost: Float32,
-    number: int,
-    source: Float32,
-    cost: Float32,
-    label: NDArray[np.int16],
-) -> None:
+def _composite(view: _PlacedView, canvas: _Canvas) -> None:
     """Fill two triangles for every block of 2 x 2 neighbours where they cost less than the present pixels."""
+    points, part, steps, pixel_cost, number = view
+    source, cost, label = canvas
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
             a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
@@ -151,13 +161,13 @@ def _composite(
             below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
             whole = a and b and e and d
             if a and b and e and above and left:
-                _fill(points, pixel_cost, r, c, r, c + 1, r + 1, c, number, source, cost, label)
+                _fill(view, ((r, c), (r, c + 1), (r + 1, c)), canvas)
             if d and e and b and below and right:
-                _fill(points, pixel_cost, r + 1, c + 1, r + 1, c, r, c + 1, number, source, cost, label)
+                _fill(view, ((r + 1, c + 1), (r + 1, c), (r, c + 1)), canvas)
             if not whole and b and d and a and above and right:
-                _fill(points, pixel_cost, r, c + 1, r + 1, c + 1, r, c, number, source, cost, label)
+                _fill(view, ((r, c + 1), (r + 1, c + 1), (r, c)), canvas)
             if not whole and e and a and d and left and below:
-                _fill(points, pixel_cost, r + 1, c, r, c, r + 1, c + 1, number, source, cost, label)
+                _fill(view, ((r + 1, c), (r, c), (r + 1, c + 1)), canvas)
     # Pixels without triangles (strips of one pixel, folded outlines) are drawn as points.
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
@@ -170,12 +180,11 @@ def _composite(
 
 
 @njit(cache=True, nogil=True)
-def _fill(
-    points: Float64, pixel_cost: Float32,
-    r0: int, c0: int, r1: int, c1: int, r2: int, c2: int,
-    number: int, source: Float32, cost: Float32, label: NDArray[np.int16],
-) -> None:  # fmt: skip
-    """Fill one triangle of image pixels, given clockwise; mirrored ones are left out."""
+def _fill(view: _PlacedView, corners: tuple[tuple[int, int], ...], canvas: _Canvas) -> None:
+    """Fill one triangle of image pixels (row, col), given clockwise; mirrored ones are left out."""
+    points, pixel_cost = view.points, view.pixel_cost
+    source, cost, label = canvas
+    (r0, c0), (r1, c1), (r2, c2) = corners
     u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
     u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
@@ -197,7 +206,7 @@ def _fill(
             source[row, col, 0] = w0 * r0 + w1 * r1 + w2 * r2
             source[row, col, 1] = w0 * c0 + w1 * c1 + w2 * c2
             cost[row, col] = own
-            label[row, col] = number
+            label[row, col] = view.number
 
 
 def _read_views(

@@ -35,6 +35,7 @@ from flatcloth.methods.robust.layout import (
 )
 from flatcloth.methods.robust.observations import (
     Association,
+    Complex128,
     Nodes,
     Observation,
     associate,
@@ -67,7 +68,8 @@ class JointShape:
     of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
     ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
     pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
-    of the cloth that would overlap.
+    of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
+    space does not: they lie beside others without being near them in space, which contradicts nothing.
     """
 
     nodes: Nodes
@@ -79,6 +81,7 @@ class JointShape:
     anchor_uv_m: Float64
     weight: Float64
     is_cut: Bool
+    by_hand: Bool
 
     @cached_property
     def uv_m(self) -> Float64:
@@ -140,6 +143,7 @@ def begin_joint(
         anchor_uv_m=np.zeros((0, 2)),
         weight=np.ones(len(first.edges)),
         is_cut=np.zeros(len(first.edges), dtype=np.bool_),
+        by_hand=np.zeros(len(nodes), dtype=np.bool_),
     )
     return _solved(shape)
 
@@ -153,6 +157,7 @@ def extend_joint(
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
     associated: Association | None = None,
+    placed_by_hand: Bool | None = None,
 ) -> JointShape:
     """Return the shape with one more view, with all views flattened again.
 
@@ -166,6 +171,8 @@ def extend_joint(
         Sampling interval.
     associated : Association, optional
         The nodes that the view shows; by default they are found by place and normal.
+    placed_by_hand : (H, W) bool, optional
+        Pixels of the view that the operator placed where they share no cloth with the shape in space.
     """
     if associated is None:
         associated = associate(shape.nodes, surface, held_from_camera)
@@ -175,6 +182,10 @@ def extend_joint(
     contradicted = contradicted_pairs(
         before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
     )
+    by_hand = np.concatenate([shape.by_hand, np.zeros(more, dtype=np.bool_)])
+    if placed_by_hand is not None:
+        row, col = np.rint(added.rc).astype(np.int32).T
+        by_hand[added.node] |= placed_by_hand[row, col]
     grown = JointShape(
         nodes=nodes,
         observations=(*shape.observations, added),
@@ -185,6 +196,7 @@ def extend_joint(
         anchor_uv_m=shape.anchor_uv_m,
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
         is_cut=np.concatenate([shape.is_cut, contradicted]),
+        by_hand=by_hand,
     )
     return _solved(grown)
 
@@ -248,9 +260,11 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
             if not known.any():
                 seed_pair(z, links, within)
             z = lay_out(z, links, within)
+            if n and _reached(z, members) < 0.5 * members.sum():
+                z = _seeded_anew(z, members, links, within)
             inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
             own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
-            overlapping = overlapping_pairs(own_uv, shape.nodes.xyz_m)
+            overlapping = _overlapping(shape, own_uv)
             if overlapping.size:
                 own_uv, weight[within], overlapping = _grown_anew(
                     shape, within, own_uv, weight[within], overlapping
@@ -271,6 +285,18 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight))
 
 
+def _reached(z: Complex128, members: Bool) -> int:
+    return int(np.isfinite(z.real[members]).sum())
+
+
+def _seeded_anew(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
+    """Lay a floating piece out from one pair if that reaches more nodes: few places determine no rotation."""
+    anew = np.full_like(z, np.nan)
+    seed_pair(anew, links, within)
+    anew = lay_out(anew, links, within)
+    return anew if _reached(anew, members) > _reached(z, members) else z
+
+
 def _grown_anew(
     shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
 ) -> tuple[Float64, Float64, Int64]:
@@ -288,10 +314,16 @@ def _grown_anew(
     inside, anew = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
     grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
-    left = overlapping_pairs(grown, shape.nodes.xyz_m)
+    left = _overlapping(shape, grown)
     if np.unique(left).size >= np.unique(overlapping).size:
         return uv_m, weight, overlapping
     return grown, anew, left
+
+
+def _overlapping(shape: JointShape, uv_m: Float64) -> Int64:
+    """Return the pairs (K, 2) of nodes of a piece that lie on one another, but not by the operator's hand."""
+    pairs = overlapping_pairs(uv_m, shape.nodes.xyz_m)
+    return pairs[~shape.by_hand[pairs].any(axis=1)]
 
 
 _APART_M = 10.0

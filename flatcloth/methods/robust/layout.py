@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -136,28 +137,38 @@ def grown_layout(
     _, pair = np.unique(np.sort(edges, axis=1) @ np.array([n, 1]), return_inverse=True)
     together = np.bincount(pair, evidence)[pair]
     seed = int(edges[together.argmax(), 0])
-    layout: Complex128 = _grow(n, edges, member, offset, evidence, n_members, first, order, seed, _OPINION_M)
+    ends_by_node = _EdgeEnds(first, order)
+    layout: Complex128 = _grow(edges, member, offset, evidence, n_members, ends_by_node, seed, _OPINION_M)
     return layout
 
 
 _MOST_OPINIONS = 256
 
 
+class _EdgeEnds(NamedTuple):
+    """The ends of the M edges, ``order``ed by node: k for the first end of edge k, M + k for the second.
+
+    Those of node i are the entries ``first[i]`` to ``first[i + 1]``.
+    """
+
+    first: Int64
+    order: Int64
+
+
 @njit(cache=True, nogil=True)
 def _grow(
-    n: int,
     edges: Int32,
     member: Int32,
     offset: Complex128,
     evidence: Float64,
     n_members: int,
-    first: Int64,
-    order: Int64,
+    ends: _EdgeEnds,
     seed: int,
     opinion_m: float,
 ) -> Complex128:
-    """See :func:`grown_layout`; ``order`` lists edge ends by node: k for the first end, M + k the second."""
-    m = edges.shape[0]
+    """See :func:`grown_layout`."""
+    first, order = ends
+    m, n = edges.shape[0], first.size - 1
     z = np.full(n, complex(np.nan, np.nan))
     placed, leads = np.zeros(n, dtype=np.bool_), np.zeros(n)
     rotation = np.zeros(n_members, dtype=np.complex128)

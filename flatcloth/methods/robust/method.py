@@ -29,6 +29,8 @@ from flatcloth.session.machine import Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs."""
+_TOLD = 6
+"""Candidates of a plan that are told."""
 
 
 class RobustMethod(Method):
@@ -64,9 +66,10 @@ class RobustMethod(Method):
         rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
-            return _no_plan(f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2.")
+            reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
+            return _no_plan(reason, rated)
         if len(used) >= c.most_views and not self.is_unattended:
-            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2))
+            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2), rated)
         return Plan(
             view_index=best.view_index,
             side=None,
@@ -76,7 +79,7 @@ class RobustMethod(Method):
                 + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
             ),
             sides=(),
-            candidates=tuple(rated[:6]),
+            candidates=tuple(rated[:_TOLD]),
         )
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -160,5 +163,6 @@ def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
     )
 
 
-def _no_plan(reason: str) -> Plan:
-    return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=())
+def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
+    candidates = tuple(rated[:_TOLD])
+    return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)

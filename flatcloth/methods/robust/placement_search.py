@@ -11,6 +11,7 @@ import numpy as np
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
 from flatcloth.methods.robust.hypotheses import (
     coarse_view,
@@ -70,8 +71,8 @@ class PlacementSearch:
 
         def make() -> ReferenceShape:
             shape = self._shapes.shape(document)
-            textures = {view: self._texture(view) for view in shape.views}
             surfaces = self._shapes.surfaces(shape)
+            textures = {view: self._texture(view, surface) for view, surface in surfaces.items()}
             return ReferenceShape(shape, surfaces, textures, self._views.axis)
 
         return self._references.get(prefix(document), make)
@@ -127,11 +128,8 @@ class PlacementSearch:
         estimates += [("correlation", motion) for motion in correlated]
         return evaluate(reference, sampled, number, estimates)
 
-    def _texture(self, view_index: int) -> TextureFeatures:
-        return self._textures.get(
-            view_index,
-            lambda: texture_features(self._views.flattening(view_index).surface),
-        )
+    def _texture(self, view_index: int, surface: Surface) -> TextureFeatures:
+        return self._textures.get(view_index, lambda: texture_features(surface))
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         flattening = self._views.flattening(view_index)
@@ -156,7 +154,7 @@ class PlacementSearch:
                 uv[known],
                 rc[known],
                 flattening.surface,
-                self._texture(view_index),
+                self._texture(view_index, flattening.surface),
                 held_from_camera,
                 associated.rc[own],
                 associated.node[own],

@@ -6,10 +6,11 @@ Everything is computed from a document and cached by its prefix, so undo is exac
 from __future__ import annotations
 
 from collections.abc import Hashable
+from dataclasses import replace
 
 import numpy as np
 
-from flatcloth.core.cache import Cache
+from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32, Rigid2
@@ -17,7 +18,7 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Canonical, Views
 from flatcloth.methods.robust.compositing import composite, pixel_cost
 from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, with_poses
-from flatcloth.methods.robust.observations import Association, associate
+from flatcloth.methods.robust.observations import Association, Observation, associate
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
 from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -31,6 +32,12 @@ _LEAST_FITTED = 4
 _LEAST_FURTHER = 12
 """... a further motion of the same component as many as make a floating piece."""
 
+_MIB = 1 << 20
+_MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
+"""Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
+_DRAWN_BYTES = 48 * _MIB
+"""... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole)."""
+
 
 class JointShapes:
     """The joint shape of each document, and the canonical view composited from it.
@@ -43,28 +50,51 @@ class JointShapes:
 
     def __init__(self, views: Views) -> None:
         self._views, self._config = views, views.config
-        # A shape is grown through all its prefixes, so all must be kept: no limit in bytes.
-        self._shapes: Cache[JointShape] = Cache(64)
-        self._drawn: Cache[Canonical] = Cache(16)
+        self._shapes: Cache[JointShape] = Cache(3)
+        self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
+        self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._features: Cache[ViewFeatures] = Cache(48)
         self._registrations: Cache[Registered] = Cache(64)
         self._component_maps: Cache[Int32] = Cache(48)
+        self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
-        start = document.start_view
-        made = self._shapes.get((start,), lambda: self._begin(start))
-        for n, added in enumerate(document.accepted):
-            key = (start, *document.accepted[:n])
+        return self._shapes.get(prefix(document), lambda: self._grown(document))
 
-            def grow(key: Hashable = key, before: JointShape = made, added: Accepted = added) -> JointShape:
-                return self._extend(key, before, added)
-
-            made = self._shapes.get((*key, added), grow)
+    def _grown(self, document: Document) -> JointShape:
+        """Extend the longest prefix of the decisions whose shape is kept."""
+        start, accepted = document.start_view, document.accepted
+        assert start is not None
+        for known in range(len(accepted), -1, -1):
+            made = self._prefixes.kept((start, *accepted[:known]))
+            if made is not None:
+                break
+        else:
+            made = self._kept((start,), self._begin(start))
+        for n in range(known, len(accepted)):
+            before = (start, *accepted[:n])
+            made = self._kept((*before, accepted[n]), self._extend(before, made, accepted[n]))
         return made
+
+    def _kept(self, key: Hashable, made: JointShape) -> JointShape:
+        """Keep a shape for those that begin with it, without what is derived from it, and return it."""
+        self._prefixes.put(key, replace(made))
+        self._own_places(key, made.observations[-1])  # while its view is cached
+        return made
+
+    def _own_places(self, key: Hashable, observation: Observation) -> tuple[Float64, Int32]:
+        """Return the places (K, 2) of the last observed nodes in their view's plane, and their components."""
+
+        def make() -> tuple[Float64, Int32]:
+            view, pixel = observation.view_index, np.rint(observation.rc).astype(np.int32)
+            own = self._views.flattening(view).carrier.place(pixel)
+            return own, self.component_of_pixel(view)[pixel[:, 0], pixel[:, 1]]
+
+        return self._places.get(key, make)
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
@@ -73,7 +103,8 @@ class JointShapes:
 
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
-        return {view: self._views.flattening(view).surface for view in shape.views}
+        # Registration keeps them, so a view that is no longer cached is not flattened again.
+        return {seen.view_index: seen.surface for seen in self.registered(shape.views).features}
 
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order (cached)."""
@@ -119,16 +150,19 @@ class JointShapes:
     def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
         shape, held, associated = self._associated(key, shape, added.view_index)
-        associated = self._trusted(shape, associated, added)
-        return extend_joint(shape, surface, held, self._config.flattening, associated)
+        associated, by_hand = self._trusted(shape, associated, added)
+        placed = self.component_of_pixel(added.view_index) == added.component if by_hand else None
+        return extend_joint(shape, surface, held, self._config.flattening, associated, placed)
 
-    def _trusted(self, shape: JointShape, associated: Association, added: Accepted) -> Association:
+    def _trusted(
+        self, shape: JointShape, associated: Association, added: Accepted
+    ) -> tuple[Association, bool]:
         """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
         Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
         shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
         remaining nodes may fit another motion. If the operator placed a component where few associated
-        nodes lie, the nodes under it on the plane are used instead.
+        nodes lie, the nodes under it on the plane are used instead; returns whether that is so, too.
         """
         component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -151,15 +185,16 @@ class JointShapes:
                     kept[there] = _consistent(own[there], target[there], _GATE_M, least)
                     there = there[~kept[there]]
         if not by_hand:
-            return _chosen(associated, kept)
+            return _chosen(associated, kept), False
         under = self._nodes_under(shape, added)
         kept &= (component != added.component) & ~np.isin(associated.node, under.node)
         others = _chosen(associated, kept)
-        return Association(
+        together = Association(
             node=np.concatenate([others.node, under.node]),
             rc=np.concatenate([others.rc, under.rc]),
             incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
         )
+        return together, True
 
     def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
         """Return the nodes on the plane under the component that the operator placed."""
@@ -199,11 +234,9 @@ class JointShapes:
     def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
         """Return for each view the rigid motion closest to the joint shape's effect on its component."""
         motions = {}
-        for observation in shape.observations:
-            view = observation.view_index
-            pixel = np.rint(observation.rc).astype(np.int32)
-            own, there = self._views.flattening(view).carrier.place(pixel), shape.all_uv_m[observation.node]
-            component = self.component_of_pixel(view)[pixel[:, 0], pixel[:, 1]]
+        for n, observation in enumerate(shape.observations):
+            view, there = observation.view_index, shape.all_uv_m[observation.node]
+            own, component = self._own_places((document.start_view, *document.accepted[:n]), observation)
             good = (
                 (component == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
             )
@@ -227,6 +260,11 @@ class JointShapes:
 def prefix(document: Document) -> Hashable:
     """Return the part of a document that its shape depends on."""
     return (document.start_view, *document.accepted)
+
+
+def _own_bytes(shape: JointShape) -> int:
+    """Return the memory of a shape; earlier observations are those of the shape that it extends."""
+    return size_in_bytes(replace(shape, observations=shape.observations[-1:]))
 
 
 def _chosen(associated: Association, at: Bool) -> Association:

@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,8 +19,10 @@ from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
+from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
+    from flatcloth.export.garment import GarmentPoint
     from flatcloth.session.journal import Pick
     from flatcloth.session.store import SessionFolder
 
@@ -86,6 +89,9 @@ class SceneView(Protocol):
     def look_from(self, angle_deg: float) -> None:
         """Let all cameras look from where the real camera stood at an angle."""
 
+    def color_by(self, layer: str, look: Appearance) -> None:
+        """Colour the shape and the proposal by a layer of the flattened view."""
+
 
 class PageController(ABC):
     """The part of a page's application that does not depend on its mode.
@@ -114,6 +120,7 @@ class PageController(ABC):
         )
         self._picks = PickStore(folder, integration.axis, scene_view.show_pick)
         self._places = PlaceStore()
+        self.garments = GarmentService(integration)
         self._picture: Picture | None = None
         self._note_ids = itertools.count(1)
         self._revision = 0
@@ -206,7 +213,18 @@ class PageController(ABC):
         frames = GraspFrames(
             axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
         )
-        return grasps_document(picture.view, self._picks.picks, frames)
+        named, sheet = self.named_points(), picture.sheet
+        if sheet is None:
+            return grasps_document(picture.view, self._picks.picks, frames, named)
+        shape = sheet.canonical
+        return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
+
+    def named_points(self) -> Sequence[GarmentPoint]:
+        """Return the named points of the garment that were seen, as grasps; may take a second."""
+        from flatcloth.export.garment import garment_points
+
+        document = None if self._picture is None else self._picture.document
+        return () if document is None else garment_points(self.garments.known(document))
 
     # --- the page's own thread ---------------------------------------------------------------
 
@@ -257,12 +275,19 @@ class PageController(ABC):
                 self._set(message)
             case messages.TurnTo(view_index=view):
                 self._turn_to(view)
+            case messages.Look(layer=layer, map=name, low=low, high=high):
+                self._scene_view.color_by(layer, Appearance(name, low, high))
             case messages.Hover():
                 self._sink.tell(client, self.describe(message))
             case messages.Measure():
                 self._sink.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
+
+    def _pick_at(self, u_m: float, v_m: float, name: str = "") -> None:
+        self._picks.add(self._picture, u_m, v_m, name=name)
+        self._turn_to_pick()
+        self._publish()
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg

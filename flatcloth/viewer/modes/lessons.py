@@ -15,7 +15,7 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import diverging_table
-from flatcloth.viewer.protocol.snapshot import grid
+from flatcloth.rendering.pictures import grid_of
 
 CM2 = 1e4
 _OFF_THE_SURFACE_ALPHA = 70
@@ -76,7 +76,7 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
                 ("coarse", "fine"), lesson.levels, lesson.unused_pairs, strict=False
             )
         ],
-        "flat": grid(view),
+        "flat": grid_of(view),
         "area_cm2": view.area_m2 * CM2,
         "parts_cm2": [c.view.area_m2 * CM2 for c in flattening.components],
         "folded_share": flattening.components[0].folded_share,
@@ -148,7 +148,7 @@ def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
     _curves(parcel, "current", plan.sides[0].curves)
     parcel.values = {
         "view_index": lesson.view_index,
-        "flat": grid(view),
+        "flat": grid_of(view),
         "z_angle_span_deg": layers.Z_ANGLE_SPAN_DEG,
         "z_angle_colors": diverging_table()[::4].tolist(),
         "next_view": plan.view_index,
@@ -195,9 +195,9 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
         "view_index": lesson.view_index,
         "planned_view": lesson.planned_view,
         "side": None if side is None else side.value,
-        "current": grid(lesson.current),
-        "new": grid(lesson.new),
-        "renewed": grid(lesson.renewed.view),
+        "current": grid_of(lesson.current),
+        "new": grid_of(lesson.new),
+        "renewed": grid_of(lesson.renewed.view),
         "current_cm2": lesson.current.area_m2 * CM2,
         "new_cm2": lesson.new.area_m2 * CM2,
         "renewed_cm2": lesson.renewed.view.area_m2 * CM2,

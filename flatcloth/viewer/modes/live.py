@@ -14,13 +14,14 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.rendering import layers
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.player import LiveLoop, Player, Shown
 from flatcloth.viewer.modes.playhead import Playhead
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.snapshot import grid, live_snapshot
+from flatcloth.viewer.protocol.snapshot import live_snapshot
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -156,7 +157,7 @@ class LiveApplication(PageController):
         if picture is None:
             return packed(about, b"")
         axis, angles_deg = integration.axis, integration.recording.angles_deg
-        about["grid"] = grid(picture.view)
+        about["grid"] = grid_of(picture.view)
         about["area_cm2"] = picture.view.area_m2 * 1e4
         about["legend"] = layers.legend(picture.view, layer, axis, angles_deg)
         about["pick_uv_m"] = self._pick_uv_m(picture)

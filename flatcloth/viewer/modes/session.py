@@ -13,7 +13,6 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
-from flatcloth.engine.sheet import place_of_piece
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import (
@@ -28,7 +27,6 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
-    Reopen,
     Request,
     SessionState,
     Skip,
@@ -37,11 +35,14 @@ from flatcloth.session.machine import (
 )
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
+from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
-from flatcloth.viewer.modes.session_work import answered, drawn, turned_about
+from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import NOT_LIVE, command_of, nudge_about
+from flatcloth.viewer.protocol.actions import NOT_LIVE
+from flatcloth.viewer.protocol.allowed import command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
 from flatcloth.viewer.worker import Worker
@@ -72,11 +73,7 @@ class Application(PageController):
     """
 
     def __init__(
-        self,
-        integration: Integration,
-        folder: SessionFolder,
-        scene_view: SceneView,
-        sink: ClientSink,
+        self, integration: Integration, folder: SessionFolder, scene_view: SceneView, sink: ClientSink
     ) -> None:
         super().__init__(integration, folder, scene_view, sink)
         self._made: Picture | None = None
@@ -87,8 +84,13 @@ class Application(PageController):
         self._back = Worker("flatcloth-work")
         self._repair = RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
-
+        self._review = ReviewService(
+            integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
+        )
         self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
+        self._garment = GarmentController(
+            self.garments, lambda job: self._put(None, job), self._publish, sink.tell
+        )
 
     @property
     def _state(self) -> SessionState:
@@ -101,6 +103,7 @@ class Application(PageController):
         return [
             *super().routes(),
             *self._diagnostics.routes(),
+            *self._review.routes(),
             *self._sides.routes(lambda: self._picture),
         ]
 
@@ -115,6 +118,7 @@ class Application(PageController):
         self._back.stop(timeout_s=2.0)
         self._repair.stop(timeout_s=2.0)
         self._sides.stop()
+        self._garment.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -129,8 +133,7 @@ class Application(PageController):
             self._settle()
 
     def _restart(self) -> None:
-        if self._cancel is not None:
-            self._cancel[1].set()
+        self._stop_work()
         self._cancel = self._asked = None
         self._page_status = replace(self._page_status, auto=False, progress=None)
         self._folder.reload()
@@ -162,9 +165,7 @@ class Application(PageController):
             case messages.Choose(view_index=view, index=index):
                 self._choose(view, index)
             case messages.PickAt(u_m=u, v_m=v):
-                self._picks.add(self._picture, u, v)
-                self._turn_to_pick()
-                self._publish()
+                self._pick_at(u, v)
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
@@ -177,6 +178,12 @@ class Application(PageController):
                 self._sides.where_next(
                     self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
                 )
+            case (
+                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
+            ):
+                self._garment.take(client, message, self._state.document, self._do)
+            case messages.PickPoint(name=name):
+                self._pick_at(*self._garment.seen_point(name), name)
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -213,14 +220,8 @@ class Application(PageController):
     def _place_piece(self, label: str) -> None:
         """Decide again about the view that shows most of a floating piece, with that component of it."""
         sheet = None if self._picture is None else self._picture.sheet
-        pieces = () if sheet is None else sheet.pieces
-        piece = next((p for p in pieces if p.label == label), None)
-        if piece is None:
-            raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
-        accepted = [a.view_index for a in self._state.document.accepted]
-        found = place_of_piece(self._integration, piece, accepted)
-        self._by_hand(Reopen(found.view_index))
-        self._do(TakePart(found.view_index, found.component, found.placement))
+        for command in placing_piece(self._integration, self._state.document, sheet, label):
+            self._by_hand(command)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -261,8 +262,7 @@ class Application(PageController):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
-            super()._pick_on_ray(origin_m, direction)
-            return
+            return super()._pick_on_ray(origin_m, direction)
         dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
@@ -296,14 +296,7 @@ class Application(PageController):
     def _choose(self, view: int, index: int) -> None:
         """Move the proposal to one of its hypotheses."""
         overlay = None if self._picture is None else self._picture.overlay
-        pending = self._state.document.pending
-        hypotheses = () if overlay is None else overlay.proposal.placement.hypotheses
-        if pending is None or overlay is None or overlay.proposal.view_index != view:
-            raise FlatclothError("The proposal has changed; look again.")
-        if not 0 <= index < len(hypotheses):
-            raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
-        target = hypotheses[index].current_from_new
-        self._by_hand(Nudge(view, target @ pending.current_from_new.inverse()))
+        self._by_hand(chosen(self._state.document.pending, overlay, view, index))
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto.
@@ -322,6 +315,7 @@ class Application(PageController):
         document = self._state.document
         self._sides.follow(document)
         self._settle_work()
+        self._follow_garment()
         if document.start_view is None:
             if self._picture is not None or self._asked is not None:
                 self._picture = self._asked = None
@@ -375,14 +369,19 @@ class Application(PageController):
                 f" {threshold:.2f}. Accept, move or reject it.",
             )
 
+    def _follow_garment(self) -> None:
+        shown = None if self._picture is None else self._picture.document
+        self._garment.follow(shown, busy=self._page_status.auto)
+
     def _end_auto(self, level: str, text: str) -> None:
         self._page_status = replace(self._page_status, auto=False)
+        self._follow_garment()
         self._tell(None, level, text)
 
     def _state_of_page(self, revision: int) -> dict[str, Any]:
         page = self._page_status, self._picks, self._picture, self._integration, self._places
-        told = snapshot(revision, self._state, *page)
-        return {**told, "sides": self._sides.plain()}
+        told = self._review.told(snapshot(revision, self._state, *page), self._state.document)
+        return {**told, "sides": self._sides.plain(), "garment": self._garment.plain()}
 
     # --- the worker --------------------------------------------------------------------------
 
@@ -422,8 +421,7 @@ class Application(PageController):
             self._sink.tell(None, {"type": "progress", "share": share, "text": text})
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
-        # Later jobs of the queue use the new axis.
-        text = turned_about(self._integration, axis)
+        text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
         self._put(None, lambda: self._turned_about(axis, text))
 
     def _work_on_picture(self, document: Document) -> None:
@@ -443,5 +441,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
+        self._review.follow(picture.document)
         self._diagnostics.picture_changed()
         self._settle()

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress, RotationAxis
-from flatcloth.session.machine import Document, Event, Request
-from flatcloth.viewer.protocol.picture import Picture, make_picture
+from flatcloth.engine.sheet import Sheet, place_of_piece
+from flatcloth.session.machine import Command, Document, Event, Nudge, Pending, Reopen, Request, TakePart
+from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -62,3 +63,38 @@ def drawn(integration: Integration, document: Document, previous: Picture | None
     except Exception as error:  # noqa: BLE001 - reported and logged
         _log.exception("a picture could not be computed")
         return f"Unexpected error while drawing: {error!r}. See the terminal."
+
+
+def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: int) -> Nudge:
+    """Return the decision that moves a proposal to one of its hypotheses.
+
+    Raises
+    ------
+    FlatclothError
+        If the proposal is another by now, or has no such hypothesis.
+    """
+    if pending is None or overlay is None or overlay.proposal.view_index != view:
+        raise FlatclothError("The proposal has changed; look again.")
+    hypotheses = overlay.proposal.placement.hypotheses
+    if not 0 <= index < len(hypotheses):
+        raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
+    target = hypotheses[index].current_from_new
+    return Nudge(view, target @ pending.current_from_new.inverse())
+
+
+def placing_piece(
+    integration: Integration, document: Document, sheet: Sheet | None, label: str
+) -> tuple[Command, ...]:
+    """Return the decisions that make the view that shows most of a floating piece the proposal, with it.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such piece, or only the start view shows it.
+    """
+    piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == label), None)
+    if piece is None:
+        raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+    accepted = [a.view_index for a in document.accepted]
+    found = place_of_piece(integration, piece, accepted)
+    return Reopen(found.view_index), TakePart(found.view_index, found.component, found.placement)

@@ -2,28 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
-
-from flatcloth.core.types import Rigid2
-from flatcloth.session.machine import (
-    Accept,
-    Cancel,
-    Command,
-    Phase,
-    Propose,
-    Redo,
-    Reject,
-    Reopen,
-    Restart,
-    SessionState,
-    Skip,
-    Start,
-    Undo,
-    why_illegal,
-)
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
 """Reasons in the reject menu."""
@@ -118,6 +97,20 @@ ACTIONS: tuple[Action, ...] = (
         "Lowest score",
         ("q",),
         "Go to a flagged view first, else to the accepted one with the lowest score.",
+        "timeline",
+    ),
+    Action(
+        "review",
+        "List",
+        ("Shift+r",),
+        "Show or hide the list of all views: sort, filter, turn the item to one, decide again.",
+        "timeline",
+    ),
+    Action(
+        "result",
+        "Result",
+        ("Shift+e",),
+        "Show or hide the result: areas, uncertainty, cloth left out, views to review, data to export.",
         "timeline",
     ),
     Action(
@@ -227,7 +220,7 @@ ACTIONS: tuple[Action, ...] = (
         "look",
         "Look",
         ("Shift+l",),
-        "Rotate, flip, grid, ruler, colours, contrast; display only, data unchanged.",
+        "Layers as a list, rotate, flip, grid, ruler, colours; display only, data unchanged.",
         "view",
     ),
     Action(
@@ -284,6 +277,16 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
     Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
+    Action(
+        "garment", "Garment", ("Shift+g",), "Show or hide the garment's outline and its named points.", "view"
+    ),
+    Action(
+        "upright",
+        "Upright",
+        ("Shift+t",),
+        "Turn the display so that the garment is upright; again: back.",
+        "view",
+    ),
     Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
     Action("grid", "Grid", ("#",), "Show or hide a grid in centimetres.", "view"),
     Action(
@@ -300,6 +303,14 @@ ACTIONS: tuple[Action, ...] = (
         "Move the pointer with arrows (Shift: tenfold); Enter clicks, Space drags, Esc ends.",
         "view",
     ),
+    Action(
+        "pane",
+        "Next pane",
+        ("Shift+v",),
+        "In a narrow window: show the next pane (flattened view, 3D, details).",
+        "view",
+    ),
+    Action("readout", "Values", ("Shift+b",), "Fold or unfold the values under the pointer.", "view"),
     Action(
         "follow",
         "Follow",
@@ -331,104 +342,3 @@ ACTIONS: tuple[Action, ...] = (
     Action("theme", "Theme", ("t",), "Switch between light and dark.", "page"),
     Action("help", "Keys", ("?",), "Show the keys.", "page"),
 )
-
-
-def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
-    """Return the session command of an action at present.
-
-    ``arguments`` may contain ``view_index`` (the view the user saw) and ``reason``. A decision
-    without a view refers to the pending one; without one it is -1, which the session refuses.
-    """
-    document = state.document
-    pending = -1 if document.pending is None else document.pending.view_index
-    view = arguments.get("view_index")
-    match name:
-        case "step":
-            # After a cancelled start there is no start view yet: the step is the start.
-            return Start() if document.start_view is None else Propose()
-        case "view":
-            return Start(view) if document.start_view is None else Propose(view)
-        case "accept":
-            return Accept(pending if view is None else view, arguments.get("score"))
-        case "skip":
-            return Skip(pending if view is None else view)
-        case "reopen":
-            return Reopen(-1 if view is None else view)
-        case "reject" | "reject_menu":
-            return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
-        case "undo":
-            return Undo()
-        case "redo":
-            return Redo()
-        case "cancel":
-            return Cancel()
-        case "restart":
-            return Restart(view)
-    raise KeyError(name)
-
-
-def why_not(name: str, state: SessionState) -> str | None:
-    """Return why an action is not allowed now, or None if it is allowed."""
-    if name == "auto":
-        if state.phase is Phase.FINISHED:
-            return state.document.finished
-        return None
-    action = next(a for a in ACTIONS if a.name == name)
-    if action.mode == "live":
-        return NOT_LIVE
-    if action.mode == "capture":
-        return NO_CAMERA
-    if action.group == "timeline":
-        return _why_not_timeline(name, state)
-    if action.group == "session":
-        return why_illegal(state, command_of(name, state, {}))
-    if action.group == "proposal" and state.document.pending is None:
-        return "There is no proposal to move; step first."
-    return None
-
-
-def _why_not_timeline(name: str, state: SessionState) -> str | None:
-    document = state.document
-    if name == "lowest_score":
-        return None if document.accepted else "No view has been accepted yet."
-    if name == "reopen":
-        if state.phase is Phase.COMPUTING:
-            return why_illegal(state, Reopen(0))
-        return None if document.reopenable_views else "There is no decision to reopen."
-    return None
-
-
-def _description(action: Action, state: SessionState | None) -> str:
-    history = {} if state is None else {"undo": state.undo, "redo": state.redo}
-    items = history.get(action.name)
-    return f"{action.title}: {items[-1].name}." if items else action.description
-
-
-def action_table(state: SessionState | None) -> list[dict[str, Any]]:
-    """Return the table for the page, with the reason if an action is not allowed now.
-
-    Without a state it is the table of live mode, which has no decisions.
-    """
-    return [
-        {
-            "name": a.name,
-            "title": a.title,
-            "keys": list(a.keys),
-            "description": _description(a, state),
-            "group": a.group,
-            "mode": a.mode,
-            "why_not": _why_not_live(a) if state is None else why_not(a.name, state),
-        }
-        for a in ACTIONS
-    ]
-
-
-def _why_not_live(action: Action) -> str | None:
-    return {"session": IN_LIVE_MODE, "capture": NO_CAMERA}.get(action.mode)
-
-
-def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-    """Return the motion of a nudge: a rotation about the proposal's own centre, then a shift."""
-    if not all(math.isfinite(x) for x in (*center_uv_m, theta_rad, u_m, v_m)):
-        return Rigid2(math.nan, math.nan, math.nan)  # the session refuses it with a reason
-    return Rigid2(theta_rad, u_m, v_m).about(center_uv_m)  # type: ignore[arg-type]

@@ -222,6 +222,15 @@ class ShowEdges(_Said, tag="edges", frozen=True, kw_only=True):
     show: bool
 
 
+class Look(_Said, tag="look", frozen=True, kw_only=True):
+    """Colour the 3D scene by a layer of the flattened view, with its colour map and window."""
+
+    layer: Literal["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"]
+    map: Annotated[str, Meta(max_length=40)] | None = None
+    low: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    high: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
+
+
 class Play(_Said, tag="play", frozen=True, kw_only=True):
     """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
 
@@ -280,6 +289,49 @@ class WhereToStroke(_Said, tag="where_to_stroke", frozen=True, kw_only=True):
     """Ask where the next stroke tells most."""
 
 
+GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]
+"""Of a kind of garment, or of a named point."""
+
+
+class SetKind(_Said, tag="garment_kind", frozen=True, kw_only=True):
+    """Say which kind the garment is; None: let the evidence say."""
+
+    kind: GarmentName | None = None
+
+
+class HoldPoint(_Said, tag="hold_point", frozen=True, kw_only=True):
+    """Hold a named point of the garment at a place of the plane; the rest refits."""
+
+    name: GarmentName
+    u_m: Metres
+    v_m: Metres
+
+
+class PreviewPoint(HoldPoint, tag="preview_point", frozen=True, kw_only=True):
+    """Ask how the outline would lie if a point were held so; ``id`` comes back with the answer."""
+
+    id: Count
+
+
+class ReleasePoints(_Said, tag="release_points", frozen=True, kw_only=True):
+    """Let a held point go, or all of them."""
+
+    name: GarmentName | None = None
+
+
+class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
+    """Lay a floating piece where the garment has a place for it, or refuse that place."""
+
+    label: GarmentName
+    accepted: bool
+
+
+class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
+    """Pick a named point of the garment as a grasp."""
+
+    name: GarmentName
+
+
 Message = (
     Do
     | Move
@@ -301,6 +353,7 @@ Message = (
     | SetAuto
     | Set
     | ShowEdges
+    | Look
     | Play
     | Ready
     | Capture
@@ -309,6 +362,12 @@ Message = (
     | CutShape
     | Brush
     | WhereToStroke
+    | SetKind
+    | HoldPoint
+    | PreviewPoint
+    | ReleasePoints
+    | DecidePiece
+    | PickPoint
 )
 
 KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}

@@ -84,13 +84,19 @@ class PickStore:
         """Set the turning axis."""
         self._axis = axis
 
-    def add(self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None) -> None:
+    def add(
+        self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None, name: str = ""
+    ) -> None:
         """Pick the cloth nearest to a position of the plane, store the pick and show it."""
         picture = _shown(picture)
         grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)
         number = max((p.id for p in self.picks), default=0) + 1
         pick = self._folder.add_pick(
-            f"Pick {number}", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc
+            name or f"Pick {number}",
+            grasp.position_held_m,
+            grasp.normal_held,
+            grasp.view_index,
+            grasp.source_rc,
         )
         self.picks = (*self.picks, pick)
         self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m), picture)

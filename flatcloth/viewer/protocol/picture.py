@@ -10,7 +10,8 @@ import numpy as np
 
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
-from flatcloth.engine.sheet import Sheet, lay_out
+from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, lay_out, overlay_on
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.rendering.layers import legends
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol.verdict import checks, foreseen
@@ -86,7 +87,10 @@ def make_picture(integration: Integration, document: Document, previous: Picture
     present = document.present_view
     assert present is not None
     kept = None if previous is None else previous.sheet
-    sheet = kept if kept is not None and kept.canonical is canonical else lay_out(canonical)
+    placed = decided_pieces(document.garment, canonical.view, canonical.floating).shape_from_piece
+    if kept is None or kept.canonical is not canonical or kept.placed != placed:
+        kept = None
+    sheet = kept or lay_out(canonical, placed)
     view = sheet.view
     same = previous if sheet is kept else None
     revision = 1 if previous is None else previous.revision + (same is None)
@@ -116,21 +120,15 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
     pending = document.pending
     assert pending is not None
     part = integration.part(pending.view_index, pending.component)
-    center = _center_uv_m(part)
-    shown = sheet.shown(pending.current_from_new, np.array(center))
-    if shown == pending.current_from_new:
-        view = integration.overlay(document)
-    else:
-        view = integration.overlay(
-            replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2()))
-        )
+    center = center_uv_m(part)
+    view = overlay_on(integration, document, sheet)
     if before is not None and before.view is view and before.sheet is sheet:
         return before
     made = Overlay(
         revision=next(_overlay_revisions),
         view=view,
         own_center_uv_m=center,
-        new_points=_beyond(view, sheet.view),
+        new_points=beyond(view, sheet.view),
         sheet=sheet,
         score=integration.score(document),
         proposal=integration.proposal(document),
@@ -159,29 +157,11 @@ def _other_components(
         if other.hypothesis is None:
             found.append((part, part.valid))
             continue
-        shown = sheet.shown(other.hypothesis.current_from_new, np.array(_center_uv_m(part)))
+        shown = sheet.shown(other.hypothesis.current_from_new, np.array(center_uv_m(part)))
         placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
         view = integration.overlay(replace(document, pending=placed))
-        found.append((view, _beyond(view, sheet.view)))
+        found.append((view, beyond(view, sheet.view)))
     return found
-
-
-def _beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:
-    """Return (H, W) where a view has cloth and the shape has none."""
-    rc = np.rint(shape.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
-    inside = ((rc >= 0) & (rc < shape.shape)).all(axis=1)
-    known = np.zeros(len(rc), dtype=bool)
-    known[inside] = shape.valid[rc[inside, 0], rc[inside, 1]]
-    fresh: Bool = overlay.valid.copy()
-    fresh[overlay.valid] = ~known
-    return fresh
-
-
-def _center_uv_m(view: FlattenedView) -> tuple[float, float]:
-    """Return the centre of the grid on the plane."""
-    rows, cols = view.shape
-    u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
-    return float(u_m), float(v_m)
 
 
 def attributes_at(

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, label_of
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
-from flatcloth.viewer.protocol.actions import REJECT_REASONS, action_table
+from flatcloth.viewer.protocol.actions import REJECT_REASONS
+from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.picks import CurrentPick, PickStore, PlaceStore, numbers
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 
@@ -85,6 +87,8 @@ def snapshot(
         if status.progress is None
         else {"share": status.progress[0], "text": status.progress[1]},
         "pending": _pending(document, picture),
+        # The session is ahead of what is shown until the shape is drawn anew.
+        "drawing": document.start_view is not None and (picture is None or picture.document is not document),
     }
 
 
@@ -269,25 +273,15 @@ def _motion(motion: Rigid2) -> dict[str, float]:
     return {"theta_deg": math.degrees(motion.theta_rad), "u_mm": 1000 * motion.u_m, "v_mm": 1000 * motion.v_m}
 
 
-def grid(view: FlattenedView) -> dict[str, Any]:
-    """Return the size of a view's grid and its position on the plane."""
-    return {
-        "rows": view.shape[0],
-        "cols": view.shape[1],
-        "pixel_size_m": view.pixel_size_m,
-        "origin_uv_m": list(view.origin_uv_m),
-    }
-
-
 def _layers(picture: Picture) -> dict[str, Any]:
     return {
         "revision": picture.revision,
         "names": list(LAYERS),
-        "area_cm2": (picture.view if picture.sheet is None else picture.sheet.canonical.view).area_m2 * 1e4,
+        "area_cm2": (picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2) * 1e4,
         "pieces": [] if picture.sheet is None else _floating(picture.sheet),
         "legends": picture.legends,
         "overlay": _overlay(picture),
-        **grid(picture.view),
+        **grid_of(picture.view),
     }
 
 
@@ -296,11 +290,13 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
     return [
         {
             "label": piece.label,
+            "file": piece.file,
             "area_cm2": 1e4 * piece.view.area_m2,
             "reason": piece.reason,
             "views": list(piece.views),
             "color": "#" + bytes(piece_color(n).tolist()).hex(),
-            "grid": grid(piece.view),
+            "placed": piece.placed is not None,
+            "grid": grid_of(piece.view),
         }
         for n, piece in enumerate(sheet.pieces, start=1)
     ]
@@ -322,7 +318,7 @@ def _overlay(picture: Picture) -> dict[str, Any] | None:
         "center_uv_m": list(center_uv_m(pending, overlay)),
         "differences": {kind: difference_legend(kind) for kind in DIFFERENCES},
         "placement": {"theta_rad": at.theta_rad, "u_m": at.u_m, "v_m": at.v_m},
-        **grid(overlay.view),
+        **grid_of(overlay.view),
     }
 
 

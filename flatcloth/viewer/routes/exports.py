@@ -19,6 +19,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.export.session import OpenedSession, of_page
+from flatcloth.export.session_data import is_floating_file
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -54,7 +55,7 @@ def _figures(session: OpenedSession) -> bytes:
 
 def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
-        from flatcloth.export.outline import outline_text
+        from flatcloth.export.outlines.outline import outline_text
 
         return outline_text(session.view, session.history.recording_name, suffix).encode()
 
@@ -73,6 +74,20 @@ def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
     return make
 
 
+def _data(session: OpenedSession) -> bytes:
+    return session.data().zipped()
+
+
+def _data_file(name: str) -> Callable[[OpenedSession], bytes]:
+    def make(session: OpenedSession) -> bytes:
+        made = session.data().file(name)
+        if made is None:
+            raise FlatclothError(f"This session has no {name}.")
+        return made
+
+    return make
+
+
 KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "page.html": ("text/html", _page),
     "report.html": ("text/html", _report),
@@ -82,8 +97,20 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "outline.svg": ("image/svg+xml", _outline(".svg")),
     "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
     "outline.json": ("application/json", _outline(".json")),
+    "data.zip": ("application/zip", _data),
+    "flattened.npz": ("application/octet-stream", _data_file("flattened.npz")),
+    "flattened.png": ("image/png", _data_file("flattened.png")),
+    "cloud.ply": ("application/octet-stream", _data_file("cloud.ply")),
+    "outcome.json": ("application/json", _data_file("outcome.json")),
+    "garment.json": ("application/json", _data_file("garment.json")),
 }
 """The available exports: the media type, and the function that makes them."""
+
+
+def _kind(name: str) -> tuple[str, Callable[[OpenedSession], bytes]] | None:
+    if is_floating_file(name):
+        return "application/octet-stream", _data_file(name)
+    return KINDS.get(name)
 
 
 BUSY = "Another export is running; try again when it is done."
@@ -117,21 +144,24 @@ class ExportRoutes:
     async def serve(self, request: Request) -> Response:
         """Answer with the file, or with one line that gives the reason."""
         name = request.path_params["name"]
-        if name not in KINDS:
+        kind = _kind(name)
+        if kind is None:
             known = ", ".join(KINDS)
             return PlainTextResponse(f"Unknown export {name!r:.40}; choose one of {known}.", status_code=404)
         if not self._turn.acquire(blocking=False):
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = self._left = threading.Event()
-        work = self._pool.submit(self._make, name, left)
+        work = self._pool.submit(self._make, name, kind[1], left)
         work.add_done_callback(lambda _: self._turn.release())
+        made = asyncio.wrap_future(work)
+        made.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
         try:
-            while not work.done():
-                await asyncio.wait([asyncio.wrap_future(work)], timeout=_LOOK_S)
-                if not work.done() and await request.is_disconnected():
+            while not made.done():
+                await asyncio.wait([made], timeout=_LOOK_S)
+                if not made.done() and await request.is_disconnected():
                     left.set()
                     return PlainTextResponse("The client of this export has left.", status_code=499)
-            data = work.result()
+            data = made.result()
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         except Exception as error:  # noqa: BLE001 - reported and logged
@@ -141,9 +171,9 @@ class ExportRoutes:
             left.set()
         # As a download, never shown with the page's origin: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
-        return Response(data, media_type=KINDS[name][0], headers=headers)
+        return Response(data, media_type=kind[0], headers=headers)
 
-    def _make(self, name: str, left: threading.Event) -> bytes | None:
+    def _make(self, name: str, make: Callable[[OpenedSession], bytes], left: threading.Event) -> bytes | None:
         def go_on(_share: float, _text: str) -> None:
             if left.is_set():
                 raise CancelledError
@@ -151,7 +181,7 @@ class ExportRoutes:
         try:
             opened = of_page(self._integration, self._folder, go_on)
             go_on(0.0, "")
-            return KINDS[name][1](opened)
+            return make(opened)
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None

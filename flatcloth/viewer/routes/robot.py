@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 from typing import TYPE_CHECKING, Any
 
 from starlette.concurrency import run_in_threadpool
@@ -15,11 +14,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.engine.garment.recognition import garment_of
 from flatcloth.engine.integration import Integration
 from flatcloth.export.data import GraspFrames, grasps_document
-from flatcloth.export.garment import garment_document, garment_points
-from flatcloth.garments.recognition import Recognition
+from flatcloth.export.garment import garment_document
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.session.document import Document
 
@@ -48,8 +45,6 @@ class RobotRoutes:
     ) -> None:
         self._application, self._integration = application, integration
         self._base_from_camera = base_from_camera
-        self._lock = threading.Lock()
-        self._garment: tuple[object, Recognition | str] | None = None
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes."""
@@ -75,37 +70,28 @@ class RobotRoutes:
             raise FlatclothError("Nothing is flattened yet; step first.")
         return picture, picture.document
 
-    def _found(self) -> Recognition | str:
-        """Return the garment of the present shape (remembered)."""
-        _, document = self._picture()
-        with self._lock:
-            if self._garment is None or self._garment[0] is not document:
-                self._garment = document, garment_of(self._integration, document)
-            return self._garment[1]
-
     def _shape(self) -> dict[str, Any]:
-        (picture, document), found = self._picture(), self._found()
+        picture, document = self._picture()
+        known = self._application.garments.known(document)
         told: dict[str, Any] = {
             "recording": self._integration.recording.name,
             "views": sorted(document.used_views),
             "area_cm2": round(1e4 * picture.view.area_m2, 1),
             "rotation_deg": picture.angle_deg,
         }
-        if isinstance(found, str):
-            return {**told, "garment": None, "reason": found}
-        floating = self._integration.canonical(document).floating
-        return {**told, "garment": garment_document(found, picture.view, floating)}
+        if isinstance(known, str):
+            return {**told, "garment": None, "reason": known}
+        return {**told, "garment": garment_document(known)}
 
     def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
         picture, _ = self._picture()
-        found = self._found() if with_garment else ""
         frames = GraspFrames(
             axis=self._integration.axis,
             rotation_deg=picture.angle_deg,
             grips=self._application.grips,
             base_from_camera=self._base_from_camera,
         )
-        named = () if isinstance(found, str) else garment_points(found, picture.view)
+        named = self._application.named_points() if with_garment else ()
         return grasps_document(picture.view, self._application.kept_picks, frames, named)
 
     async def _picks(self, robot: WebSocket) -> None:

@@ -13,7 +13,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import piece_color, view_colors
-from flatcloth.rendering.layers import difference
+from flatcloth.rendering.layers import PLAIN, Appearance, difference
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
 
@@ -55,7 +55,12 @@ NOTHING = Cloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
 
 
 def clouds_of(
-    picture: Picture, axis: RotationAxis, n_views: int, points: str = SHAPE, color: str = "color"
+    picture: Picture,
+    axis: RotationAxis,
+    n_views: int,
+    points: str = SHAPE,
+    color: str = "color",
+    look: Appearance = PLAIN,
 ) -> dict[str, Cloud]:
     """Return the clouds of a picture by the name of their node.
 
@@ -67,19 +72,27 @@ def clouds_of(
         Of the recording: for the colours.
     points : str
         One of ``POINTS``; for ``ALL`` the views come on their own, and this is nothing.
-    color : str
-        A layer of the flattened view.
+    color, look
+        A layer of the flattened view, and how it is displayed.
     """
     found = dict.fromkeys((LIVE, HELD, PROPOSAL), NOTHING)
     view, overlay = picture.view, picture.overlay
+
+    def cloud(of: FlattenedView, where: Bool, size_m: float) -> Cloud:
+        if color == "color" and look == PLAIN:
+            return Cloud(of.xyz_m[where], of.rgb[where], size_m)
+        colors: Any = layers.rgba(of, color, axis, n_views, look, like=view)[where][:, :3]
+        return Cloud(of.xyz_m[where], colors, size_m)
+
     if points == SHAPE:
         live = picture.cloud
-        found[LIVE] = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest), 0.0015)
-        found[HELD] = _with_pieces(_cloud(view, view.valid, color, axis, n_views, 0.0018), picture, color)
+        # The view's own points have no layers: in grey they do not mix with those that have.
+        found[LIVE] = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest & (color == "color")), 0.0015)
+        found[HELD] = _with_pieces(cloud(view, view.valid, 0.0018), picture, color)
     if overlay is None:
         return found
     if points in (SHAPE, NEW):
-        new = _cloud(overlay.view, overlay.new_points & overlay.view.valid, color, axis, n_views, 0.0026)
+        new = cloud(overlay.view, overlay.new_points & overlay.view.valid, 0.0026)
         if points == SHAPE and color == "color":
             new = Cloud(new.points_m, (0.35 * new.colors + 0.65 * _HIGHLIGHT).astype(np.uint8), 0.0026)
         found[PROPOSAL] = new
@@ -101,15 +114,6 @@ def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:
     for n in range(1, len(picture.sheet.pieces) + 1):
         colors[piece == n] = 0.5 * colors[piece == n] + 0.5 * piece_color(n)
     return Cloud(cloud.points_m, colors.astype(np.uint8), cloud.size_m)
-
-
-def _cloud(
-    view: FlattenedView, where: Bool, color: str, axis: RotationAxis, n_views: int, size_m: float
-) -> Cloud:
-    if color == "color":
-        return Cloud(view.xyz_m[where], view.rgb[where], size_m)
-    colors: Any = layers.rgba(view, color, axis, n_views)[where][:, :3]
-    return Cloud(view.xyz_m[where], colors, size_m)
 
 
 def all_views(integration: Integration, color: str) -> Cloud:
@@ -159,6 +163,7 @@ class CloudPanel:
         self._lock = threading.Lock()
         self._all: tuple[Any, Cloud] | None = None
         self._wanted: Any = None
+        self._look = PLAIN
         self._worker = Worker("flatcloth-clouds")
         gui = server.gui
         with gui.add_folder("Cloud", expand_by_default=True):
@@ -173,10 +178,21 @@ class CloudPanel:
         """Stop the thread."""
         self._worker.stop(timeout_s=2.0)
 
+    def choose_color(self, layer: str, look: Appearance) -> None:
+        """Colour by a layer of the flattened view, displayed in a way; the dropdown shows it."""
+        title = next(title for title, name in COLORS.items() if name == layer)
+        known = (self._color.value, self._look) == (title, look)
+        self._look = look
+        dropdown: Any = self._color  # its value can be set, which its type does not say
+        if dropdown.value != title:
+            dropdown.value = title  # tells of the change
+        elif not known:
+            self._on_change()
+
     def clouds(self, picture: Picture, axis: RotationAxis) -> Mapping[str, Cloud]:
         """Return the selected clouds of a picture."""
         points, color = self._points.value, COLORS[self._color.value]
-        found = clouds_of(picture, axis, len(self._integration.recording), points, color)
+        found = clouds_of(picture, axis, len(self._integration.recording), points, color, self._look)
         if points == ALL:
             found[HELD] = self._all_views(axis, color)
         empty = points != SHAPE and not any(len(cloud.points_m) for cloud in found.values())

@@ -11,6 +11,7 @@ import numpy as np
 
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
@@ -316,6 +317,11 @@ class Scene:
     def offer_clouds(self, integration: Integration) -> None:
         """Add the panel for the choice of points and colours."""
         self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
+
+    def color_by(self, layer: str, look: Appearance) -> None:
+        """Colour the shape and the proposal by a layer of the flattened view."""
+        if self._cloud_panel is not None:
+            self._cloud_panel.choose_color(layer, look)
 
     def _show_again(self) -> None:
         with self._lock, self._server.atomic():

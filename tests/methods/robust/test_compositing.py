@@ -10,7 +10,7 @@ from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.compositing import _composite, composite, pixel_cost
+from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedView, composite, pixel_cost
 from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE
 
@@ -75,7 +75,8 @@ def test_a_quad_is_filled_unless_it_is_mirrored(mirrored: bool, filled: int) -> 
     source, cost = np.full((20, 20, 2), np.nan, np.float32), np.full((20, 20), np.inf, np.float32)
     label = np.full((20, 20), -1, np.int16)
     whole, joined = np.ones((2, 2), bool), np.full((2, 2), 3, np.uint8)
-    _composite(points, whole, joined, np.ones((2, 2), np.float32), 7, source, cost, label)
+    placed = _PlacedView(points, whole, joined, np.ones((2, 2), np.float32), 7)
+    _composite(placed, _Canvas(source, cost, label))
     assert (label == 7).sum() == filled
     corner = source[3, 12 if mirrored else 2]
     np.testing.assert_allclose(corner, [0.0, 0.0], atol=1e-6)

@@ -10,7 +10,7 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
-from flatcloth.methods.robust.joint import _solved, floating_pieces, with_poses
+from flatcloth.methods.robust.joint import _anchored, _solved, floating_pieces, with_poses
 from flatcloth.methods.robust.layout import _robust_weight
 from flatcloth.methods.robust.observations import averaged
 
@@ -85,6 +85,16 @@ def test_a_piece_that_nothing_joins_floats_and_a_bridge_brings_it_down() -> None
     assert np.abs(joined.uv_m - UV).max() < 2e-4
 
 
+def test_a_floating_piece_of_which_one_place_is_known_is_laid_out_whole() -> None:
+    left, right = COLUMN < 9, COLUMN >= 13
+    views = [observed(UV, left, 0), observed(UV, right, 1)]
+    shape = shape_of(UV, views, left)
+    shape.all_uv_m[np.flatnonzero(right)[0]] = UV[right][0]
+    found = _solved(shape)
+    assert set(found.piece[right]) == {1}
+    assert off_m(found.all_uv_m[right], UV[right]) < 1e-4
+
+
 def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     small, large = COLUMN < 6, COLUMN >= 9
     views = [observed(UV, small, 0), observed(UV, large, 1)]
@@ -125,3 +135,18 @@ def test_frontal_views_count_most_in_the_mean_of_a_node() -> None:
         after.xyz_m - nodes.xyz_m, np.tile([0.0, 0.0, 0.001], (len(UV), 1)), atol=1e-12
     )
     np.testing.assert_allclose(after.weight, 1.25)
+
+
+def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -> None:
+    uv = grid(6, 10)
+    former = np.arange(len(uv)) < 18
+    laid = uv + np.where(former, 0.0, 10.0)[:, None]
+    shape = shape_of(uv, [observed(uv, former, 0), observed(uv, ~former, 1)], former)
+    outgrown = replace(shape, piece=former.astype(np.int32), all_uv_m=laid)
+    moved = _anchored(outgrown)
+    np.testing.assert_allclose(moved.uv_m[~former].mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.diff(moved.uv_m[~former], axis=0), np.diff(uv[~former], axis=0), atol=1e-12)
+    np.testing.assert_allclose(moved.all_uv_m[former], uv[former])
+    # It is fixed there: anchored again, it stays.
+    assert moved.placed[moved.anchor].all()
+    np.testing.assert_allclose(_anchored(moved).uv_m[~former], moved.uv_m[~former], atol=1e-12)

@@ -11,6 +11,7 @@ from scenes import AXIS, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.methods.base import Hypothesis
@@ -82,6 +83,8 @@ def test_the_right_placement_agrees_in_everything(
     assert score.parts["other_cloth_share"] == 0.0
     assert score.total > 0.9
     assert score.apart_mm == score.parts["place_median_mm"]
+    explained = (static_folder() / "panels" / "proposal.js").read_text()
+    assert [name for name in score.parts if f"  {name}: " not in explained] == []
 
 
 @pytest.mark.parametrize("shift_m", [0.003, 0.010, 0.030])

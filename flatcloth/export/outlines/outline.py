@@ -11,7 +11,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.export.outline_polygons import Piece, outline
+from flatcloth.export.outlines.polygons import Piece, outline
 
 FORMAT = "flatcloth-outline/1"
 MARGIN_MM = 10.0

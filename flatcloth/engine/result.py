@@ -1,0 +1,223 @@
+"""What an integration has come to: reliable cloth, cloth seen but left out and why, what a view would add."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.errors import FlatteningError, SurfaceError
+from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.types import Float64, Progress, no_progress
+from flatcloth.engine.outcome import uncertainty
+from flatcloth.session.machine import Document
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.methods.base import Canonical
+
+NEAR_M = 0.015
+"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
+twice (methods/robust/scoring.py)."""
+LEAST_M2 = 2e-4
+"""Less cloth left out is not told."""
+_LAST_VIEWS = 6
+"""Of so many views what was expected is compared with what came; earlier ones say little of another view."""
+
+_APART_DEG = 30.0
+"""Views nearer than this show much the same cloth, as the planner assumes (next_best_view)."""
+
+STEEP = "seen too steeply, or in parts too small to be flattened"
+FOLDED = "folded in its flattened view"
+LOOSE = "its place is not determined well enough"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """Cloth that a view shows and that is neither in the shape nor in a floating piece, and why."""
+
+    view_index: int
+    area_m2: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class More:
+    """What other views would add.
+
+    ``expected`` are the planner's best candidates with their expected area (m2), far enough apart that they
+    show other cloth. ``share`` is the part of
+    what was expected that this session's views really added, None if unknown; ``reason`` the planner's words.
+    """
+
+    reason: str
+    expected: tuple[tuple[int, float], ...]
+    share: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """The result of an integration; ``uncertainty`` as in ``outcome.json``."""
+
+    uncertainty: dict[str, float]
+    left_out: tuple[LeftOut, ...]
+    more: More
+
+
+@dataclass
+class Areas:
+    """The area of shape and floating pieces after each accepted view; computed one at a time.
+
+    Parameters
+    ----------
+    integration : Integration
+        Computes the shapes.
+    """
+
+    integration: Integration
+    _known: dict[Hashable, float] = field(default_factory=dict)
+
+    def added_m2(self, document: Document) -> list[float | None]:
+        """Return what the start view and each accepted view really added; None where not computed yet."""
+        totals = [self._known.get(_key(document, order)) for order in range(_count(document))]
+        added: list[float | None] = []
+        for order, total in enumerate(totals):
+            before = 0.0 if order == 0 else totals[order - 1]
+            added.append(None if total is None or before is None else total - before)
+        return added
+
+    def total_m2(self, document: Document, order: int) -> float:
+        """Return the area after a view, computed if need be."""
+        if _key(document, order) not in self._known:
+            self.compute(document, order)
+        return self._known[_key(document, order)]
+
+    def missing(self, document: Document) -> list[int]:
+        """Return the orders of the views after which the area is not known, the last first."""
+        orders = range(_count(document))
+        return [order for order in reversed(orders) if _key(document, order) not in self._known]
+
+    def compute(self, document: Document, order: int) -> None:
+        """Compute the area after one view; the start view has order 0."""
+        canonical = self.integration.canonical(_before(document, order))
+        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+        self._known[_key(document, order)] = canonical.view.area_m2 + floating_m2
+
+
+def _count(document: Document) -> int:
+    return 0 if document.start_view is None else 1 + len(document.accepted)
+
+
+def _key(document: Document, order: int) -> Hashable:
+    return document.start_view, document.accepted[:order], document.strokes
+
+
+def result_of(areas: Areas, document: Document, progress: Progress = no_progress) -> Result:
+    """Compute the result of a document.
+
+    Raises
+    ------
+    FlatclothError
+        If nothing is flattened yet.
+    """
+    integration = areas.integration
+    canonical = integration.canonical(document)
+    return Result(
+        uncertainty=uncertainty(canonical.view),
+        left_out=tuple(left_out(integration, document, canonical, progress)),
+        more=_more(areas, document),
+    )
+
+
+def left_out(
+    integration: Integration, document: Document, canonical: Canonical, progress: Progress = no_progress
+) -> list[LeftOut]:
+    """Return the cloth that decided views show and the result lacks, the largest first.
+
+    Cloth that several views show is counted once, for the first of them.
+    """
+    known = [view.xyz_m[view.valid] for view in (canonical.view, *canonical.floating)]
+    found: list[LeftOut] = []
+    views = _decided(document)
+    for n, (view_index, why) in enumerate(views):
+        progress(n / len(views), f"looking for cloth left out: view {view_index}")
+        tree = cKDTree(np.concatenate(known))
+        for xyz, area_m2, reason in _parts(integration, view_index, why):
+            off, _ = tree.query(xyz, distance_upper_bound=NEAR_M)
+            beyond = ~np.isfinite(off)
+            area = float((area_m2 * beyond).sum())
+            if area < LEAST_M2:
+                continue
+            found.append(LeftOut(view_index=view_index, area_m2=area, reason=reason))
+            known.append(xyz[beyond])
+            tree = cKDTree(np.concatenate(known))
+    return _merged(found)
+
+
+def _merged(found: list[LeftOut]) -> list[LeftOut]:
+    """Return the largest first, each view and reason once."""
+    areas: dict[tuple[int, str], float] = {}
+    for left in found:
+        areas[left.view_index, left.reason] = areas.get((left.view_index, left.reason), 0.0) + left.area_m2
+    merged = [LeftOut(view_index=v, area_m2=area, reason=why) for (v, why), area in areas.items()]
+    return sorted(merged, key=lambda left: -left.area_m2)
+
+
+def _decided(document: Document) -> list[tuple[int, str]]:
+    """Return the views of the shape, then those that were left out with the reason."""
+    used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
+    refused = [(r.view_index, f"rejected: {r.reason}") for r in document.rejected]
+    return [*((v, "") for v in used), *refused, *((s.view_index, "skipped") for s in document.skipped)]
+
+
+def _parts(integration: Integration, view_index: int, why: str) -> Iterator[tuple[Float64, Float64, str]]:
+    """Yield points (K, 3) of a view (object frame), the area (K,) of each, and why they may be left out."""
+    most = integration.config.flattening.max_folded_share
+    try:
+        components = integration.flattening(view_index).components
+    except (SurfaceError, FlatteningError):
+        components = ()
+    for component in components:
+        view = component.view
+        xyz = view.xyz_m[view.valid].astype(np.float64)
+        reason = why or (FOLDED if component.folded_share > most else LOOSE)
+        yield xyz, np.full(len(xyz), view.pixel_size_m**2), reason
+    cloud = integration.cloud(view_index)
+    xyz = cloud.xyz_m[cloud.of_interest].astype(np.float64)
+    camera = integration.recording.intrinsics
+    angle_deg = integration.recording.angles_deg[view_index]
+    depth_m = camera_from_held(integration.axis, angle_deg).apply(xyz)[:, 2]
+    yield xyz, np.square(depth_m) / (camera.fx * camera.fy), why or STEEP
+
+
+def _more(areas: Areas, document: Document) -> More:
+    plan = areas.integration.plan(replace(document, pending=None, finished=None))
+    angles_deg = areas.integration.recording.angles_deg
+    expected: list[tuple[int, float]] = []
+    for c in sorted(plan.candidates, key=lambda candidate: -candidate.new_m2):
+        turns = [(angles_deg[c.view_index] - angles_deg[v] + 180.0) % 360.0 - 180.0 for v, _ in expected]
+        if all(abs(turn) >= _APART_DEG for turn in turns):
+            expected.append((c.view_index, c.new_m2))
+    reason = "Another view is planned." if plan.view_index is not None else plan.reason
+    return More(reason=reason, expected=tuple(expected), share=_share(areas, document))
+
+
+def _share(areas: Areas, document: Document) -> float | None:
+    """Return the part of the planner's expectations that the views accepted last fulfilled."""
+    expected = added = 0.0
+    first = max(0, len(document.accepted) - _LAST_VIEWS)
+    for order, accepted in enumerate(document.accepted[first:], start=first):
+        before = replace(_before(document, order), rejected=(), skipped=())
+        planned = {c.view_index: c.new_m2 for c in areas.integration.plan(before).candidates}
+        if accepted.view_index in planned:
+            expected += planned[accepted.view_index]
+            added += max(0.0, areas.total_m2(document, order + 1) - areas.total_m2(document, order))
+    return None if expected <= 0.0 else added / expected
+
+
+def _before(document: Document, order: int) -> Document:
+    """Return the document when its shape was the start view and ``order`` others."""
+    return replace(document, accepted=document.accepted[:order], pending=None, finished=None)

@@ -1,0 +1,124 @@
+"""The data files of a session, as ``run``, ``export --data`` and the page write them."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.outcome import FILE as OUTCOME
+from flatcloth.engine.outcome import outcome_of, outcome_text
+from flatcloth.export.data import GARMENT, GraspFrames, NamedPoint, remove_stale, shape_files, write_files
+from flatcloth.export.garment import garment_document, garment_points, outcome_entry
+from flatcloth.methods.base import Canonical
+from flatcloth.session.machine import Document
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+Writer = Callable[[BinaryIO], object]
+
+_FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
+
+
+@dataclass(frozen=True)
+class SessionData:
+    """What a session leaves behind as data; each part is computed on first use.
+
+    ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
+    new service by default.
+    """
+
+    integration: Integration
+    document: Document
+    picks: tuple[NamedPoint, ...]
+    frames: GraspFrames
+    scores: Mapping[int, float] = field(default_factory=dict)
+    garments: GarmentService | None = None
+
+    @cached_property
+    def canonical(self) -> Canonical:
+        """The shape and its floating pieces.
+
+        Raises
+        ------
+        FlatclothError
+            If nothing is flattened yet.
+        """
+        return self.integration.canonical(self.document)
+
+    @cached_property
+    def garment(self) -> KnownGarment | str:
+        """What is known of the garment, or why nothing can be said of it."""
+        return (self.garments or GarmentService(self.integration)).known(self.document)
+
+    @cached_property
+    def outcome(self) -> dict[str, Any]:
+        """The content of ``outcome.json``."""
+        outcome = outcome_of(self.integration, self.document, self.scores)
+        outcome["garment"] = outcome_entry(self.garment)
+        return outcome
+
+    def _named(self) -> Sequence[NamedPoint]:
+        return garment_points(self.garment)
+
+    def _shape_files(self) -> dict[str, Writer]:
+        shape = self.canonical
+        return shape_files(shape.view, self.picks, self.frames, shape.floating, self._named)
+
+    def _reports(self) -> dict[str, Writer]:
+        reports: dict[str, Writer] = {}
+        if not isinstance(self.garment, str):
+            text = json.dumps(garment_document(self.garment), indent=1, allow_nan=False) + "\n"
+            reports[GARMENT] = lambda file: file.write(text.encode())
+        reports[OUTCOME] = lambda file: file.write(outcome_text(self.outcome).encode())
+        return reports
+
+    def files(self) -> dict[str, Writer]:
+        """Return all files, each with what writes it; the report comes last."""
+        return {**self._shape_files(), **self._reports()}
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write all files to a folder, and remove what an earlier, larger export left there.
+
+        Raises
+        ------
+        FlatclothError
+            If the folder cannot be written; the message names it.
+        """
+        files = self.files()
+        written = write_files(files, folder)
+        remove_stale(files, folder)
+        return written
+
+    def zipped(self) -> bytes:
+        """Return all files in one archive; without dates, so that the same session gives the same bytes."""
+        data = io.BytesIO()
+        with zipfile.ZipFile(data, "w") as archive:
+            for name, write in self.files().items():
+                packed = zipfile.ZIP_STORED if name.endswith((".npz", ".png")) else zipfile.ZIP_DEFLATED
+                archive.writestr(zipfile.ZipInfo(name), _bytes_of(write), compress_type=packed)
+        return data.getvalue()
+
+    def file(self, name: str) -> bytes | None:
+        """Return one file; None if the session has none of this name."""
+        write = self._shape_files().get(name) or self._reports().get(name)
+        return None if write is None else _bytes_of(write)
+
+
+def is_floating_file(name: str) -> bool:
+    """Return whether a name is that of a floating piece's file."""
+    return _FLOATING.fullmatch(name) is not None
+
+
+def _bytes_of(write: Writer) -> bytes:
+    data = io.BytesIO()
+    write(data)
+    return data.getvalue()

@@ -1,0 +1,192 @@
+"""What an operator decides about a garment, applied: kind, held points, pieces placed; places tied to cloth.
+
+The plane of the shape may change when views are added. So a place is kept with points of the cloth near
+it, and found again by where these points lie then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.fit import Pull
+from flatcloth.garments.placing import place_piece
+from flatcloth.garments.recognition import Recognition, dimensions_of, held_fit, pixel_near, points_of
+from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
+
+HELD_STD_M = 0.003
+"""Of a point that was put in its place by hand: two pixels of the flattened view."""
+_SAME_M = 0.015
+"""A point of cloth found again: joint registration moves measured points by less."""
+_NEAR_M = 0.05
+_POINT_COUNT, _SHAPE_COUNT = 12, 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecidedPieces:
+    """Decisions about floating pieces, by their index: where those placed lie, and which were refused."""
+
+    shape_from_piece: dict[int, Rigid2]
+    refused: frozenset[int]
+
+
+def decided(
+    found: Recognition,
+    evidence: Sequence[PieceEvidence],
+    shape: FlattenedView,
+    kind: str | None,
+    pulls: Sequence[Pull] = (),
+    *,
+    with_pieces: bool = True,
+) -> Recognition:
+    """Return a recognition as an operator's decisions change it.
+
+    Parameters
+    ----------
+    found : Recognition
+        What the evidence says.
+    evidence : sequence of PieceEvidence
+        What it was found from, the canonical view first.
+    shape : FlattenedView
+        The canonical view.
+    kind : str or None
+        The kind set by hand.
+    pulls : sequence of Pull
+        Named points held by hand; those that the kind has not are left out.
+    with_pieces : bool
+        Whether floating pieces are placed anew on the changed outline: takes a second.
+    """
+    known = {fit.kind.name: fit for fit in found.fits}
+    fit = known.get(kind or "", found.fit)
+    names = set(fit.kind.named(fit.parameters[:, None]))
+    own = tuple(pull for pull in pulls if pull.name in names)
+    if fit is found.fit and not own:
+        return replace(found, by_hand=kind if kind in known else None)
+    if own:
+        fit = held_fit(fit, evidence[0], own)
+    points = points_of(fit, shape, evidence[0], {pull.name: (pull.uv_m, HELD_STD_M) for pull in own})
+    pieces = found.pieces
+    if with_pieces:
+        tried = [place_piece(fit, evidence[0], piece, n) for n, piece in enumerate(evidence[1:3])]
+        pieces = tuple(each for each in tried if each is not None)
+    return replace(
+        found,
+        fits=(fit, *(each for each in found.fits if each.kind.name != fit.kind.name)),
+        dimensions=dimensions_of(fit),
+        points=points,
+        pieces=pieces,
+        by_hand=kind if kind in known else None,
+        held=frozenset(pull.name for pull in own),
+    )
+
+
+def with_placed_cloth(
+    found: Recognition, pieces: DecidedPieces, floating: Sequence[FlattenedView]
+) -> Recognition:
+    """Return a recognition whose named points are seen on placed pieces too."""
+    points = dict(found.points)
+    for name, point in found.points.items():
+        for index, motion in pieces.shape_from_piece.items():
+            pixel = pixel_near(motion.inverse().apply(point.uv_m), floating[index])
+            if points[name].pixel is None and pixel is not None:
+                points[name] = replace(point, pixel=pixel, piece=index)
+    return replace(found, points=points)
+
+
+# --- places tied to cloth -------------------------------------------------------------------------
+
+
+def held_point(name: str, uv_m: Float64, shape: FlattenedView) -> HeldPoint:
+    """Return a place of the plane tied to the cloth nearest to it."""
+    pixels = np.argwhere(shape.valid)
+    off = np.linalg.norm(shape.uv_from_rc(pixels) - uv_m, axis=1)
+    near = pixels[off <= off.min() + _NEAR_M]
+    u_m, v_m = (float(x) for x in uv_m)
+    return HeldPoint(name, (u_m, v_m), _cloth_at(near, shape, _POINT_COUNT))
+
+
+def pulls_of(decisions: GarmentDecisions, shape: FlattenedView) -> tuple[Pull, ...]:
+    """Return the held points where they lie on a shape now; those whose cloth is gone are left out."""
+    pulls = []
+    for held in decisions.held:
+        moved = _now_from_then(held.cloth, shape)
+        if moved is not None:
+            pulls.append(Pull(name=held.name, uv_m=moved.apply(np.array(held.uv_m))))
+    return tuple(pulls)
+
+
+def placed_piece(
+    piece: FlattenedView,
+    shape: FlattenedView,
+    shape_from_piece: Rigid2,
+    probability: float,
+    *,
+    accepted: bool,
+) -> PlacedPiece:
+    """Return a decision about a floating piece, tied to its cloth and to that of the shape."""
+    own = _cloth_at(np.argwhere(piece.valid), piece, _SHAPE_COUNT)
+    laid = shape_from_piece.apply(np.array(own.uv_m))
+    return PlacedPiece(
+        accepted=accepted,
+        piece=replace(own, uv_m=tuple((float(u), float(v)) for u, v in laid)),
+        shape=_cloth_at(np.argwhere(shape.valid), shape, _SHAPE_COUNT),
+        probability=float(probability),
+    )
+
+
+def decided_pieces(
+    decisions: GarmentDecisions, shape: FlattenedView, floating: Sequence[FlattenedView]
+) -> DecidedPieces:
+    """Return what was decided about the pieces that float now; the last decision about a piece counts."""
+    motions: dict[int, Rigid2] = {}
+    refused: set[int] = set()
+    trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
+    for decision in decisions.pieces:
+        points = np.array(decision.piece.points_m)
+        shares = [float((tree.query(points)[0] <= _SAME_M).mean()) for tree in trees]
+        index = int(np.argmax(shares)) if shares else -1
+        if index < 0 or shares[index] < 0.5:
+            continue  # seen views join it to the shape by now
+        moved = _now_from_then(decision.shape, shape)
+        own = _now_from_then(decision.piece, floating[index])
+        motions.pop(index, None)
+        refused.discard(index)
+        if not decision.accepted:
+            refused.add(index)
+        elif moved is not None and own is not None:
+            motions[index] = moved @ own.inverse()
+    return DecidedPieces(shape_from_piece=motions, refused=frozenset(refused))
+
+
+def _cloth_at(pixels: NDArray[np.intp], view: FlattenedView, count: int) -> ClothPlaces:
+    chosen = pixels[np.linspace(0, len(pixels) - 1, min(count, len(pixels))).astype(int)]
+    points = view.xyz_m[chosen[:, 0], chosen[:, 1]].astype(np.float64)
+    places = view.uv_from_rc(chosen)
+    return ClothPlaces(
+        points_m=tuple((float(x), float(y), float(z)) for x, y, z in points),
+        uv_m=tuple((float(u), float(v)) for u, v in places),
+    )
+
+
+def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
+    """Return the motion of the plane since places were tied to cloth, None if the cloth is gone."""
+    pixels = np.argwhere(view.valid)
+    if len(pixels) < 3:
+        return None
+    off, nearest = cKDTree(view.xyz_m[view.valid]).query(np.array(cloth.points_m))
+    kept = off <= _SAME_M
+    then, now = np.array(cloth.uv_m), view.uv_from_rc(pixels[nearest])
+    for _ in range(3):
+        if kept.sum() < 3:
+            return None
+        motion = fit_rigid2(then[kept], now[kept])
+        residual = np.linalg.norm(motion.apply(then) - now, axis=1)
+        kept = (off <= _SAME_M) & (residual <= max(0.01, 3.0 * float(np.median(residual[kept]))))
+    return motion

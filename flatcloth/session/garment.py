@@ -1,0 +1,166 @@
+"""What an operator decides about the garment: its kind, held points, pieces placed by it; pure.
+
+The plane of the shape may change when views are added, so places are tied to cloth: to points in the
+object frame, and to where these lay on the plane when the decision was made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from flatcloth.core.errors import OutOfBoundsError
+
+Point2 = tuple[float, float]
+Point3 = tuple[float, float, float]
+
+MOST_HELD = 64
+"""Points that can be held: a kind has at most 20."""
+MOST_PIECES = 256
+_MOST_CLOTH = 64
+_MAX_NAME = 40
+
+
+@dataclass(frozen=True)
+class ClothPlaces:
+    """Points of the cloth, object frame, and where they lay on the plane of the shape."""
+
+    points_m: tuple[Point3, ...]
+    uv_m: tuple[Point2, ...]
+
+
+@dataclass(frozen=True)
+class HeldPoint:
+    """A named point that lies at a place of the plane because an operator put it there."""
+
+    name: str
+    uv_m: Point2
+    cloth: ClothPlaces
+
+
+@dataclass(frozen=True)
+class PlacedPiece:
+    """A piece that lies on the plane of the shape by the garment, or is refused there.
+
+    ``piece`` are points of its cloth and where they lie on the shape's plane; ``shape`` ties that plane to
+    the cloth of the shape. ``probability`` is that of the proposal.
+    """
+
+    accepted: bool
+    piece: ClothPlaces
+    shape: ClothPlaces
+    probability: float
+
+
+@dataclass(frozen=True)
+class GarmentDecisions:
+    """All decisions about the garment; ``kind`` None: by the evidence. Of a piece the last one counts."""
+
+    kind: str | None = None
+    held: tuple[HeldPoint, ...] = ()
+    pieces: tuple[PlacedPiece, ...] = ()
+
+
+@dataclass(frozen=True)
+class SetKind:
+    """Say which kind the garment is; None: let the evidence say."""
+
+    garment: str | None = None
+
+
+@dataclass(frozen=True)
+class HoldPoint:
+    """Hold a named point at a place; one that is held already moves there."""
+
+    point: HeldPoint
+
+
+@dataclass(frozen=True)
+class ReleasePoints:
+    """Let a named point go, or all of them (None)."""
+
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class DecidePiece:
+    """Place a floating piece by the garment, or refuse it."""
+
+    piece: PlacedPiece
+
+
+GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece
+
+
+def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
+    """Return why a decision is not allowed now, or None if it is."""
+    match command:
+        case SetKind(garment=kind) if kind == decisions.kind:
+            return f"The kind is {kind} already." if kind else "The kind is that of the evidence already."
+        case HoldPoint() if len(decisions.held) >= MOST_HELD:
+            return f"{MOST_HELD} points are held, which is the most there can be. Release some."
+        case ReleasePoints(name=None) if not decisions.held:
+            return "No point is held."
+        case ReleasePoints(name=str(name)) if name not in {held.name for held in decisions.held}:
+            return f"The point {name!r:.60} is not held."
+        case DecidePiece() if len(decisions.pieces) >= MOST_PIECES:
+            return f"{MOST_PIECES} pieces are decided about, which is the most there can be. Undo some."
+    return None
+
+
+def check_bounds(command: GarmentCommand, reach_m: float) -> None:
+    """Refuse places that no garment reaches; ``reach_m`` is how far its plane goes.
+
+    Raises
+    ------
+    OutOfBoundsError
+        If a number is not finite or too large, or a list is too long.
+    """
+    for cloth in _cloths(command):
+        if not 3 <= len(cloth.points_m) == len(cloth.uv_m) <= _MOST_CLOTH:
+            raise OutOfBoundsError(f"A place needs 3 to {_MOST_CLOTH} points of cloth.")
+    for value in _numbers(command):
+        if not abs(value) <= reach_m:
+            raise OutOfBoundsError(
+                f"A place {value:.3g} m away is beyond any garment, whose plane reaches {reach_m:g} m."
+            )
+    name = command.point.name if isinstance(command, HoldPoint) else getattr(command, "garment", None)
+    if name is not None and not 0 < len(name) <= _MAX_NAME:
+        raise OutOfBoundsError(f"A name has 1 to {_MAX_NAME} characters.")
+
+
+def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, GarmentDecisions]:
+    """Return the name of a decision and all decisions with it."""
+    match command:
+        case SetKind(garment=kind):
+            # Points of another kind mean nothing to this one.
+            return f"garment: {kind or 'by the evidence'}", replace(decisions, kind=kind, held=())
+        case HoldPoint(point=point):
+            held = tuple(each for each in decisions.held if each.name != point.name)
+            return f"hold {point.name}", replace(decisions, held=(*held, point))
+        case ReleasePoints(name=name):
+            held = tuple(each for each in decisions.held if name is not None and each.name != name)
+            return f"release {name or 'all points'}", replace(decisions, held=held)
+        case DecidePiece(piece=piece):
+            verb = "place a piece by the garment" if piece.accepted else "refuse a place by the garment"
+            return verb, replace(decisions, pieces=(*decisions.pieces, piece))
+
+
+def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
+    match command:
+        case HoldPoint(point=point):
+            yield point.cloth
+        case DecidePiece(piece=piece):
+            yield piece.piece
+            yield piece.shape
+
+
+def _numbers(command: GarmentCommand) -> Iterator[float]:
+    if isinstance(command, HoldPoint):
+        yield from command.point.uv_m
+    if isinstance(command, DecidePiece):
+        yield 0.0 if math.isfinite(command.piece.probability) else math.nan
+    for cloth in _cloths(command):
+        for point in (*cloth.points_m, *cloth.uv_m):
+            yield from point

@@ -1,0 +1,313 @@
+"""The page's garment: recognised in the background, told to the page, and decided about."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Rigid2, finite
+from flatcloth.engine.garment.recognition import piece_decision
+from flatcloth.engine.sheet import label_of, order_of
+from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
+from flatcloth.garments.fit import Pull
+from flatcloth.garments.recognition import NONE, Recognition, is_sure
+from flatcloth.garments.registry import known_kinds
+from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:
+    from flatcloth.core.types import FlattenedView, Float64
+    from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+    from flatcloth.garments.placing import Placed
+    from flatcloth.methods.base import Canonical
+    from flatcloth.session.machine import Document
+
+_log = logging.getLogger(__name__)
+
+NOT_YET = "The garment is recognised once two views are integrated."
+UNEXPECTED = "Unexpected error while recognising the garment. See the terminal."
+
+
+@dataclass(frozen=True)
+class GarmentStatus:
+    """What the page is told; ``revision`` grows with each answer, ``text`` says why there is no garment."""
+
+    revision: int = 0
+    working: bool = False
+    text: str = NOT_YET
+    known: KnownGarment | None = None
+    told: dict[str, Any] | None = None
+
+
+class GarmentController:
+    """Recognises the garment of the shape that the page shows; its methods are for the application thread.
+
+    Parameters
+    ----------
+    service : GarmentService
+        Recognises.
+    put : callable
+        Runs a job on the application thread.
+    told : callable
+        Called on the application thread when the status has changed.
+    tell : callable
+        Sends a message to a tab.
+    """
+
+    def __init__(
+        self,
+        service: GarmentService,
+        put: Callable[[Callable[[], None]], None],
+        told: Callable[[], None],
+        tell: Callable[[int | None, dict[str, Any]], None],
+    ) -> None:
+        self._service, self._put, self._told, self._tell = service, put, told, tell
+        self._worker = Worker("flatcloth-garment")
+        self._asked: Document | None = None
+        self._previewed: tuple[int, int] | None = None
+        self.status = GarmentStatus()
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._worker.stop(timeout_s=2.0)
+
+    # --- recognition --------------------------------------------------------------------------------
+
+    def follow(self, document: Document | None, *, busy: bool) -> None:
+        """Recognise the garment of a document whose picture is shown; ``busy``: wait until Auto has ended."""
+        if document is None or len(document.used_views) < 2:
+            self._asked = None
+            if self.status.known is not None or self.status.working:
+                self.status = GarmentStatus(revision=self.status.revision + 1)
+            return
+        if busy or self._asked is document or (self._asked is not None and _same(self._asked, document)):
+            return
+        self._asked = document
+        self.status = replace(self.status, working=True)
+        self._worker.put(lambda: self._work(document))
+
+    def _work(self, document: Document) -> None:
+        if self._asked is not document:
+            return  # the shape has changed since
+        known: KnownGarment | None = None
+        told: dict[str, Any] | None = None
+        text = ""
+        try:
+            known = self._service.of(document)
+            told = _told(known)
+        except FlatclothError as error:
+            text = str(error)
+        except Exception:  # noqa: BLE001 - told and logged
+            _log.exception("the garment could not be recognised")
+            text = UNEXPECTED
+        status = GarmentStatus(text=text, known=known, told=told)
+        self._put(lambda: self._take(document, status))
+
+    def _take(self, document: Document, status: GarmentStatus) -> None:
+        if self._asked is not document:
+            return
+        self.status = replace(status, revision=self.status.revision + 1)
+        self._told()
+
+    # --- decisions ----------------------------------------------------------------------------------
+
+    def take(
+        self,
+        client: int,
+        message: messages.Message,
+        document: Document,
+        decide: Callable[[GarmentCommand], None],
+    ) -> None:
+        """Decide what a message of the page says, or answer its question. Auto goes on."""
+        if isinstance(message, messages.PreviewPoint):
+            self._preview(client, message, document)
+        else:
+            decide(self._decision(message))
+
+    def _decision(self, message: messages.Message) -> GarmentCommand:
+        """Return what a message of the page decides.
+
+        Raises
+        ------
+        FlatclothError
+            If there is no garment, or no such point or kind.
+        """
+        known = self._known()
+        match message:
+            case messages.SetKind(kind=kind):
+                if kind is not None and kind not in {each.name for each in known_kinds()}:
+                    raise FlatclothError(f"There is no kind of garment {kind!r:.40}.")
+                return SetKind(kind)
+            case messages.HoldPoint(name=name, u_m=u_m, v_m=v_m):
+                self._named(known, name)
+                return HoldPoint(held_point(name, np.array([u_m, v_m]), known.canonical.view))
+            case messages.ReleasePoints(name=name):
+                return ReleasePoints(name)
+            case messages.DecidePiece(label=label, accepted=accepted):
+                return DecidePiece(
+                    piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
+                )
+        raise FlatclothError("This is no decision about the garment.")
+
+    def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
+        """Tell a tab how the outline lies while a point is dragged; only the last question counts."""
+        known = self._known()
+        self._named(known, message.name)
+        key = self._previewed = client, message.id
+
+        def work() -> None:
+            if self._previewed != key:
+                return
+            view = known.canonical.view
+            others = tuple(p for p in pulls_of(document.garment, view) if p.name != message.name)
+            pull = Pull(name=message.name, uv_m=np.array([message.u_m, message.v_m]))
+            found = decided(
+                known.by_evidence, known.evidence, view, known.found.kind, (*others, pull), with_pieces=False
+            )
+            found = with_placed_cloth(found, known.pieces, known.canonical.floating)
+            told = {"type": "garment_preview", "id": message.id, **_shown(found, known)}
+            self._tell(client, told)
+
+        self._worker.put(work)
+
+    def seen_point(self, name: str) -> tuple[float, float]:
+        """Return the place of a named point whose cloth was seen.
+
+        Raises
+        ------
+        FlatclothError
+            If it was not: no pose is known there.
+        """
+        known = self._known()
+        point = self._named(known, name)
+        if point.pixel is None:
+            raise FlatclothError(
+                f"{name} is predicted only: no view saw cloth there, so it has no pose. Add views."
+            )
+        motion = Rigid2() if point.piece is None else known.pieces.shape_from_piece[point.piece]
+        u_m, v_m = motion.apply(known.cloth_of(point).uv_from_rc(np.array(point.pixel))).tolist()
+        return u_m, v_m
+
+    def _known(self) -> KnownGarment:
+        if self.status.known is None:
+            raise FlatclothError(self.status.text or NOT_YET)
+        return self.status.known
+
+    def _piece(self, known: KnownGarment, label: str) -> Placed:
+        if self.status.working:
+            raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
+        labels = _labels(known.canonical)
+        piece = next((each for each in known.found.pieces if labels[each.index] == label), None)
+        if piece is None:
+            raise FlatclothError(f"The garment has no place for a piece {label!r:.20}.")
+        return piece
+
+    def _named(self, known: KnownGarment, name: str) -> Any:
+        point = known.found.points.get(name)
+        if point is None:
+            raise FlatclothError(f"A {known.found.fit.kind.name} has no point {name!r:.40}; look again.")
+        return point
+
+    # --- told ---------------------------------------------------------------------------------------
+
+    def plain(self) -> dict[str, Any]:
+        """Return the garment for the page."""
+        status = self.status
+        return {
+            "revision": status.revision,
+            "working": status.working,
+            "text": status.text,
+            "kinds": [kind.name for kind in known_kinds()],
+            "found": status.told,
+        }
+
+
+def _told(known: KnownGarment) -> dict[str, Any]:
+    """Return what is known of a garment, for the page."""
+    found = known.found
+    return {
+        "kind": None if found.kind == NONE else found.kind,
+        "likeliest": found.fit.kind.name,
+        "by_hand": found.by_hand is not None,
+        "probabilities": sorted(found.probabilities.items(), key=lambda each: -each[1]),
+        "dimensions": [
+            {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
+            for name, d in found.dimensions.items()
+        ],
+        "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
+        "pieces": _pieces(known) if found.kind != NONE else [],
+        **_shown(found, known),
+    }
+
+
+def _labels(canonical: Canonical) -> dict[int, str]:
+    """Return the letters of the floating pieces, by their index."""
+    return {index: label_of(n + 1) for n, index in enumerate(order_of(canonical.floating))}
+
+
+def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
+    """Return the pieces that the garment has a place for: what was decided, and the outline of it there."""
+    labels, decided = _labels(known.canonical), known.pieces
+    return [
+        {
+            "label": labels[piece.index],
+            "probability": piece.probability,
+            "std_mm": 1e3 * piece.std_m,
+            "sure": is_sure(piece),
+            "state": "placed"
+            if piece.index in decided.shape_from_piece
+            else "refused"
+            if piece.index in decided.refused
+            else "proposed",
+            "outline_uv_m": [
+                np.round(piece.shape_from_piece.apply(loop), 4).tolist()
+                for loop in _loops(known.canonical.floating[piece.index])
+            ],
+        }
+        for piece in known.found.pieces
+    ]
+
+
+def _loops(view: FlattenedView) -> list[Float64]:
+    """Return the borders (N, 2) of a piece on its plane, to be drawn."""
+    contours, _ = cv2.findContours(view.valid.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    kept = [cv2.approxPolyDP(each, 1.0, True)[:, 0, ::-1] for each in contours if cv2.contourArea(each) > 20]
+    return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
+
+
+def _shown(found: Recognition, known: KnownGarment) -> dict[str, Any]:
+    """Return what is drawn: the outline and the named points."""
+    return {
+        "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
+        "points": [
+            {
+                "name": name,
+                "uv_m": np.round(point.uv_m, 5).tolist(),
+                "std_mm": 1e3 * point.std_m,
+                "seen": point.pixel is not None,
+                "held": name in found.held,
+                "xyz_m": None
+                if point.pixel is None
+                else [finite(x) for x in known.cloth_of(point).xyz_m[point.pixel].tolist()],
+            }
+            for name, point in found.points.items()
+        ],
+    }
+
+
+def _same(a: Document, b: Document) -> bool:
+    """Tell whether two documents have the same shape and the same decisions about its garment."""
+    return (a.start_view, a.accepted, a.strokes, a.garment) == (
+        b.start_view,
+        b.accepted,
+        b.strokes,
+        b.garment,
+    )

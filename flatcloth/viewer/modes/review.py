@@ -1,0 +1,206 @@
+"""What the page tells of decided views and of the result; computed beside the session."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.result import Areas, Result, result_of
+from flatcloth.export.history import read_history
+from flatcloth.export.review import FLAGS, Flags, overridden
+from flatcloth.flattening.surface import item_mask
+from flatcloth.rendering import layers
+from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
+from flatcloth.session.machine import Accepted, Document
+from flatcloth.viewer.protocol.picture import Picture
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+
+_log = logging.getLogger(__name__)
+
+THUMBS_KEPT = 160
+_KEPT = {"Cache-Control": "private, max-age=86400"}
+
+
+class ReviewService:
+    """Adds to the state of the page what is known of each decided view, and answers for the result.
+
+    Parameters
+    ----------
+    integration : Integration
+        The session's; only read.
+    folder : object
+        Its folder; a session in memory has no journal, and so no flag of a check overridden.
+    picture : callable
+        Returns the present picture; called from any thread.
+    later : callable
+        Adds a job to the worker's queue.
+    changed : callable
+        Called from the worker when more is known.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        folder: object,
+        picture: Callable[[], Picture | None],
+        later: Callable[[Callable[[], None]], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self._integration, self._folder = integration, folder
+        self._picture, self._later, self._changed = picture, later, changed
+        self._areas = Areas(integration)
+        self._flags = Flags(integration.accept_score)
+        self._read: tuple[Accepted, ...] | None = None
+        self._lock = threading.Lock()
+        self._document: Document | None = None
+        self._working = False
+        self._results: Cache[Result] = Cache(4)
+        self._thumbs: Cache[bytes] = Cache(THUMBS_KEPT)
+        self._token = secrets.token_hex(4)
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes of this service."""
+        return [
+            Route("/review/{view:int}/color.jpg", self._color),
+            Route("/review/{view:int}/flat.png", self._flat),
+            Route("/review/result.json", self._result),
+        ]
+
+    def follow(self, document: Document | None) -> None:
+        """Find out about the views of a document, one at a time, so that other work does not wait."""
+        with self._lock:
+            self._document = document
+            begins = not self._working and document is not None
+            self._working = self._working or begins
+        if begins:
+            self._later(self._work)
+
+    def told(self, state: dict[str, Any], document: Document) -> dict[str, Any]:
+        """Return the state of the page with order, area added and flags of each view."""
+        orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
+        if document.start_view is not None:
+            orders[document.start_view] = 0
+        accepted = {a.view_index: a for a in (*document.accepted, *(w.decision for w in document.later))}
+        added = self._areas.added_m2(document)
+        views = []
+        for view in state["views"]:
+            order, decision = orders.get(view["index"]), accepted.get(view["index"])
+            area = None if order is None else added[order]
+            views.append(
+                {
+                    **view,
+                    "order": order,
+                    "added_cm2": None if area is None else 1e4 * area,
+                    "flags": [] if decision is None else list(self._flags.of(decision)),
+                }
+            )
+        axis = self._integration.axis
+        place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
+        return {**state, "views": views, "review": {"token": f"{self._token}{place:x}", "flags": FLAGS}}
+
+    # --- the worker --------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        document = self._document
+        try:
+            if document is not None and self._step(document):
+                self._later(self._work)
+                return
+        except FlatclothError as error:
+            _log.warning("the review is incomplete: %s", error)
+        with self._lock:
+            self._working = False
+        self._changed()
+
+    def _step(self, document: Document) -> bool:
+        """Find out one thing more; False if there is none."""
+        if self._read != document.accepted:
+            self._read = document.accepted
+            path = getattr(self._folder, "folder", None)
+            if path is not None:
+                limit = self._integration.accept_score
+                self._flags = Flags(limit, overridden(read_history(path), limit))
+        missing = self._areas.missing(document)
+        if missing:
+            self._areas.compute(document, missing[0])
+        return len(missing) > 1
+
+    # --- from the web server's threads -------------------------------------------------------
+
+    async def _color(self, request: Request) -> Response:
+        integration = self._integration
+
+        def make(view: int) -> bytes:
+            frame = integration.frame(view)
+            where = item_mask(frame, integration.axis, integration.config.surface)
+            return jpeg_thumbnail(frame.color, where)
+
+        return await self._thumb(request, "image/jpeg", make)
+
+    async def _flat(self, request: Request) -> Response:
+        def make(view: int) -> bytes:
+            try:
+                flattened = self._integration.part(view, 0)
+            except FlatclothError:
+                return layers.png(picture_thumbnail(None))
+            return layers.png(picture_thumbnail(flattened))
+
+        return await self._thumb(request, "image/png", make)
+
+    async def _thumb(self, request: Request, kind: str, make: Callable[[int], bytes]) -> Response:
+        view = request.path_params["view"]
+        if view >= len(self._integration.recording):
+            return PlainTextResponse(f"View {view} does not exist.", status_code=404)
+        key = kind, view, request.query_params.get("v", "")[:40]
+        try:
+            data = await run_in_threadpool(lambda: self._thumbs.get(key, lambda: make(view)))
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return Response(data, media_type=kind, headers=_KEPT)
+
+    async def _result(self, _request: Request) -> Response:
+        picture = self._picture()
+        document = None if picture is None else picture.document
+        if picture is None or document is None:
+            return JSONResponse({"revision": 0})
+        key = document.start_view, document.accepted, document.rejected, document.skipped, document.strokes
+        try:
+            found = await run_in_threadpool(
+                lambda: self._results.get(key, lambda: result_of(self._areas, document))
+            )
+        except FlatclothError as error:
+            return JSONResponse({"revision": picture.revision, "trouble": str(error)})
+        told = {"revision": picture.revision, **plain(found)}
+        return JSONResponse(told, headers={"Cache-Control": "no-store"})
+
+
+def plain(found: Result) -> dict[str, Any]:
+    """Return a result for the page, in cm2 and mm."""
+    known = found.uncertainty
+    return {
+        "median_std_mm": known.get("placement_std_median_mm"),
+        "reliable_share": known.get("firm_share"),
+        "left_out": [
+            {"view_index": left.view_index, "area_cm2": 1e4 * left.area_m2, "reason": left.reason}
+            for left in found.left_out
+        ],
+        "more": {
+            "reason": found.more.reason,
+            "share": found.more.share,
+            "expected": [
+                {"view_index": view, "area_cm2": 1e4 * area_m2} for view, area_m2 in found.more.expected
+            ],
+        },
+    }

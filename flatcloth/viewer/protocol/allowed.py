@@ -1,0 +1,134 @@
+"""What the actions mean to a session, and which of them it allows now."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from flatcloth.core.types import Rigid2
+from flatcloth.session.machine import (
+    Accept,
+    Cancel,
+    Command,
+    Phase,
+    Propose,
+    Redo,
+    Reject,
+    Reopen,
+    Restart,
+    SessionState,
+    Skip,
+    Start,
+    Undo,
+    why_illegal,
+)
+from flatcloth.viewer.protocol.actions import (
+    ACTIONS,
+    DEFAULT_REASON,
+    IN_LIVE_MODE,
+    NO_CAMERA,
+    NOT_LIVE,
+    Action,
+)
+
+
+def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
+    """Return the session command of an action at present.
+
+    ``arguments`` may contain ``view_index`` (the view the user saw) and ``reason``. A decision
+    without a view refers to the pending one; without one it is -1, which the session refuses.
+    """
+    document = state.document
+    pending = -1 if document.pending is None else document.pending.view_index
+    view = arguments.get("view_index")
+    match name:
+        case "step":
+            # After a cancelled start there is no start view yet: the step is the start.
+            return Start() if document.start_view is None else Propose()
+        case "view":
+            return Start(view) if document.start_view is None else Propose(view)
+        case "accept":
+            return Accept(pending if view is None else view, arguments.get("score"))
+        case "skip":
+            return Skip(pending if view is None else view)
+        case "reopen":
+            return Reopen(-1 if view is None else view)
+        case "reject" | "reject_menu":
+            return Reject(pending if view is None else view, arguments.get("reason", DEFAULT_REASON))
+        case "undo":
+            return Undo()
+        case "redo":
+            return Redo()
+        case "cancel":
+            return Cancel()
+        case "restart":
+            return Restart(view)
+    raise KeyError(name)
+
+
+def why_not(name: str, state: SessionState) -> str | None:
+    """Return why an action is not allowed now, or None if it is allowed."""
+    if name == "auto":
+        if state.phase is Phase.FINISHED:
+            return state.document.finished
+        return None
+    action = next(a for a in ACTIONS if a.name == name)
+    if action.mode == "live":
+        return NOT_LIVE
+    if action.mode == "capture":
+        return NO_CAMERA
+    if action.group == "timeline":
+        return _why_not_timeline(name, state)
+    if action.group == "session":
+        return why_illegal(state, command_of(name, state, {}))
+    if action.group == "proposal" and state.document.pending is None:
+        return "There is no proposal to move; step first."
+    return None
+
+
+def _why_not_timeline(name: str, state: SessionState) -> str | None:
+    document = state.document
+    if name == "lowest_score":
+        return None if document.accepted else "No view has been accepted yet."
+    if name == "reopen":
+        if state.phase is Phase.COMPUTING:
+            return why_illegal(state, Reopen(0))
+        return None if document.reopenable_views else "There is no decision to reopen."
+    return None
+
+
+def _description(action: Action, state: SessionState | None) -> str:
+    history = {} if state is None else {"undo": state.undo, "redo": state.redo}
+    items = history.get(action.name)
+    return f"{action.title}: {items[-1].name}." if items else action.description
+
+
+def action_table(state: SessionState | None) -> list[dict[str, Any]]:
+    """Return the table for the page, with the reason if an action is not allowed now.
+
+    Without a state it is the table of live mode, which has no decisions.
+    """
+    return [
+        {
+            "name": a.name,
+            "title": a.title,
+            "keys": list(a.keys),
+            "description": _description(a, state),
+            "group": a.group,
+            "mode": a.mode,
+            "why_not": _why_not_live(a) if state is None else why_not(a.name, state),
+        }
+        for a in ACTIONS
+    ]
+
+
+def _why_not_live(action: Action) -> str | None:
+    return {"session": IN_LIVE_MODE, "capture": NO_CAMERA}.get(action.mode)
+
+
+def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+    """Return the motion of a nudge: a rotation about the proposal's own centre, then a shift."""
+    if not all(math.isfinite(x) for x in (*center_uv_m, theta_rad, u_m, v_m)):
+        return Rigid2(math.nan, math.nan, math.nan)  # the session refuses it with a reason
+    return Rigid2(theta_rad, u_m, v_m).about(center_uv_m)  # type: ignore[arg-type]

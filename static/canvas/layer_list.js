@@ -1,0 +1,171 @@
+// The layers as a list: which are shown, how opaque, how they mix, and their colour bars. The chosen layer lies at the
+// bottom and colours the 3D scene as well; others that are shown lie over it, in the order of the list.
+
+import { make } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+import { Picture } from "/static/canvas/picture.js";
+
+export const LAYER_TITLES = {
+  color: "Color",
+  height: "Height z",
+  z_angle: "Z-angle",
+  source: "Source",
+  stretch: "Stretch",
+  incidence: "Incidence",
+  density: "Density",
+  place: "Uncertainty",
+};
+/** How a layer mixes with what lies below it: the words, and the canvas's name for it. */
+const BLENDINGS = {
+  "source-over": "Normal",
+  multiply: "Multiply",
+  screen: "Screen",
+  lighter: "Add",
+  "soft-light": "Soft light",
+};
+
+export class LayerList {
+  /** `looking` keeps how each layer is looked at. */
+  constructor(page, looking) {
+    this.page = page;
+    this.looking = looking;
+    this.pictures = new Map(); // of the layers that lie over the chosen one
+    this.told = ""; // what the 3D scene was last told
+  }
+
+  /** The layers that lie over the chosen one, from the bottom. */
+  get above() {
+    return Object.keys(LAYER_TITLES).filter((name) => name !== this.page.layer && this.looking.of(name).shown);
+  }
+
+  update(state) {
+    this.tellScene(state);
+    const above = state.layers && !state.live ? this.above : [];
+    for (const [name, picture] of this.pictures) {
+      if (above.includes(name)) continue;
+      picture.clear();
+      this.pictures.delete(name);
+    }
+    for (const name of above) {
+      if (!this.pictures.has(name)) this.pictures.set(name, new Picture(() => this.page.canvas.redraw()));
+      const { revision } = state.layers;
+      const address = `/layers/${revision}/${name}.png?${this.looking.query(name)}`;
+      this.pictures.get(name).show(address, revision, state.layers, false);
+    }
+  }
+
+  /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */
+  tellScene(state) {
+    if (state.mode !== "session") return;
+    const { map, low, high } = this.looking.of(this.page.layer);
+    const message = { type: "look", layer: this.page.layer, map: map || null, low, high };
+    const text = JSON.stringify(message);
+    if (this.told === text) return;
+    const first = this.told === "";
+    this.told = text;
+    if (!first || this.page.layer !== "color") this.page.send(message);
+  }
+
+  paint(canvas) {
+    const { context } = canvas;
+    const pale = context.globalAlpha;
+    for (const name of this.above) {
+      const shown = this.pictures.get(name)?.shown;
+      if (!shown) continue;
+      const { opacity, blending } = this.looking.of(name);
+      context.globalAlpha = pale * opacity;
+      context.globalCompositeOperation = blending;
+      canvas.drawPicture(shown, shown.image);
+    }
+    context.globalAlpha = pale;
+    context.globalCompositeOperation = "source-over";
+  }
+
+  // --- the list --------------------------------------------------------------------------------
+
+  /** The rows; `legends` by layer. */
+  build(legends) {
+    const rows = Object.keys(LAYER_TITLES).map((name) => this.row(name, legends?.[name]));
+    return make("ul", { class: "layer-list", "aria-label": "Layers" }, ...rows);
+  }
+
+  row(name, legend) {
+    const chosen = name === this.page.layer;
+    const { shown, opacity, blending } = this.looking.of(name);
+    const title = LAYER_TITLES[name];
+    const visible = chosen || shown;
+    const set = (change) => this.looking.set(name, change);
+    return make(
+      "li",
+      { class: chosen ? "chosen" : "" },
+      make("input", {
+        type: "checkbox",
+        "aria-label": `${title}: show it over the others`,
+        checked: visible,
+        disabled: chosen,
+        data: {
+          id: `layer-shown-${name}`,
+          tip: chosen ? "The chosen layer is always shown" : "Show it over the others",
+        },
+        on: { change: (event) => set({ shown: event.target.checked }) },
+      }),
+      make(
+        "button",
+        {
+          type: "button",
+          "aria-pressed": String(chosen),
+          data: { id: `layer-row-${name}`, tip: "Choose it: here and in 3D" },
+          on: { click: () => this.page.run(`layer_${name}`) },
+        },
+        title,
+      ),
+      this.bar(name, legend, visible),
+      ...(visible
+        ? [
+            make("input", {
+              type: "range",
+              min: 0,
+              max: 1,
+              step: 0.05,
+              value: opacity,
+              "aria-label": `${title}: opacity`,
+              data: { id: `layer-opacity-${name}`, tip: "Opacity" },
+              on: {
+                input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
+                change: (event) => set({ opacity: event.target.valueAsNumber }),
+              },
+            }),
+            chosen
+              ? null
+              : make(
+                  "select",
+                  {
+                    "aria-label": `${title}: blending`,
+                    data: { id: `layer-blending-${name}`, tip: "How it mixes with what lies below it" },
+                    on: { change: (event) => set({ blending: event.target.value }) },
+                  },
+                  ...Object.entries(BLENDINGS).map(([value, words]) =>
+                    make("option", { value, selected: value === blending }, words),
+                  ),
+                ),
+          ]
+        : []),
+    );
+  }
+
+  /** The colours with the values at both ends, as the layer is looked at. */
+  bar(name, legend, visible) {
+    const looked = visible ? this.looking.legend(name, legend) : null;
+    if (looked?.kind !== "ramp") return make("span", { class: "bar-place" });
+    const ramp = make("i", { class: "color-bar" });
+    ramp.style.background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
+    const digits = looked.high - looked.low < 10 ? 1 : 0;
+    return make(
+      "span",
+      { class: "bar-place", data: { tip: looked.title } },
+      make("span", {}, number(looked.low, digits)),
+      ramp,
+      make("span", {}, number(looked.high, digits)),
+    );
+  }
+}

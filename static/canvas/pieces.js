@@ -1,0 +1,44 @@
+// The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
+
+import { number } from "/static/page/format.js";
+
+const FONT = "600 13px system-ui, sans-serif";
+
+/** Draw them all; the rectangle of the `chosen` one (its letter) is not broken. */
+export function drawPieces(canvas, context, style, pieces, chosen) {
+  for (const piece of pieces) {
+    const { origin_uv_m: origin, pixel_size_m: d, rows, cols } = piece.grid;
+    const [left, top] = origin;
+    const [right, bottom] = [left + d * cols, top + d * rows];
+    const corners = [
+      [left, top],
+      [right, top],
+      [right, bottom],
+      [left, bottom],
+    ].map(([u, v]) => canvas.transform.toPane(u, v));
+    context.beginPath();
+    corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.closePath();
+    context.strokeStyle = piece.color;
+    context.lineWidth = piece.label === chosen ? 3 : 1.5;
+    context.setLineDash(piece.label === chosen ? [] : [5, 4]);
+    context.stroke();
+    context.setLineDash([]);
+    drawLabel(context, style, corners, piece);
+  }
+}
+
+function drawLabel(context, style, corners, piece) {
+  const x = Math.min(...corners.map((c) => c.x));
+  const y = Math.min(...corners.map((c) => c.y));
+  const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
+  context.font = FONT;
+  context.textBaseline = "middle";
+  const width = context.measureText(text).width + 20;
+  context.fillStyle = style.getPropertyValue("--panel");
+  context.fillRect(x, y - 21, width, 19);
+  context.fillStyle = piece.color;
+  context.fillRect(x, y - 21, 6, 19);
+  context.fillStyle = style.getPropertyValue("--text");
+  context.fillText(text, x + 12, y - 11);
+}

@@ -1,0 +1,158 @@
+// The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
+
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
+
+const GRAB_PX = 10;
+const CLICK_PX = 4;
+
+export class GarmentDrawing {
+  /** `panel` says what was found, and takes what is decided. */
+  constructor(page, panel) {
+    this.page = page;
+    this.panel = panel;
+    this.preview = null; // outline and points while one of them is dragged
+    this.id = 0;
+    this.busy = false;
+    this.wanted = null;
+    this.grabbed = null; // { name, x, y, moved }
+    this.revision = 0;
+    page.canvas.tools.push(this);
+    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
+    page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
+  }
+
+  update(revision) {
+    if (revision !== this.revision && !this.grabbed && !this.panel.moved) this.preview = null;
+    this.revision = revision;
+    this.page.canvas.redraw();
+    this.page.sceneMarks.dirty = true;
+  }
+
+  /** What is drawn: the dragged outline, or the one that was found; null: nothing. */
+  get drawn() {
+    const { panel } = this;
+    if (!panel.shown || !panel.found?.kind || this.page.isLive) return null;
+    return this.preview ?? panel.found;
+  }
+
+  // --- a point is dragged: a tool of the canvas --------------------------------------------------
+
+  press(at) {
+    // Brushes, pairs and the proposal have the pointer while they are there.
+    const near = this.page.state?.pending || this.page.brush?.kind ? null : this.near(at);
+    if (!near) return false;
+    this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };
+    return true;
+  }
+
+  drag(at) {
+    const { grabbed } = this;
+    grabbed.moved ||= Math.hypot(at.x - grabbed.x, at.y - grabbed.y) > CLICK_PX;
+    if (grabbed.moved) this.ask(grabbed.name, at.u, at.v);
+  }
+
+  release(at) {
+    const { name, moved } = this.grabbed;
+    this.grabbed = null;
+    if (moved) this.panel.hold(name, at.u, at.v);
+    else this.page.send({ type: "pick_point", name });
+  }
+
+  near({ x, y }) {
+    let best = null;
+    let least = GRAB_PX;
+    for (const point of this.drawn?.points ?? []) {
+      const at = this.page.canvas.transform.toPane(...point.uv_m);
+      const off = Math.hypot(at.x - x, at.y - y);
+      if (off < least) [best, least] = [point, off];
+    }
+    return best;
+  }
+
+  // --- how the outline would lie -------------------------------------------------------------------
+
+  /** One question at a time, always about the latest place; the point itself follows at once. */
+  ask(name, u, v) {
+    this.wanted = { name, u_m: u, v_m: v };
+    const from = this.preview ?? this.panel.found;
+    this.preview = {
+      ...from,
+      points: from.points.map((point) => (point.name === name ? { ...point, uv_m: [u, v], held: true } : point)),
+    };
+    this.page.canvas.redraw();
+    this.next();
+  }
+
+  next() {
+    if (this.busy || !this.wanted) return;
+    this.id += 1;
+    this.busy = this.page.send({ type: "preview_point", id: this.id, ...this.wanted });
+    this.wanted = null;
+  }
+
+  takePreview(message) {
+    this.busy = false;
+    if (message.id === this.id && (this.grabbed || this.panel.moved) && !this.wanted) this.preview = message;
+    this.page.canvas.redraw();
+    this.next();
+  }
+
+  // --- drawn ---------------------------------------------------------------------------------------
+
+  draw(context, style) {
+    const { drawn } = this;
+    if (!drawn) return;
+    const { transform } = this.page.canvas;
+    const line = drawn.outline_uv_m.map((uv) => transform.toPane(...uv));
+    if (line.length) line.push(line[0]);
+    strokeLine(context, line, "#fff", 4);
+    strokeLine(context, line, style.getPropertyValue("--garment"), 2);
+    for (const point of drawn.points) this.drawPoint(context, style, transform.toPane(...point.uv_m), point);
+  }
+
+  drawPoint(context, style, at, point) {
+    const color = style.getPropertyValue("--garment");
+    const on = point.name === this.panel.pointed || point.name === this.grabbed?.name;
+    if (point.seen || point.held) drawDot(context, at, color, on ? 8 : 5);
+    else drawRing(context, at, color, on ? 8 : 5);
+    if (point.held) drawRing(context, at, color, on ? 12 : 9);
+    if (on) drawName(context, style, at, point.name);
+  }
+
+  drawInScene(context, style, place) {
+    if (!this.drawn) return;
+    for (const point of this.drawn.points) {
+      if (!point.xyz_m) continue;
+      const at = place(point.xyz_m);
+      if (!at) continue;
+      const on = point.name === this.panel.pointed;
+      drawDot(context, at, style.getPropertyValue("--garment"), on ? 8 : 3.5);
+      if (on) drawName(context, style, at, point.name);
+    }
+  }
+}
+
+/** A predicted point: hollow, so that it is told apart without colours. */
+function drawRing(context, { x, y }, color, radius) {
+  for (const [stroke, width] of [
+    ["#fff", 4],
+    [color, 2],
+  ]) {
+    context.beginPath();
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+    context.strokeStyle = stroke;
+    context.lineWidth = width;
+    context.stroke();
+  }
+}
+
+function drawName(context, style, { x, y }, name) {
+  const text = name.replaceAll("_", " ");
+  context.font = "600 12px system-ui, sans-serif";
+  context.textBaseline = "middle";
+  const width = context.measureText(text).width + 10;
+  context.fillStyle = style.getPropertyValue("--panel");
+  context.fillRect(x + 12, y - 9, width, 18);
+  context.fillStyle = style.getPropertyValue("--text");
+  context.fillText(text, x + 17, y);
+}

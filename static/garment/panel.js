@@ -1,0 +1,279 @@
+// The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
+
+import { GarmentDrawing } from "/static/garment/drawing.js";
+import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+
+const LEAST_SHOWN = 0.005; // of a probability: the others are summed up
+const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** A name of the files as words. */
+export const words = (name) => name.replaceAll("_", " ");
+
+export class GarmentPanel {
+  name = "garment";
+
+  constructor(page) {
+    this.page = page;
+    this.shown = true; // outline and points on the canvas
+    this.told = null; // what the server says
+    this.pointed = null; // the name of the point that is pointed at
+    this.finished = false; // whether the finished shape was turned upright
+    this.turnedFrom = null; // how the view was turned before it was turned upright
+    this.moved = null; // a point that the keys move: { name, u, v }
+    this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
+    this.messages = { garment_preview: (message) => this.drawing.takePreview(message) };
+    this.section = make("section", { id: "garment", class: "garment", "aria-label": "Garment", hidden: true });
+    byId("pick").before(this.section);
+    this.drawing = new GarmentDrawing(page, this);
+  }
+
+  get found() {
+    return this.told?.found ?? null;
+  }
+
+  get pressed() {
+    return { garment: this.shown, upright: this.turnedFrom !== null };
+  }
+
+  get status() {
+    return { told: this.told, shown: this.shown, pointed: this.pointed, preview: this.drawing.preview };
+  }
+
+  update(state) {
+    this.finishUpright(state);
+    this.told = state.garment ?? null;
+    this.section.hidden = !this.told || !state.layers;
+    if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
+    this.drawing.update(this.told?.revision ?? 0);
+    if (!this.section.hidden) this.show();
+  }
+
+  // --- the panel -----------------------------------------------------------------------------------
+
+  show() {
+    const { told, found } = this;
+    rebuild(this.section, ["garment"], () => [
+      make("h2", {}, "Garment"),
+      make("p", { id: "garment-text", role: "status" }),
+      make("div", { id: "garment-tools", class: "group", role: "group", "aria-label": "Garment, shown" }),
+      make("div", { id: "garment-kinds" }),
+      make("div", { id: "garment-points" }),
+      make("div", { id: "garment-dimensions" }),
+    ]);
+    rebuild(byId("garment-tools"), [Boolean(found)], () => (found ? this.tools() : []));
+    setText(byId("garment-text"), this.summary());
+    rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
+      found ? this.kinds(found, told.kinds) : [],
+    );
+    rebuild(byId("garment-points"), [found?.kind, found?.points], () => (found?.kind ? this.points(found) : []));
+    rebuild(byId("garment-dimensions"), [found?.kind, found?.dimensions], () =>
+      found?.kind ? [dimensions(found)] : [],
+    );
+  }
+
+  summary() {
+    const { told, found } = this;
+    if (!found) return told.working ? "Recognising the garment." : told.text;
+    const again = told.working ? " Looking again at the changed shape." : "";
+    if (found.by_hand) return `${words(found.kind)}, set by hand.${again}`;
+    const share = (name) => percent(found.probabilities.find(([each]) => each === name)[1]);
+    if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
+    return `None of the known kinds, ${share("none of these")}; the likeliest is ${words(found.likeliest)}.${again}`;
+  }
+
+  tools() {
+    return ["garment", "upright"].map((name) => {
+      const button = this.page.button(name, name === "garment" ? "Outline" : null);
+      button.classList.add("small");
+      return button;
+    });
+  }
+
+  kinds(found, names) {
+    const shown = found.probabilities.filter(([, share]) => share >= LEAST_SHOWN);
+    const select = make(
+      "select",
+      {
+        data: {
+          id: "garment-kind",
+          tip: "Which kind it is; set by hand, it is a decision: journaled, undone by Undo",
+        },
+        on: { change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }) },
+      },
+      make("option", { value: "", selected: !found.by_hand }, "by the evidence"),
+      ...names.map((name) =>
+        make("option", { value: name, selected: found.by_hand && name === found.kind }, words(name)),
+      ),
+    );
+    return [
+      make(
+        "ul",
+        { class: "kinds", "aria-label": "Kinds and their probabilities" },
+        ...shown.map(([name, share]) => {
+          const bar = make("meter", { min: 0, max: 1, value: share, "aria-hidden": "true" });
+          return make("li", {}, make("span", {}, words(name)), bar, make("b", {}, percent(share)));
+        }),
+      ),
+      make("label", { class: "field" }, make("span", {}, "Kind"), select),
+    ];
+  }
+
+  points(found) {
+    const held = found.points.filter((point) => point.held).length;
+    const release = make(
+      "button",
+      {
+        type: "button",
+        class: "button small",
+        data: { id: "release-all", tip: "Let all held points go; the outline follows the evidence alone" },
+        on: { click: () => this.page.send({ type: "release_points" }) },
+      },
+      "Release all",
+    );
+    const list = (title, points, more = null) =>
+      points.length
+        ? [
+            make("div", { class: "heading" }, make("h3", {}, `${title}: ${points.length}`), more),
+            make("ul", { class: "named", "aria-label": title }, ...points.map((point) => this.row(point))),
+          ]
+        : [];
+    const seen = found.points.filter((point) => point.seen);
+    const predicted = found.points.filter((point) => !point.seen);
+    return [
+      ...list("Points seen", seen, held ? release : null),
+      ...list("Points predicted", predicted, seen.length || !held ? null : release),
+    ];
+  }
+
+  row(point) {
+    const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
+    const what = point.seen ? "Click: pick it as a grasp." : "No view saw cloth there: it has no pose yet.";
+    const point_at = (on) => () => this.pointAt(on ? point.name : null);
+    return make(
+      "li",
+      { class: point.seen ? "seen" : "predicted" },
+      make(
+        "button",
+        {
+          type: "button",
+          class: "point",
+          "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
+          data: {
+            id: `point-${point.name}`,
+            tip:
+              `${state}, known to ${number(point.std_mm, 0)} mm (one standard deviation).\n${what}\n` +
+              "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
+          },
+          on: {
+            click: () => this.page.send({ type: "pick_point", name: point.name }),
+            mouseenter: point_at(true),
+            mouseleave: point_at(false),
+            focus: point_at(true),
+            blur: () => {
+              this.settle();
+              this.pointAt(null);
+            },
+            keydown: (event) => this.key(event, point),
+            keyup: (event) => event.key in WAYS && this.settle(),
+          },
+        },
+        make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
+        make("span", {}, words(point.name)),
+        make("small", {}, `± ${number(point.std_mm, 0)} mm`),
+      ),
+      point.held
+        ? make(
+            "button",
+            {
+              type: "button",
+              class: "close",
+              "aria-label": `Release ${words(point.name)}`,
+              data: { id: `release-${point.name}`, tip: "Let it go: the evidence says where it is" },
+              on: { click: () => this.page.send({ type: "release_points", name: point.name }) },
+            },
+            "×",
+          )
+        : null,
+    );
+  }
+
+  // --- what the operator does ----------------------------------------------------------------------
+
+  toggle() {
+    this.shown = !this.shown;
+    this.page.canvas.redraw();
+    this.page.changed();
+  }
+
+  /** Once the shape is finished and known as a garment, it is shown upright, unless it is turned already. */
+  finishUpright({ phase, garment }) {
+    if (phase !== "finished") this.finished = false;
+    if (phase !== "finished" || this.finished || !garment?.found) return;
+    this.finished = true;
+    this.told = garment;
+    const { angle, flipped } = this.page.canvas.transform;
+    if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
+  }
+
+  toggleUpright() {
+    const { looking, canvas } = this.page;
+    if (!this.found) return this.page.notify("info", this.told?.text || "The garment is not known yet.");
+    if (this.turnedFrom) {
+      looking.turn(this.turnedFrom.angle, this.turnedFrom.flipped);
+      this.turnedFrom = null;
+    } else {
+      const { angle, flipped } = canvas.transform;
+      this.turnedFrom = { angle, flipped };
+      looking.turn((this.found.upright_rad + 2 * Math.PI) % (2 * Math.PI), false);
+    }
+    this.page.changed();
+  }
+
+  pointAt(name) {
+    if (this.pointed === name) return;
+    this.pointed = name;
+    this.page.canvas.redraw();
+    this.page.sceneMarks.dirty = true;
+  }
+
+  /** Arrow keys on a point of the list move it by the increment of the nudges; letting go is the decision. */
+  key(event, point) {
+    if (!(event.key in WAYS) || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (this.moved?.name !== point.name) {
+      const [u, v] = point.uv_m;
+      this.moved = { name: point.name, u, v };
+    }
+    const step = ((this.page.state.settings.step_mm.value ?? 1) / 1000) * (event.shiftKey ? 10 : 1);
+    const [right, down] = WAYS[event.key];
+    const by = this.page.canvas.asSeen(0, right * step, down * step);
+    this.moved.u += by.u;
+    this.moved.v += by.v;
+    this.drawing.ask(this.moved.name, this.moved.u, this.moved.v);
+  }
+
+  settle() {
+    const { moved } = this;
+    this.moved = null;
+    if (moved) this.hold(moved.name, moved.u, moved.v);
+  }
+
+  hold(name, u_m, v_m) {
+    this.page.send({ type: "hold_point", name, u_m, v_m });
+  }
+}
+
+function dimensions(found) {
+  return make(
+    "dl",
+    { class: "values" },
+    ...found.dimensions.flatMap(({ name, mm, std_mm }) => [
+      make("dt", { data: { tip: "Measured flat; one standard deviation" } }, words(name)),
+      make("dd", {}, `${number(mm, 0)} ± ${number(std_mm, 0)} mm`),
+    ]),
+  );
+}
+
+const percent = (share) => (share > 0.995 ? "> 99 %" : share < 0.005 ? "< 1 %" : `${number(100 * share, 0)} %`);

@@ -1,0 +1,221 @@
+// How the panes share the window: beside one another, stacked, or one at a time.
+
+import { byId, make, rebuild } from "/static/page/dom.js";
+import { keyName } from "/static/page/format.js";
+
+const WIDE_PX = 1200; // from here on all panes are beside one another
+const BESIDE_PX = 800; // from here on the details are beside the others
+const HIGH_PX = 640; // from here on two panes can be stacked
+const CHOSEN = "flatcloth-pane";
+const FOLDED = "flatcloth-readout-folded";
+const TITLES = { both: "Both", flat: "Flattened", scene: "3D", details: "Details" };
+/** The pane in which the effect of an action is seen. */
+const PANE_OF = {
+  diagnostics: "scene",
+  source_image: "scene",
+  source_mask: "scene",
+  follow: "scene",
+  look: "details",
+  pairs: "flat",
+};
+
+/** The kind of layout for a window, and the panes that can be chosen there. */
+export function layoutOf(width, height) {
+  const high = height >= HIGH_PX;
+  if (width >= WIDE_PX) return { kind: "wide", panes: [] };
+  if (width >= BESIDE_PX) return { kind: "beside", panes: high ? ["both", "flat", "scene"] : ["flat", "scene"] };
+  if (high) return { kind: "below", panes: ["flat", "scene"] };
+  return { kind: "tabs", panes: ["flat", "scene", "details"] };
+}
+
+/**
+ * The share of the first pane that leaves both their least sizes; where there is no room, the first gets its own.
+ *
+ * @param {number} share
+ * @param {number} size
+ * @param {number[]} least
+ */
+export function shareWithin(share, size, [first, second]) {
+  const most = Math.max(first, size - second);
+  return Math.min(1, Math.min(most, Math.max(first, share * size)) / size);
+}
+
+export class Layout {
+  name = "layout";
+
+  constructor(page) {
+    this.page = page;
+    /** @type {() => void} */
+    this.arranged = () => {};
+    this.actions = { pane: () => this.next(), readout: () => this.fold() };
+    this.chosen = localStorage.getItem(CHOSEN);
+    this.box = make("div", { id: "panes", class: "segmented", role: "group", "aria-label": "Pane" });
+    byId("recording").before(this.box);
+    this.menu = byId("menu");
+    this.menu.addEventListener("click", () => this.toggleMenu());
+    byId("page-actions").addEventListener("click", () => this.toggleMenu(false));
+    document.addEventListener("pointerdown", (event) => {
+      /** @type {any} */
+      const target = event.target;
+      if (!target.closest("#menu, #page-actions")) this.toggleMenu(false);
+    });
+    this.foldButton = make("button", {
+      type: "button",
+      class: "close fold",
+      "aria-label": "All values under the pointer",
+      on: { click: () => page.run("readout") },
+    });
+    document.querySelector(".readouts").append(this.foldButton);
+    addEventListener("resize", () => this.apply());
+    startDivider(this);
+    this.apply();
+  }
+
+  update(state) {
+    this.foldButton.dataset.tip = this.page.tip("readout");
+    this.show();
+    if (this.present === state.present_view) return;
+    this.present = state.present_view;
+    // The timeline is drawn after the panels.
+    const bring = () =>
+      document.querySelector(".view.present")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    requestAnimationFrame(bring);
+  }
+
+  escape() {
+    return this.toggleMenu(false);
+  }
+
+  /** Open or close the menu of narrow windows; whether it was open. */
+  toggleMenu(open = null) {
+    const was = document.body.classList.contains("menu-open");
+    const now = document.body.classList.toggle("menu-open", open ?? !was);
+    this.menu.setAttribute("aria-expanded", String(now));
+    return was;
+  }
+
+  /** Choose the layout for the window as it is now. */
+  apply() {
+    const { kind, panes } = layoutOf(innerWidth, innerHeight);
+    this.kind = kind;
+    this.panes = panes;
+    this.pane = panes.includes(this.chosen) ? this.chosen : (panes[0] ?? null);
+    const { dataset } = document.documentElement;
+    dataset.layout = kind;
+    dataset.pane = this.pane ?? "all";
+    const folded = localStorage.getItem(FOLDED);
+    const fold = folded === null ? kind !== "wide" : folded === "yes";
+    document.querySelector(".readouts").classList.toggle("folded", fold);
+    this.foldButton.setAttribute("aria-expanded", String(!fold));
+    this.foldButton.textContent = fold ? "▴" : "▾";
+    this.arranged();
+    this.show();
+  }
+
+  show() {
+    if (!this.page.state) return;
+    this.box.hidden = !this.panes.length;
+    const key = keyName(this.page.action("pane").keys[0]);
+    rebuild(this.box, [this.panes, this.pane], () =>
+      this.panes.map((pane) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button small",
+            "aria-pressed": String(pane === this.pane),
+            data: { id: `pane-${pane}`, tip: `Show this pane; ${key}: the next one` },
+            on: { click: () => this.choose(pane) },
+          },
+          TITLES[pane],
+        ),
+      ),
+    );
+  }
+
+  choose(pane) {
+    this.chosen = pane;
+    localStorage.setItem(CHOSEN, pane);
+    this.apply();
+  }
+
+  next() {
+    if (!this.panes.length) return this.page.notify("info", "All panes are shown already.");
+    this.choose(this.panes[(this.panes.indexOf(this.pane) + 1) % this.panes.length]);
+  }
+
+  /** Show the pane in which an action is seen, unless it is shown. */
+  reveal(action) {
+    const pane = PANE_OF[action];
+    if (pane && this.panes.includes(pane) && ![pane, "both"].includes(this.pane)) this.choose(pane);
+  }
+
+  fold() {
+    const folded = document.querySelector(".readouts").classList.contains("folded");
+    localStorage.setItem(FOLDED, folded ? "no" : "yes");
+    this.apply();
+  }
+
+  get status() {
+    return { kind: this.kind, pane: this.pane, panes: this.panes };
+  }
+}
+
+/** The divider between scene and flattened view: upright where they are beside one another, else level. */
+function startDivider(layout) {
+  const upright = {
+    property: "--left",
+    stored: "flatcloth-split",
+    orientation: "vertical",
+    least: [584, 600], // viser's page has another design below 576 px; canvas and inspector
+    size: () => split.clientWidth,
+    at: (event) => event.clientX - split.getBoundingClientRect().left,
+    keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
+  };
+  const level = {
+    property: "--top",
+    stored: "flatcloth-split-level",
+    orientation: "horizontal",
+    least: [160, 240],
+    size: () => split.clientHeight,
+    at: (event) => event.clientY - split.getBoundingClientRect().top,
+    keys: { ArrowUp: -0.02, ArrowDown: 0.02, Home: -1, End: 1 },
+  };
+  const split = byId("split");
+  const divider = byId("divider");
+  const shield = byId("scene-shield");
+  const way = () => (layout.kind === "wide" ? upright : level);
+  const stored = () => Number(localStorage.getItem(way().stored)) || 0.45;
+
+  const apply = () => {
+    const { property, least, size, orientation } = way();
+    if (!size()) return;
+    const share = shareWithin(stored(), size(), least);
+    split.style.setProperty(property, `${Math.round(share * size())}px`);
+    divider.setAttribute("aria-orientation", orientation);
+    divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
+  };
+  const set = (share) => {
+    localStorage.setItem(way().stored, String(shareWithin(share, way().size(), way().least)));
+    apply();
+  };
+
+  divider.addEventListener("pointerdown", (event) => {
+    divider.setPointerCapture(event.pointerId);
+    shield.hidden = false; // the frame would swallow the pointer
+  });
+  divider.addEventListener("pointermove", (event) => {
+    if (divider.hasPointerCapture(event.pointerId)) set(way().at(event) / way().size());
+  });
+  divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
+  divider.addEventListener("dblclick", () => set(0.45));
+  divider.addEventListener("keydown", (event) => {
+    const by = way().keys[event.key];
+    if (by === undefined) return;
+    set(stored() + by);
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  layout.arranged = apply;
+  new ResizeObserver(apply).observe(split);
+}

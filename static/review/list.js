@@ -1,0 +1,234 @@
+// All views as a list: sorted by a column, filtered by what was decided, with the reasons.
+
+import { byId, make, rebuild } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+import { added, flagsOf, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
+
+const UNDECIDED = ["unused", "pending", "skipped", "later"];
+const LEFT_OUT = ["rejected", "skipped"];
+
+/** @type {[string, string, (view: any) => boolean][]} */
+const FILTERS = [
+  ["all", "All", () => true],
+  ["undecided", "Undecided", (view) => UNDECIDED.includes(view.state)],
+  ["flagged", "Flagged", (view) => view.flags.some((flag) => flag !== "by_hand")],
+  ["by_hand", "By hand", (view) => view.flags.includes("by_hand")],
+  ["left_out", "Rejected or skipped", (view) => LEFT_OUT.includes(view.state)],
+];
+
+/**
+ * Column, title, what it is sorted by (null: last).
+ *
+ * @type {[string, string, (view: any) => number | null][]}
+ */
+const COLUMNS = [
+  ["view", "View", (view) => view.index],
+  ["angle", "Angle", (view) => view.angle_deg],
+  ["order", "Order", (view) => view.order],
+  ["state", "Decision", (view) => Object.keys(STATES).indexOf(view.state)],
+  ["score", "Score", (view) => view.score],
+  ["added", "Added", (view) => view.added_cm2],
+  ["flags", "Flags", (view) => (view.flagged ? -2 : 0) - view.flags.length || null],
+];
+
+export class ReviewList {
+  name = "review";
+
+  constructor(page, verdicts) {
+    this.page = page;
+    this.verdicts = verdicts;
+    this.section = byId("review-list");
+    this.filter = "all";
+    this.sort = "order";
+    this.falling = false;
+    this.actions = { review: () => this.toggle() };
+    this.section.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get pressed() {
+    return { review: !this.section.hidden };
+  }
+
+  toggle() {
+    this.section.hidden = !this.section.hidden;
+    this.page.changed();
+    if (this.section.hidden) byId("timeline-tools").querySelector("button")?.focus();
+    else this.section.querySelector("tbody button")?.focus({ focusVisible: true });
+  }
+
+  update(state) {
+    if (!state.review) this.section.hidden = true; // live mode and capture decide nothing
+    if (this.section.hidden) return;
+    const key = [state.views, state.review.token, this.filter, this.sort, this.falling];
+    rebuild(this.section, key, () => this.build(state));
+  }
+
+  build(state) {
+    const shown = this.sorted(state.views.filter(FILTERS.find(([name]) => name === this.filter)[2]));
+    return [
+      make(
+        "div",
+        { class: "review-head" },
+        make("h2", { id: "review-title" }, "Views"),
+        make(
+          "div",
+          { class: "segmented", role: "group", "aria-label": "Filter" },
+          ...FILTERS.map(([name, title, keeps]) =>
+            make(
+              "button",
+              {
+                type: "button",
+                class: "button small",
+                "aria-pressed": String(this.filter === name),
+                data: { id: `filter-${name}` },
+                on: { click: () => this.set({ filter: name }) },
+              },
+              `${title} ${state.views.filter(keeps).length}`,
+            ),
+          ),
+        ),
+        make(
+          "button",
+          {
+            type: "button",
+            class: "close",
+            "aria-label": "Close the list",
+            data: { id: "close-review" },
+            on: { click: () => this.toggle() },
+          },
+          "×",
+        ),
+      ),
+      make(
+        "div",
+        { class: "review-table", tabindex: "0", role: "region", "aria-labelledby": "review-title" },
+        make(
+          "table",
+          {},
+          make(
+            "thead",
+            {},
+            make(
+              "tr",
+              {},
+              make("th", {}, "Images"),
+              ...COLUMNS.map((c) => this.head(c[0], c[1])),
+              make("th", {}, "Reason"),
+              make("th", {}, make("span", { class: "unseen" }, "Decide again")),
+            ),
+          ),
+          make("tbody", {}, ...shown.map((view) => this.row(view, state))),
+        ),
+        shown.length ? null : make("p", { class: "nothing" }, "No view is like that."),
+      ),
+    ];
+  }
+
+  head(name, title) {
+    const on = this.sort === name;
+    const turn = () => this.set({ sort: name, falling: on ? !this.falling : name === "added" });
+    return make(
+      "th",
+      { "aria-sort": on ? (this.falling ? "descending" : "ascending") : null, class: `col-${name}` },
+      make(
+        "button",
+        { type: "button", data: { id: `sort-${name}` }, on: { click: turn } },
+        title,
+        make("span", { "aria-hidden": "true" }, on ? (this.falling ? " ▾" : " ▴") : ""),
+      ),
+    );
+  }
+
+  row(view, state) {
+    const [sign, word] = STATES[view.state];
+    const flags = flagsOf(view, state);
+    const known = view.state !== "unused";
+    const again = view.why_not_reopen === null;
+    const may = again || view.why_not === null;
+    const decide = () => (again ? this.verdicts.reopen(view) : this.verdicts.propose(view));
+    const goTo = () => this.page.send({ type: "turn_to", view_index: view.index });
+    return make(
+      "tr",
+      {
+        class: `${view.state}${view.flagged ? " flagged" : ""}`,
+        on: { click: (event) => event.target.closest("button") || goTo() },
+      },
+      make("td", { class: "pair" }, ...(known ? thumbsOf(view, state) : [])),
+      make(
+        "td",
+        {},
+        make(
+          "button",
+          {
+            type: "button",
+            class: "button small",
+            "aria-label": `View ${view.index}: turn the item to it`,
+            data: { id: `row-${view.index}` },
+            on: { click: goTo },
+          },
+          String(view.index),
+        ),
+      ),
+      make("td", { class: "figure" }, `${number(view.angle_deg, 0)}°`),
+      make("td", { class: "figure" }, view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),
+      make("td", {}, make("b", { class: `sign-of ${view.state}`, "aria-hidden": "true" }, sign), ` ${word}`),
+      make(
+        "td",
+        { class: "figure" },
+        ...(view.score === null ? [] : [scoreBar(view.score, view.flagged), number(view.score, 2)]),
+      ),
+      make("td", { class: "figure" }, view.added_cm2 === null ? "" : `${added(view.added_cm2)} cm²`),
+      make("td", { class: "flags" }, ...flags.map((text) => make("span", { class: "flag" }, text))),
+      make("td", { class: "reason" }, view.detail),
+      make(
+        "td",
+        {},
+        may
+          ? make(
+              "button",
+              { type: "button", class: "button small", data: { id: `again-${view.index}` }, on: { click: decide } },
+              again ? "Reopen" : "Propose",
+            )
+          : null,
+      ),
+    );
+  }
+
+  sorted(views) {
+    const of = COLUMNS.find(([name]) => name === this.sort)[2];
+    const sign = this.falling ? -1 : 1;
+    return [...views].sort((a, b) => {
+      const [x, y] = [of(a), of(b)];
+      if (x === null || y === null) return Number(x === null) - Number(y === null) || a.index - b.index;
+      return sign * (x - y) || a.index - b.index;
+    });
+  }
+
+  set(changed) {
+    Object.assign(this, changed);
+    this.page.changed();
+  }
+
+  key(event) {
+    if (event.key === "Escape") {
+      this.toggle();
+    } else if (["ArrowDown", "ArrowUp"].includes(event.key)) {
+      const rows = [...this.section.querySelectorAll("tbody tr")];
+      const at = rows.indexOf(event.target.closest("tr"));
+      const next = rows[Math.max(0, Math.min(rows.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)))];
+      const button = next?.querySelector("button");
+      if (!button) return;
+      button.focus({ focusVisible: true });
+      button.click();
+    } else {
+      return;
+    }
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  get status() {
+    const rows = [...this.section.querySelectorAll("tbody [data-id^='row-']")];
+    return { open: !this.section.hidden, rows: rows.map((row) => Number(row.textContent)) };
+  }
+}

@@ -1,0 +1,179 @@
+// The views of the recording in a row: what was decided, in which order, with which score; dragging along it
+// turns the item.
+
+import { byId, make, rebuild } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+
+export const STATES = {
+  start: ["●", "start view"],
+  accepted: ["✓", "accepted"],
+  fixed: ["✎", "accepted, placed by hand"],
+  rejected: ["✕", "rejected"],
+  skipped: ["»", "skipped"],
+  later: ["…", "accepted, waits to follow"],
+  pending: ["?", "proposed"],
+  unused: ["", "not used"],
+};
+const DRAG_PX = 5;
+
+export class Timeline {
+  name = "timeline";
+
+  /** `choose(view)` is what a press on a view means. */
+  constructor(page, choose) {
+    this.page = page;
+    this.choose = choose;
+    this.row = byId("timeline");
+    this.tools = byId("timeline-tools");
+    this.scrubbed = null; // view that the item was turned to
+    this.from = null; // where the pointer went down
+    this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
+    this.row.addEventListener("pointermove", (event) => this.drag(event));
+    this.row.addEventListener("click", (event) => this.dragged && this.stop(event), true);
+    this.row.addEventListener("keydown", (event) => this.key(event));
+    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => this.end());
+  }
+
+  update(state) {
+    const live = state.mode === "live";
+    const small = live || Boolean(state.capture);
+    rebuild(this.row, [state.views, state.review?.token], () => state.views.map((view) => this.cell(view, state)));
+    rebuild(this.tools, [small], () => (small ? [] : ["review", "result"].map((name) => this.page.button(name))));
+    if (!live) markPresent(state.present_view); // in live mode each frame does
+  }
+
+  cell(view, state) {
+    const live = state.mode === "live";
+    const [sign] = STATES[view.state];
+    const kept = ["start", "pending"].includes(view.state);
+    const decided = !kept && view.state !== "unused";
+    const about = live ? `View ${view.index}, ${number(view.angle_deg, 0)}°` : aboutView(view, state);
+    const shown = isShown(view) && state.review;
+    return make(
+      "button",
+      {
+        type: "button",
+        class: `view ${view.state}${view.flagged ? " flagged" : ""}${shown ? " pictured" : ""}`,
+        "aria-disabled": String(view.why_not !== null && !decided),
+        "aria-label": about,
+        data: { id: `view-${view.index}`, tip: about + whatAPressDoes(view, state) },
+        on: { click: () => this.choose(view) },
+      },
+      shown ? make("span", { class: "pair" }, ...thumbsOf(view, state)) : null,
+      make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
+      shown && view.order ? make("span", { class: "order", "aria-hidden": "true" }, String(view.order)) : null,
+      shown ? scoreBar(view.score, view.flagged) : null,
+      make(
+        "span",
+        { class: "angle" },
+        number(view.angle_deg, 0),
+        shown && view.added_cm2 !== null ? make("b", {}, added(view.added_cm2)) : null,
+      ),
+    );
+  }
+
+  // --- turning the item --------------------------------------------------------------------------
+
+  drag(event) {
+    if (this.from === null || !event.buttons || this.page.isLive || this.page.state?.capture) return;
+    if (!this.dragged && Math.abs(event.clientX - this.from) < DRAG_PX) return;
+    this.dragged = true;
+    const cell = document.elementFromPoint(event.clientX, this.row.getBoundingClientRect().top + 12);
+    const at = [...this.row.children].indexOf(cell?.closest(".view"));
+    if (at >= 0) this.turnTo(at);
+  }
+
+  end() {
+    this.from = null;
+    setTimeout(() => (this.dragged = false)); // after the click that ends a drag
+  }
+
+  stop(event) {
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  /** Arrow keys go from view to view and turn the item, unless they move a proposal. */
+  key(event) {
+    const { state } = this.page;
+    const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
+    if (!by || state?.pending || state?.capture || this.page.isLive) return;
+    const cells = [...this.row.children];
+    const at = cells.indexOf(document.activeElement) + by;
+    const next = Math.max(0, Math.min(cells.length - 1, at));
+    event.preventDefault();
+    event.stopPropagation();
+    cells[next].focus({ focusVisible: true });
+    cells[next].scrollIntoView({ block: "nearest", inline: "nearest" });
+    this.turnTo(next);
+  }
+
+  turnTo(index) {
+    if (this.scrubbed === index) return;
+    this.row.querySelector(".scrubbed")?.classList.remove("scrubbed");
+    this.row.children[index]?.classList.add("scrubbed");
+    this.scrubbed = index;
+    this.page.send({ type: "turn_to", view_index: index });
+  }
+
+  get status() {
+    return { scrubbed: this.scrubbed };
+  }
+}
+
+/** Views with a decision have pictures: the others are not flattened yet. */
+const isShown = (view) => view.state !== "unused";
+
+/** The color image and the flattened view. */
+export function thumbsOf(view, state) {
+  const address = (file) => `/review/${view.index}/${file}?v=${state.review.token}`;
+  const picture = (file) => make("img", { src: address(file), alt: "", loading: "lazy", draggable: "false" });
+  return [picture("color.jpg"), picture("flat.png")];
+}
+
+export function scoreBar(score, low) {
+  const bar = make("span", { class: `bar-of-score${low ? " low" : ""}`, "aria-hidden": "true" }, make("i", {}));
+  bar.firstChild.style.width = `${Math.round(100 * (score ?? 0))}%`;
+  return bar;
+}
+
+export const added = (cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
+
+/** The flags of a view in words. */
+export const flagsOf = (view, state) => (view.flags ?? []).map((flag) => state.review.flags[flag]);
+
+/** A view in words, for its tooltip and for screen readers. */
+export function aboutView(view, state) {
+  const [, word] = STATES[view.state];
+  const detail = view.detail ? ` (${view.detail})` : "";
+  const flags = flagsOf(view, state).filter((flag) => flag !== "placed by hand");
+  const parts = [
+    word + detail,
+    view.order ? `number ${view.order}` : "",
+    view.score === null || view.score === undefined ? "" : `score ${number(view.score, 2)}`,
+    view.added_cm2 === null || view.added_cm2 === undefined ? "" : `added ${number(view.added_cm2, 0)} cm²`,
+    flags.length ? `flagged: ${flags.join(", ")}` : "",
+  ];
+  return `View ${view.index}, ${number(view.angle_deg, 0)}°: ${parts.filter(Boolean).join(", ")}`;
+}
+
+function whatAPressDoes(view, state) {
+  if (state.capture) return "\nOn disk.";
+  if (state.mode === "live") return "\nClick: show this frame.";
+  const kept = ["start", "pending"].includes(view.state);
+  if (!kept && view.state !== "unused") return "\nClick: look at the decision, reopen it. Drag: turn the item.";
+  if (view.why_not === null) return "\nClick: propose this view. Drag: turn the item.";
+  return kept ? "" : `\nNot now: ${view.why_not}`;
+}
+
+/** Mark the view at whose rotation the item stands. */
+export function markPresent(index) {
+  const views = byId("timeline").children;
+  for (const view of byId("timeline").querySelectorAll(".present")) {
+    if (view === views[index]) return;
+    view.classList.remove("present");
+    view.removeAttribute("aria-current");
+  }
+  views[index]?.classList.add("present");
+  views[index]?.setAttribute("aria-current", "true");
+}

@@ -1,0 +1,56 @@
+"""What an integration has come to: areas by view, cloth left out, what another view would add."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from exported_sessions import cylinder_session
+
+from flatcloth.engine.result import Areas, left_out, result_of
+from flatcloth.export.session import OpenedSession
+from flatcloth.session.machine import Rejected
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
+    return cylinder_session(tmp_path_factory.mktemp("result"))
+
+
+def test_areas_are_found_one_by_one_and_add_up_to_the_shape(session: OpenedSession) -> None:
+    document, areas = session.history.document, Areas(session.integration)
+    assert areas.added_m2(document) == [None, None, None]
+    assert areas.missing(document) == [2, 1, 0]
+    areas.compute(document, 2)
+    assert areas.added_m2(document) == [None, None, None]  # what it was before is not known
+    for order in areas.missing(document):
+        areas.compute(document, order)
+    added = [area for area in areas.added_m2(document) if area is not None]
+    assert len(added) == 3
+    assert sum(added) == pytest.approx(session.view.area_m2)
+    assert all(area > 0 for area in added)
+
+
+def test_cloth_of_a_rejected_view_is_left_out_with_its_reason_and_counted_once(
+    session: OpenedSession,
+) -> None:
+    document, integration = session.history.document, session.integration
+    areas = Areas(integration)
+    last = document.accepted[-1].view_index
+    refused = replace(
+        document, accepted=document.accepted[:-1], rejected=(Rejected(last, "bad depth", 1),), skipped=()
+    )
+    found = left_out(integration, refused, integration.canonical(refused))
+    assert {(left.view_index, left.reason) for left in found} == {(last, "rejected: bad depth")}
+    lost = areas.total_m2(document, 2) - areas.total_m2(document, 1)
+    assert sum(left.area_m2 for left in found) == pytest.approx(lost, rel=0.25)
+    # The cloth of the cylinder that its views show is all in the shape.
+    assert left_out(integration, document, integration.canonical(document)) == []
+
+
+def test_the_result_tells_what_the_planner_says(session: OpenedSession) -> None:
+    result = result_of(Areas(session.integration), session.history.document)
+    assert result.left_out == ()
+    assert result.uncertainty == {}  # the paper's method computes none
+    assert (result.more.expected, result.more.share) == ((), None)
+    assert result.more.reason

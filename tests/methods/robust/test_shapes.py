@@ -1,0 +1,77 @@
+"""A shape is grown from what is kept, however little that is; nothing is computed twice on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import Cylinder
+
+from flatcloth.core.cache import Cache, size_in_bytes
+from flatcloth.engine import views
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.robust import shapes
+from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
+
+STEPS = tuple(float(a) for a in range(0, 360, 20))
+
+
+def grown(made: Integration, *views: int) -> list[Document]:
+    """Accept views on view 0, and draw each shape on the way."""
+    state, documents = SessionState(len(STEPS)), []
+    for command in (Start(0), *map(Propose, views)):
+        state = apply(state, command)
+        assert state.request is not None
+        state = apply(state, made.answer(state.document, state.request))
+        if state.document.pending is not None:
+            state = apply(state, Accept(state.document.pending.view_index))
+        made.canonical(state.document)
+        documents.append(state.document)
+    return documents
+
+
+def integration() -> tuple[Integration, shapes.JointShapes]:
+    made = Integration(Cylinder(angles_deg=STEPS, span_deg=(-100.0, 100.0)))
+    assert isinstance(made.algorithm, RobustMethod)
+    return made, made.algorithm.shapes
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[int]:
+    calls, function = [], getattr(module, name)
+
+    def counting(*args: Any, **options: Any) -> Any:
+        calls.append(1)
+        return function(*args, **options)
+
+    monkeypatch.setattr(module, name, counting)
+    return calls
+
+
+def test_small_caches_cost_no_work_as_a_shape_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    extended, flattened = counted(monkeypatch, shapes, "extend_joint"), counted(monkeypatch, views, "flatten")
+    made, own = integration()
+    own._shapes, own._prefixes, own._drawn, made._flattenings = Cache(1), Cache(1), Cache(1), Cache(1)
+    documents = grown(made, 1, 2, 3)
+    assert (len(extended), len(flattened)) == (3, 4)
+    # Back to a shape that is not kept: only the views after the longest kept prefix are added.
+    other, own = integration()
+    own._shapes = Cache(1)
+    grown(other, 1, 2)
+    del extended[:]
+    np.testing.assert_array_equal(
+        other.canonical(documents[-1]).view.xyz_m, made.canonical(documents[-1]).view.xyz_m
+    )
+    assert len(extended) == 1
+
+
+def test_prefixes_are_counted_without_what_they_share() -> None:
+    made, own = integration()
+    document = grown(made, 1, 2, 3)[-1]
+    shape = own.shape(document)
+    assert shape.links.edges.size
+    kept = [value for _, value in own._prefixes.items()]
+    assert all("links" not in vars(value) for value in kept)
+    assert kept[-1].observations[0] is kept[0].observations[0]
+    assert shapes._own_bytes(kept[-1]) < 0.6 * size_in_bytes(kept[-1])

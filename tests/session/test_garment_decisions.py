@@ -1,0 +1,90 @@
+"""Decisions about the garment: undone, journaled, bounded; a running computation is not disturbed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
+from flatcloth.session.garment import (
+    ClothPlaces,
+    DecidePiece,
+    HeldPoint,
+    HoldPoint,
+    PlacedPiece,
+    ReleasePoints,
+    SetKind,
+)
+from flatcloth.session.journal import decode, encode
+from flatcloth.session.machine import Redo, Restart, SessionState, Start, Started, Undo, apply
+
+CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
+HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
+PIECE = DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97))
+
+
+def states(*commands):
+    state = SessionState(n_views=4)
+    for command in commands:
+        state = apply(state, command)
+    return state
+
+
+def test_decisions_are_undone_and_redone_one_by_one() -> None:
+    state = states(SetKind("tshirt"), HOLD, PIECE)
+    assert state.document.garment.kind == "tshirt"
+    assert state.document.garment.held == (HOLD.point,)
+    assert [item.name for item in state.undo] == [
+        "garment: tshirt", "hold neck_left", "place a piece by the garment",
+    ]  # fmt: skip
+    back = apply(apply(state, Undo()), Undo())
+    assert back.document.garment.held == ()
+    assert apply(apply(back, Redo()), Redo()).document == state.document
+
+
+def test_a_point_held_again_moves_and_another_kind_lets_all_points_go() -> None:
+    there = HoldPoint(dataclasses.replace(HOLD.point, uv_m=(0.5, 0.5)))
+    state = states(HOLD, there)
+    assert [held.uv_m for held in state.document.garment.held] == [(0.5, 0.5)]
+    assert apply(state, ReleasePoints("neck_left")).document.garment.held == ()
+    assert apply(state, SetKind("towel")).document.garment.held == ()
+
+
+def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> None:
+    asked = apply(SessionState(n_views=4), Start())
+    decided = apply(asked, SetKind("skirt"))
+    assert decided.request == asked.request
+    started = apply(decided, Started(1, 2))
+    assert started.document.start_view == 2
+    assert apply(started, Restart(1)).document.garment.kind == "skirt"
+
+
+@pytest.mark.parametrize("command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE])
+def test_the_journal_gives_back_what_was_decided(command) -> None:
+    line, _ = encode(3, command)
+    assert decode(3, line.rstrip(b"\n")).entry == command
+
+
+@pytest.mark.parametrize(
+    "command",
+    [SetKind(None), ReleasePoints(), ReleasePoints("neck_left")],
+)
+def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
+    with pytest.raises(IllegalDecisionError, match=r"already|held"):
+        states(command)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        HoldPoint(dataclasses.replace(HOLD.point, uv_m=(1e9, 0.0))),
+        HoldPoint(dataclasses.replace(HOLD.point, cloth=ClothPlaces((), ()))),
+        HoldPoint(dataclasses.replace(HOLD.point, name="n" * 100)),
+        DecidePiece(dataclasses.replace(PIECE.piece, probability=float("nan"))),
+        SetKind("k" * 100),
+    ],
+)
+def test_places_and_names_that_no_garment_has_are_refused(command) -> None:
+    with pytest.raises(OutOfBoundsError):
+        states(command)

@@ -1,0 +1,175 @@
+"""The page's garment without a browser: pieces proposed, placed, refused; `run` places sure ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+from garment_evidence import at_mean, blank_view, evidence_from
+
+from flatcloth.core.errors import FlatclothError, GarmentError
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.garment.recognition import KnownGarment, place_sure_pieces
+from flatcloth.export.garment import garment_document, outcome_entry, told
+from flatcloth.garments.deciding import DecidedPieces, decided_pieces
+from flatcloth.garments.placing import Placed
+from flatcloth.garments.recognition import recognise
+from flatcloth.methods.base import Canonical
+from flatcloth.session.document import Accepted, Document
+from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind
+from flatcloth.session.machine import MemorySession, SessionState, Undo
+from flatcloth.viewer.modes.garment import GarmentController
+from flatcloth.viewer.protocol import messages
+
+LAID = Rigid2(0.0, -4.9, 0.02)
+TWO_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()),))
+
+
+def view_at(u_m: float, rows: int = 40):
+    view = blank_view(np.ones((rows, 40), dtype=bool))
+    return dataclasses.replace(view, origin_uv_m=(u_m, 0.0), xyz_m=view.xyz_m + np.float32([u_m, 0, 0]))
+
+
+class Service:
+    """Knows a skirt with a small piece that has no place, and a larger one whose place is sure."""
+
+    def __init__(self) -> None:
+        evidence = evidence_from(at_mean("skirt"))
+        self.canonical = Canonical(
+            view=view_at(0.0), current_from_view={}, floating=(view_at(9.0, 20), view_at(5.0))
+        )
+        found = recognise(self.canonical.view, [evidence])
+        piece = Placed(index=1, shape_from_piece=LAID, probability=0.97, std_m=0.01, fit=found.fit)
+        found = dataclasses.replace(found, pieces=(piece,))
+        nothing = DecidedPieces(shape_from_piece={}, refused=frozenset())
+        self._known = KnownGarment(
+            canonical=self.canonical, evidence=(evidence,), by_evidence=found, found=found, pieces=nothing
+        )
+        self.error: Exception | None = None
+
+    def of(self, document: Document) -> KnownGarment:
+        if self.error is not None:
+            raise self.error
+        decided = decided_pieces(document.garment, self.canonical.view, self.canonical.floating)
+        return dataclasses.replace(self._known, pieces=decided)
+
+    def known(self, document: Document) -> KnownGarment | str:
+        return self.of(document)
+
+
+@pytest.fixture(scope="module")
+def service():
+    return Service()
+
+
+class Page:
+    """Stands for the session's thread; jobs are done at once."""
+
+    def __init__(self, service) -> None:
+        self.told = threading.Event()
+        self.answers: list[dict] = []
+        self.heard = threading.Event()
+        self.controller = GarmentController(service, lambda job: job(), self.told.set, self.tell)
+
+    def tell(self, _client, message) -> None:
+        self.answers.append(message)
+        self.heard.set()
+
+    def follow(self, document: Document = TWO_VIEWS):
+        self.told.clear()
+        self.controller.follow(document, busy=False)
+        assert self.told.wait(20)
+        return self.controller.plain()
+
+    def decide(self, message):
+        made: list = []
+        self.controller.take(1, message, TWO_VIEWS, made.append)
+        return made[0]
+
+
+@pytest.fixture
+def page(service):
+    made = Page(service)
+    yield made
+    made.controller.stop()
+
+
+def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -> None:
+    (piece,) = page.follow()["found"]["pieces"]
+    # B is the larger one, though it is the second file.
+    assert (piece["label"], piece["state"], piece["sure"]) == ("B", "proposed", True)
+    assert piece["probability"] == pytest.approx(0.97)
+    corner = np.min(np.concatenate(piece["outline_uv_m"]), axis=0)
+    np.testing.assert_allclose(corner, [0.1, 0.02], atol=0.003)
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
+    page.follow()
+    command = page.decide(messages.DecidePiece(label="B", accepted=accepted))
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    session.record(command)
+    (piece,) = page.follow(session.state.document)["found"]["pieces"]
+    assert piece["state"] == ("placed" if accepted else "refused")
+    session.record(Undo())
+    (piece,) = page.follow(session.state.document)["found"]["pieces"]
+    assert piece["state"] == "proposed"
+
+
+def test_what_is_not_there_is_refused_in_words(page) -> None:
+    with pytest.raises(FlatclothError, match="recognised"):
+        page.decide(messages.SetKind(kind="skirt"))
+    page.follow()
+    for message in (
+        messages.DecidePiece(label="C", accepted=True),
+        messages.SetKind(kind="sock"),
+        messages.HoldPoint(name="crotch", u_m=0.0, v_m=0.0),
+    ):
+        with pytest.raises(FlatclothError, match=r"no (place|kind|point)"):
+            page.decide(message)
+    unseen = next(p["name"] for p in page.controller.plain()["found"]["points"] if not p["seen"])
+    with pytest.raises(FlatclothError, match="predicted only"):
+        page.controller.seen_point(unseen)
+
+
+def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> None:
+    page.follow()
+    assert page.decide(messages.SetKind(kind="towel")) == SetKind("towel")
+    held = page.decide(messages.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
+    assert isinstance(held, HoldPoint)
+    assert held.point.uv_m == (0.1, 0.2)
+    page.controller.take(7, messages.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS, print)
+    assert page.heard.wait(20)
+    (answer,) = page.answers
+    assert (answer["type"], answer["id"]) == ("garment_preview", 3)
+    assert next(p for p in answer["points"] if p["name"] == "hem_left")["uv_m"] == [0.1, 0.2]
+
+
+def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_told(page, service) -> None:
+    page.controller.follow(TWO_VIEWS, busy=True)
+    page.controller.follow(Document(start_view=0), busy=False)
+    assert not page.controller.plain()["working"]
+    service.error = GarmentError("The shape has 20 cm2 of cloth.")
+    try:
+        said = page.follow()
+    finally:
+        service.error = None
+    assert (said["found"], said["text"]) == (None, "The shape has 20 cm2 of cloth.")
+
+
+def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    known = place_sure_pieces(service, session)
+    assert outcome_entry(known)["placed_by_the_garment"] == ["floating-2.npz"]
+    assert "Floating pieces placed by the garment: 2." in told(known)
+    assert garment_document(known)["pieces"]["floating-2.npz"]["placed"]
+    assert [item.name for item in session.state.undo] == ["place a piece by the garment"]
+    place_sure_pieces(service, session)
+    assert len(session.state.undo) == 1
+    (piece,) = session.state.document.garment.pieces
+    session.record(DecidePiece(dataclasses.replace(piece, accepted=False)))
+    known = place_sure_pieces(service, session)
+    assert outcome_entry(known)["placed_by_the_garment"] == []
+    assert not garment_document(known)["pieces"]["floating-2.npz"]["placed"]
