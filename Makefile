@@ -28,7 +28,7 @@ PRETTIER := --print-width 118 --object-wrap collapse
 .NOTPARALLEL:
 
 demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
-	$(BIN)/flatcloth view
+	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"

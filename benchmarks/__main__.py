@@ -13,7 +13,7 @@ ON_ALL_CORES = ("size", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "paper_steps")
 """Run by name only: two take an hour, ``confidence`` learns weights that ``reliability`` measures."""
 ON_ONE_CORE = (
-    *("flattening", "page", "reliability", "registration", "segmentation"),
+    *("flattening", "page", "reliability", "axis", "registration", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

@@ -68,7 +68,7 @@ class Before(PaperMethod):
             return super().occluding_edge_m(document, view_index, side)
         flattening = self._views.flattening(view_index)
         level = flattening.levels[-1]
-        points = level.points_rc[flattening.components[document.parts.get(view_index, 0)].members]
+        points = level.points_rc[flattening.components[document.placed_components.get(view_index, 0)].members]
         near = near_samples(flattening.surface.usable, points, level.sampling_interval_px)
         return occluding_edge_length_m(flattening.surface, side, near)
 

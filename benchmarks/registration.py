@@ -161,11 +161,11 @@ def _slips_m(features: Sequence[ViewFeatures], poses: Sequence[Rigid3], true: Se
 def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
     """Return which points (N, 3), held frame, a view shows."""
     local = held.inverse().apply(points)
-    rc = project(local, by.surface.frame.intrinsics)
-    shape = np.array(by.surface.usable.shape)
+    rc = project(local, by.intrinsics)
+    shape = np.array(by.usable.shape)
     inside = np.isfinite(rc).all(axis=1) & (rc > -0.5).all(axis=1) & (rc < shape - 0.5).all(axis=1)
     pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(int)
-    depth = by.surface.xyz_m[pixel[:, 0], pixel[:, 1], 2]
+    depth = by.xyz_m[pixel[:, 0], pixel[:, 1], 2]
     with np.errstate(invalid="ignore"):
         return inside & (np.abs(depth - local[:, 2]) < SAME_CLOTH_M)
 

@@ -98,7 +98,8 @@ def scored(found: Segmentation, truth: dict[int, Seen]) -> Score:
         undecided += float(area[label == 0].sum())
         error += float(area[label * true < 0].sum())
         total += float(area.sum())
-    return Score(1.0 - right / max(said, 1e-9), right / max(side, 1e-9), undecided / total, error / total)
+    wrong = 1.0 - right / said if said > 0 else 0.0
+    return Score(wrong, right / max(side, 1e-9), undecided / total, error / total)
 
 
 def stroke_at_largest_error(found: Segmentation, truth: dict[int, Seen]) -> ImageStroke | None:

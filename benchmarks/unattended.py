@@ -39,7 +39,12 @@ def sources(recordings: Sequence[str]) -> list[str]:
 
 def unattended(source: str) -> tuple[Integration, Document, Remembered]:
     """Integrate a recording by ``robust`` without an operator; return also its truth."""
-    integration = Integration(Remembered(open_recording(source)))
-    truth = Remembered(read_truth(integration.recording.location))
-    document = Run(integration, MemorySession(SessionState(len(integration.recording)))).finish().document
-    return integration, document, truth
+    integration, document = integrated(Remembered(open_recording(source)))
+    return integration, document, Remembered(read_truth(integration.recording.location))
+
+
+def integrated(recording: Any) -> tuple[Integration, Document]:
+    """Integrate an open recording by ``robust`` without an operator."""
+    integration = Integration(recording)
+    session = MemorySession(SessionState(len(recording)))
+    return integration, Run(integration, session).finish().document

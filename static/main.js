@@ -29,6 +29,7 @@ import { ReviewList } from "/static/review/list.js";
 import { ResultPanel } from "/static/review/result.js";
 import { markPresent, Timeline } from "/static/review/timeline.js";
 import { Verdicts } from "/static/review/verdicts.js";
+import { answerDrops } from "/static/start/drop.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
 let askedLayer = null; // in live mode: what the next frame was asked for with
@@ -75,6 +76,7 @@ const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message(message) {
+    if (message.type === "switched") return location.replace("/");
     if (message.type === "state") show(message);
     else if (message.type === "note") takeNote(message);
     page.take(message);
@@ -225,6 +227,7 @@ const PAGE_ACTIONS = {
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
     showPalette(known, run);
   },
+  home: () => location.assign("/start"),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(page.state.actions, page.state.mode),
@@ -245,6 +248,7 @@ function sendMove(by) {
 byId("cancel").addEventListener("click", () => run("cancel"));
 applyTheme();
 startTips();
+answerDrops();
 startScene(startKeys({ state: () => page.state, modes: modesNow, run }));
 page.each("hovered", null);
 

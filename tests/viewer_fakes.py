@@ -17,7 +17,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError, JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
 from flatcloth.engine.playing.recording import LiveFrame
-from flatcloth.engine.repair import Reach
+from flatcloth.engine.repair import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.base import AlignmentScore, Canonical
 from flatcloth.session.journal import Pick
@@ -190,7 +190,7 @@ class CylinderIntegration:
             apart_part="height_rms_mm",
         )
 
-    def reach(self, document: Document) -> Reach:
+    def refined_score(self, document: Document) -> RefinedScore:
         """Refinement takes back what the operator has moved, to a tenth of a millimetre."""
         self.reached += 1
         assert self.gate.wait(timeout=30), "the test never opened the gate"
@@ -201,7 +201,7 @@ class CylinderIntegration:
         assert pending is not None
         at_best = replace(document, pending=replace(pending, nudge=Rigid2()))
         refined = Rigid2(0.0, 0.0001, 0.0) @ pending.proposed if pending.moved else pending.proposed
-        return Reach(score=self.score(document), refined=refined, refined_score=self.score(at_best))
+        return RefinedScore(score=self.score(document), refined=refined, refined_score=self.score(at_best))
 
     def proposal(self, document: Document) -> Any:
         pending = document.pending

@@ -19,6 +19,7 @@ from flatcloth.core.subprocess_worker import Message, serve
 from flatcloth.core.types import Progress
 
 _LOOK_EVERY_S = 0.3
+"""Interval between looks at the parent process. Chosen."""
 
 
 def _end_with(parent: int) -> None:

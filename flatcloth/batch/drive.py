@@ -23,6 +23,7 @@ from flatcloth.methods.registry import method_entry
 
 Row = dict[str, Any]
 _TABLE_EVERY_S = 60.0
+"""Interval between tables on disk. Chosen: what a killed batch loses of its report."""
 _LOCK = ".batch.lock"
 
 

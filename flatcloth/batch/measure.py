@@ -17,10 +17,13 @@ from flatcloth.methods.base import Canonical
 
 THUMBNAIL_FILE = "thumbnail.webp"
 THUMBNAIL_PX = 96
+"""Size of a thumbnail in the report. Chosen."""
 _CELL_M = 0.005
+"""Cell of the thinned cloud. Chosen: about the distance of the nodes."""
 _NEAR_M = 0.012
 """Two cells and what a swing or a turn that is not exact moves the cloth by."""
 _EVERY_PX = 4
+"""Step of the thinning. Chosen."""
 
 
 def coverage_estimate(integration: Integration, canonical: Canonical) -> float:

@@ -30,6 +30,7 @@ RELIABILITY = Column(
     "share of the seen cloth that is in one shape, placed to 10 mm: the review's order",
 )
 _MOST_THUMBNAIL_BYTES = 100_000
+"""Limit of a thumbnail file. Chosen: far above what is written."""
 
 
 def write_report(out: Path) -> Path:

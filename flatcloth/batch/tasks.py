@@ -23,6 +23,7 @@ from flatcloth.recordings.registry import recordings_below
 MANIFESTS = (".csv", ".jsonl", ".ndjson")
 TASK_FILE = "task.json"
 _MOST_FILES = 100_000
+"""Limit of a folder that is searched. Chosen: more is a mistake, such as a home folder."""
 _COLUMNS = ("source", "name", "method")
 
 

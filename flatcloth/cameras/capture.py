@@ -12,17 +12,19 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG
 from flatcloth.recordings.film.stillness import STILL_PX_S
 
 FRAMES = 10
 """Frames averaged for a view; fewer than 8 leave noise in the depth that averaging would remove."""
 LEAST_FRAMES = 8
+"""Frames of a view at least: fewer do not average the noise. Chosen."""
 HOLD_S = 0.7
 """How long the item must be still before frames are taken: cloth pauses at the end of a swing."""
 MOVING_PX_S = 3.0 * STILL_PX_S
 """Above this speed the item is being turned, or swings."""
 TURN_S = 0.2
-SAME_ANGLE_DEG = 0.5
+"""An item that moves for this long is being turned. Chosen: longer than a shake."""
 
 
 class Phase(Enum):
@@ -250,4 +252,4 @@ def _check_angle(state: Capture, angle_deg: float) -> None:
 
 
 def _is_taken(state: Capture, angle_deg: float) -> bool:
-    return any(abs(math.remainder(angle_deg - kept, 360.0)) < SAME_ANGLE_DEG for kept in state.kept_deg)
+    return any(abs(math.remainder(angle_deg - kept, 360.0)) < SAME_VIEW_DEG for kept in state.kept_deg)

@@ -10,7 +10,7 @@ import numpy as np
 from flatcloth.cameras import capture
 from flatcloth.cameras.base import Camera, CameraFrame
 from flatcloth.cameras.capture import Capture, Phase
-from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.checks import check_frame
 from flatcloth.core.types import Float32, RgbdFrame, Uint8
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.film.averaging import average_color, average_depth
@@ -133,8 +133,8 @@ class GuidedCapture:
             view_index=len(self.writer), angle_deg=self.state.target_deg, color=color, depth_m=depth_m,
             mask=None, intrinsics=self._camera.intrinsics,
         )  # fmt: skip
-        sight = look_at(view)
-        stack = np.stack([d[sight.item] for d in depths]).astype(np.float32)
+        checked = check_frame(view)
+        stack = np.stack([d[checked.item] for d in depths]).astype(np.float32)
         stack[stack == 0] = np.nan
         measured = stack[:, np.isfinite(stack).sum(axis=0) >= 2]
         noise = float(np.median(np.nanstd(measured, axis=0))) if measured.size else 0.0
@@ -144,7 +144,7 @@ class GuidedCapture:
             depth_m=depth_m,
             frames=len(frames),
             noise_mm=1000.0 * noise * float(scale),
-            warnings=sight.warnings,
+            warnings=checked.warnings,
         )
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from datetime import datetime
 from pathlib import Path
 
+from flatcloth.commands.opening import opened_camera, page_options
 from flatcloth.commands.record import add_capture_options
 from flatcloth.core.errors import FlatclothError
 
@@ -49,42 +49,10 @@ def serve_camera(options: argparse.Namespace) -> bool:
 
 
 def _serve(options: argparse.Namespace) -> None:
-    from flatcloth.cameras import capture, open_camera
-    from flatcloth.cameras.feed import CameraFeed
-    from flatcloth.engine.integration import Integration
-    from flatcloth.engine.playing.camera import CameraRecording
-    from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.header import default_session_folder
-    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
-    from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
 
-    settings = CaptureSettings(
-        folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
-        step_deg=10.0 if options.step is None else options.step,
-        frames=capture.FRAMES if options.frames is None else options.frames,
-        resume=options.resume,
-    )
-    capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
-    feed = CameraFeed(open_camera(options.camera, options.align or "depth"))
+    opened = opened_camera(options, options.camera)
     try:
-        integration = Integration(CameraRecording(feed), method=options.method)
-        integration.notes = feed.camera.notes
-        path = options.session or default_session_folder(
-            integration.recording, options.method, integration.config
-        )
-        folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
-        try:
-            settle_axis(folder.folder, integration)
-            serve(
-                integration,
-                folder,
-                host=options.host,
-                port=options.port,
-                token=not options.no_token,
-                controller=capture_controller(integration, folder, feed, settings),
-            )
-        finally:
-            folder.close()
+        serve(opened=opened, **page_options(options))
     finally:
-        feed.stop(timeout_s=5.0)
+        opened.close()

@@ -12,10 +12,9 @@ from flatcloth.methods.registry import method_entry, method_names
 
 if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
+    from flatcloth.core.config import Config
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import SourceOptions
-
-DEFAULT_SAMPLE = "shirt-sleeve-clean"
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
@@ -28,16 +27,18 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_source(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Declare SOURCE, and the angles of sources that have none: ``--angles`` and ``--step``."""
+def add_source(parser: argparse.ArgumentParser, without: str | None = None) -> None:
+    """Declare SOURCE, and the angles of sources that have none: ``--angles`` and ``--step``.
+
+    ``without`` says what happens without SOURCE; None: it is required.
+    """
     parser.add_argument(
         "source",
-        nargs="?" if default else None,
-        default=default,
+        nargs="?" if without else None,
         metavar="SOURCE",
         help="recording folder, TUM RGB-D folder, folder with color/ and depth/, RealSense .db3 or .bag, "
         "ROS .mcap or .bag, an area of MultimodalClothes, or the name of a bundled recording"
-        + (" (default: %(default)s)" if default else ""),
+        + (f" (default: {without})" if without else ""),
     )
     add_source_options(parser)
 
@@ -107,13 +108,15 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
     )
 
 
-def integration_of(source: str, method: str | None, options: SourceOptions | None = None) -> Integration:
+def integration_of(
+    source: str, method: str | None, options: SourceOptions | None = None, config: Config | None = None
+) -> Integration:
     """Open a recording for integration; the heavy modules load here, not for ``--help``."""
     from flatcloth.engine.integration import Integration
     from flatcloth.engine.segmenting import prepare
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, options), method=method, segmenter=prepare)
+    return Integration(open_recording(source, options), config, method, segmenter=prepare)
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:

@@ -24,6 +24,7 @@ EXAMPLES = """examples:
   python app.py record --out my-recording --camera turned.db3 --yes    a file in place of a camera"""
 
 _LOOK_EVERY_S = 1.0
+"""Interval of the progress lines. Chosen."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -196,12 +197,12 @@ class _Looker:
         self._said: tuple[str, ...] = ()
 
     def look(self, frame: CameraFrame, state: Capture) -> None:
-        from flatcloth.cameras.checks import look_at
+        from flatcloth.cameras.checks import check_frame
 
         if frame.time_s < self._next_s or state.taken:
             return
         self._next_s = frame.time_s + _LOOK_EVERY_S
-        warnings = look_at(frame.rgbd(self._camera)).warnings
+        warnings = check_frame(frame.rgbd(self._camera)).warnings
         kinds = tuple(text.split(":")[0] for text in warnings)
         if kinds != self._said:
             self._said = kinds

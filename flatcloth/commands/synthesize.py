@@ -102,7 +102,7 @@ def _add_errors(group: argparse._ArgumentGroup) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Render and write the recording, and print a summary."""
-    from flatcloth.synthesis.hanging import Looseness
+    from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
 
     request = Request(
@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> None:
         distance_m=options.distance,
         step_deg=options.step,
         noise=options.noise,
-        loose=Looseness(
+        loose=PoseErrors(
             angle_deg=options.angle_error,
             axis_m=options.axis_error / 1e3,
             swing_m=options.swing / 1e3,

@@ -7,20 +7,16 @@ import math
 from pathlib import Path
 
 from flatcloth.commands.camera import add_camera, serve_camera
-from flatcloth.commands.common import (
-    DEFAULT_SAMPLE,
-    add_method,
-    add_source,
-    integration_of,
-    source_options_of,
-)
-from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.common import add_method, add_source
+from flatcloth.commands.export import add_hand_eye
+from flatcloth.commands.opening import opened_recording, page_options
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
 SUMMARY = "open the operator page (the default command)"
 EXAMPLES = """examples:
-  python app.py                                    the page, on a bundled recording
+  python app.py                                    the page, where a recording is chosen
+  python app.py view --root ~/recordings           the same, also of the folders below this one
   python app.py view recordings/trousers-waist-d435
   python app.py view my-recording --port 9000 --session my-session
   python app.py view recordings/shirt-corner-d435 --live      play it as if live
@@ -29,7 +25,7 @@ EXAMPLES = """examples:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_source(parser, DEFAULT_SAMPLE)
+    add_source(parser, without="the start screen, where one is chosen")
     add_method(parser)
     add_hand_eye(parser)
     parser.add_argument(
@@ -42,6 +38,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--no-token",
         action="store_true",
         help="let every user and program of this computer use the page",
+    )
+    parser.add_argument(
+        "--root",
+        type=Path,
+        metavar="DIR",
+        help="let the start screen open recordings and sessions below this folder (default: none)",
     )
     parser.add_argument(
         "--session",
@@ -66,35 +68,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.engine.playing.recording import LivePlayer
-    from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.header import default_session_folder
-    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer import serve
 
     if options.fps is not None and not options.live:
         raise FlatclothError("--fps needs --live; give both, or neither.")
     if serve_camera(options):
         return
-    integration = integration_of(options.source, options.method, source_options_of(options))
-    path = options.session or default_session_folder(
-        integration.recording, options.method, integration.config
-    )
-    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    page = page_options(options)
+    if options.source is None:
+        given = [name for name in ("live", "session") if getattr(options, name)]
+        if given:
+            raise FlatclothError(f"--{given[0]} needs SOURCE; name a recording, or open one on the page.")
+        serve(**page)
+        return
+    opened = opened_recording(options, options.source, options.session)
     try:
-        settle_axis(folder.folder, integration)
-        serve(
-            integration,
-            folder,
-            host=options.host,
-            port=options.port,
-            token=not options.no_token,
-            player=LivePlayer(integration) if options.live else None,
-            fps=options.fps or 30.0,
-            base_from_camera=hand_eye_of(options),
-        )
+        serve(opened=opened, **page)
     finally:
-        folder.close()
+        opened.close()
 
 
 def _port(text: str) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+"""The package's own folder."""
 
 
 def static_folder() -> Path:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal
 
+import msgspec
+from msgspec import Meta
+
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted
 from flatcloth.core.errors import SegmentationError
 
 Side = Literal["this", "other"]
-Point3 = tuple[float, float, float]
 
 FORMAT = "flatcloth-strokes/1"
 MOST_DECISIONS = 10_000
-_MOST_POINTS = 10_000
-_MOST_RADIUS_M = 0.5
+"""Limit of a file, and of the points of a decision. Chosen: far above what is drawn by hand."""
+_Line = Meta(min_length=1, max_length=MOST_DECISIONS)
+Pixels = Annotated[tuple[tuple[Finite, Finite], ...], _Line]
+"""Places (row, col) in an image."""
+Places = Annotated[tuple[Vector3, ...], _Line]
+"""Places in space, or normals."""
+Radius = Annotated[float, Meta(gt=0.0, le=0.5)]
+"""Half the width of a brush in metres. The limit is chosen: half of a garment."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +35,9 @@ class ImageStroke:
     """
 
     side: Side
-    view_index: int
-    points_rc: tuple[tuple[float, float], ...]
-    radius_m: float = 0.010
+    view_index: Annotated[int, Meta(ge=0)]
+    points_rc: Pixels
+    radius_m: Radius = 0.010
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +49,9 @@ class SpaceStroke:
     """
 
     side: Side
-    points_m: tuple[Point3, ...]
-    normals: tuple[Point3, ...]
-    radius_m: float = 0.010
+    points_m: Places
+    normals: Places
+    radius_m: Radius = 0.010
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +62,10 @@ class Cut:
     on the cloth beyond the line, ``beyond_normal`` its normal.
     """
 
-    points_m: tuple[Point3, ...]
-    normals: tuple[Point3, ...]
-    beyond_m: Point3
-    beyond_normal: Point3
+    points_m: Places
+    normals: Places
+    beyond_m: Vector3
+    beyond_normal: Vector3
 
 
 Decision = ImageStroke | SpaceStroke | Cut
@@ -68,13 +76,7 @@ _KINDS: dict[str, type[Decision]] = {"image": ImageStroke, "space": SpaceStroke,
 def as_plain(decision: Decision) -> dict[str, Any]:
     """Return a decision as a table of plain values, ready for JSON."""
     kind = next(name for name, known in _KINDS.items() if isinstance(decision, known))
-    table: dict[str, Any] = {"kind": kind}
-    for name in decision.__dataclass_fields__:
-        value = getattr(decision, name)
-        if isinstance(value, tuple):
-            value = [list(v) if isinstance(v, tuple) else v for v in value]
-        table[name] = value
-    return table
+    return {"kind": kind, **msgspec.to_builtins(decision)}
 
 
 def from_plain(table: Any, where: str) -> Decision:
@@ -85,21 +87,21 @@ def from_plain(table: Any, where: str) -> Decision:
     SegmentationError
         If it is none; the message begins with ``where`` and names the value.
     """
-    if not isinstance(table, Mapping) or table.get("kind") not in _KINDS:
+    name = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(name, str) or name not in _KINDS:
         raise SegmentationError(f"{where}: no stroke or cut; its kind is one of {', '.join(_KINDS)}.")
-    kind = _KINDS[cast("str", table["kind"])]
-    known = set(kind.__dataclass_fields__)
-    unknown = sorted(set(table) - known - {"kind"})
-    missing = sorted(known - set(table) - {"radius_m"})
-    if unknown or missing:
-        wrong = f"has no {missing[0]}" if missing else f"has an unknown {unknown[0]}"
-        raise SegmentationError(f"{where}: {wrong}.")
-    values: dict[str, Any] = {}
-    for name in known & set(table):
-        values[name] = _value(name, table[name], f"{where}.{name}")
-    if "normals" in values and len(values["normals"]) != len(values["points_m"]):
-        raise SegmentationError(f"{where}: {len(values['points_m'])} points need as many normals.")
-    return kind(**values)
+    kind = _KINDS[name]
+    unknown = sorted(set(table) - set(kind.__dataclass_fields__) - {"kind"})
+    if unknown:
+        raise SegmentationError(f"{where}: has an unknown {unknown[0]}.")
+    try:
+        decision = fitted(table, kind)
+    except MisfitError as error:
+        choices = ' "this" and "other"' if error.where == "side" else ""
+        raise SegmentationError(f"{where}.{error}{choices}.") from error
+    if not isinstance(decision, ImageStroke) and len(decision.normals) != len(decision.points_m):
+        raise SegmentationError(f"{where}: {len(decision.points_m)} points need as many normals.")
+    return decision
 
 
 def decisions_from_plain(content: Any, where: str) -> tuple[Decision, ...]:
@@ -121,36 +123,3 @@ def decisions_from_plain(content: Any, where: str) -> tuple[Decision, ...]:
 def plain_of_decisions(decisions: Sequence[Decision]) -> dict[str, Any]:
     """Return the content of a strokes file."""
     return {"format": FORMAT, "decisions": [as_plain(decision) for decision in decisions]}
-
-
-def _value(name: str, value: Any, where: str) -> Any:
-    if name == "side":
-        if value not in ("this", "other"):
-            raise SegmentationError(f'{where}: {value!r} is no side; say "this" or "other".')
-        return value
-    if name == "view_index":
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise SegmentationError(f"{where}: {value!r} is no number of a view.")
-        return value
-    if name == "radius_m":
-        radius = _number(value, where)
-        if not 0 < radius <= _MOST_RADIUS_M:
-            raise SegmentationError(f"{where}: {radius:g} m is no width of a brush.")
-        return radius
-    if name in ("beyond_m", "beyond_normal"):
-        return _point(value, 3, where)
-    if not isinstance(value, list) or not 1 <= len(value) <= _MOST_POINTS:
-        raise SegmentationError(f"{where}: must be a list of 1 to {_MOST_POINTS} points.")
-    return tuple(_point(v, 2 if name == "points_rc" else 3, f"{where}[{n}]") for n, v in enumerate(value))
-
-
-def _point(value: Any, size: int, where: str) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != size:
-        raise SegmentationError(f"{where}: must be {size} numbers.")
-    return tuple(_number(v, where) for v in value)
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SegmentationError(f"{where}: {value!r} is no finite number.")
-    return float(value)

@@ -35,6 +35,8 @@ MEMORY_BYTES = 1_200_000_000
 _START_S = 120.0
 """Longest start, in which only libraries are loaded; reading them from a cold disk can be slow."""
 _PATIENCE_S = 6.0
+"""How long a process may be silent, or take to end. Chosen: shorter ends slow disks, longer makes users
+wait."""
 _MEMORY = "FLATCLOTH_MEMORY_BYTES"
 _BYTES_PER_S = 20e6
 """The timeout is extended for a large file by the time that a slow disk needs to read it."""

@@ -1,4 +1,4 @@
-"""Diagnostics of a proposal: the paper's curves and lines for it, and the strained edges.
+"""Diagnostics of a proposal: pairs of cloth, the paper's curves and lines, and the strained edges.
 
 They are computed for any method, from the shape and the proposed view at its placement. This takes a few
 hundredths of a second, plus the flattening of the view if it is no longer cached.
@@ -13,7 +13,7 @@ import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.base import ColumnCurves, Correspondence, SurfaceEdges
+from flatcloth.methods.base import ClothPairs, ColumnCurves, Correspondence, SurfaceEdges
 from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
 
 LEAST_STRAIN = 0.04
+"""A distance between samples is reported if it is off by this share ... Chosen; not measured."""
 LEAST_OFF_M = 0.0005
+"""... and by this much. Chosen: below it is the rounding of a D435 (1 mm units), averaged."""
 MOST_EDGES = 400
 """Smallest strain and change of length of a strained edge; at most this many are reported, worst first."""
 
@@ -54,7 +56,8 @@ class Reasons:
     ``front_from_current`` transforms. ``new_curves`` are those of the proposed view at its own
     rotation on its own plane, from which ``current_from_new`` transforms. ``u_b_m``, ``a_0_deg`` and
     ``rotation_deg`` (unsigned) are the paper's plan there. ``correspondence`` is its initial estimate;
-    if there is none, it is None and ``trouble`` gives the reason.
+    if there is none, it is None and ``trouble`` gives the reason. ``pairs`` are the pairs of cloth that
+    fixed the place, if the method finds such.
     """
 
     view_index: int
@@ -72,6 +75,7 @@ class Reasons:
     current_from_new: Rigid2
     shape_edges: StrainedEdges
     new_edges: StrainedEdges
+    pairs: ClothPairs | None = None
 
 
 def reasons(integration: Integration, document: Document) -> Reasons:
@@ -100,7 +104,9 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         found = correspond(canonical.view, new, axis, seen, front_from_current, limit)
     except AlignmentError as error:
         trouble = str(error)
+    algorithm = integration.algorithm
     return Reasons(
+        pairs=algorithm.pairs(document, pending.view_index, pending.component),
         view_index=pending.view_index,
         side=side,
         front_view=front,
@@ -114,7 +120,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         trouble=trouble,
         front_from_current=front_from_current,
         current_from_new=pending.current_from_new,
-        shape_edges=strained_edges(integration.algorithm.surface_edges(document)),
+        shape_edges=strained_edges(algorithm.surface_edges(document)),
         new_edges=strained_edges(
             edges_of_view(
                 integration,

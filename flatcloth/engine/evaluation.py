@@ -17,11 +17,17 @@ from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, 
 from flatcloth.recordings.base import Recording
 
 CELL_M = 0.005
+"""Cells of the true cloth in which it counts as covered. Chosen: about the distance of samples."""
 TRIM_SHARE = 0.10
+"""Share of the pixels left out of the alignment with the truth. Chosen: one wrong flap must not turn all."""
 FAR_M = 0.020
+"""A pixel farther than this from its true place is wrong. Chosen: about a gripper's finger."""
 FIRM_M = 0.010
+"""A pixel with a smaller standard deviation is called reliable."""
 PAIR_RANGE_M = (0.020, 0.200)
+"""Distances of the pixel pairs whose error is measured. Chosen: within a patch, to half a garment."""
 PAIRS = 200_000
+"""Number of these pairs. Chosen: more cost time."""
 
 
 class TrueView(Protocol):

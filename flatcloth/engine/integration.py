@@ -26,7 +26,7 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
-from flatcloth.engine.repair import Reach, reach
+from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
@@ -48,7 +48,9 @@ from flatcloth.session.machine import (
 )
 
 _LIKELY_ROTATION_DEG = 30.0
+"""Views about this far from the present one are flattened ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
+"""How many. Chosen: more compete with what the operator waits for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,9 +195,9 @@ class Integration(RecordedViews):
         assert pending is not None
         return self.algorithm.score(document, pending.view_index, pending.component, pending.current_from_new)
 
-    def reach(self, document: Document) -> Reach:
+    def refined_score(self, document: Document) -> RefinedScore:
         """Return the scores of the effective placement and of its refinement."""
-        return reach(self.algorithm, document)
+        return refine_and_score(self.algorithm, document)
 
     def answer(self, document: Document, request: Request, progress: Progress = no_progress) -> Event:
         """Compute the answer to a session's request.

@@ -14,6 +14,7 @@ import numpy as np
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
+from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import SheetPiece, sheet_of
@@ -22,7 +23,6 @@ from flatcloth.session.document import Accepted, Document
 
 FORMAT = "flatcloth-outcome/1"
 FILE = "outcome.json"
-_FIRM_M = 0.010
 
 
 def outcome_of(
@@ -124,7 +124,7 @@ def uncertainty(view: FlattenedView) -> dict[str, float]:
     std = view.placement_std_m[view.valid]
     return {
         "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
-        "firm_share": round(float((std <= _FIRM_M).mean()), 4),
+        "firm_share": round(float((std <= FIRM_M).mean()), 4),
     }
 
 

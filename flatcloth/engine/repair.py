@@ -17,7 +17,7 @@ _LEAST_SPREAD_M = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reach:
+class RefinedScore:
     """The score of a placement and of its refinement.
 
     ``refined`` is the refined placement, ``current_from_new``.
@@ -28,13 +28,13 @@ class Reach:
     refined_score: AlignmentScore
 
 
-def reach(method: Method, document: Document) -> Reach:
+def refine_and_score(method: Method, document: Document) -> RefinedScore:
     """Return the result of refining the proposal from its present placement, without changing it."""
     pending = document.pending
     assert pending is not None
     view, component, motion = pending.view_index, pending.component, pending.current_from_new
     refined = method.refined(document, view, component, motion)
-    return Reach(
+    return RefinedScore(
         score=method.score(document, view, component, motion),
         refined=refined,
         refined_score=method.score(document, view, component, refined),
@@ -47,12 +47,12 @@ class PairFit:
 
     by: Rigid2
     residual_m: Float64
-    reached_m: Float64
+    fitted_m: Float64
 
     @property
     def rms_m(self) -> float:
         """Root mean square of the residuals after the fit."""
-        return float(np.sqrt(np.square(self.reached_m).mean()))
+        return float(np.sqrt(np.square(self.fitted_m).mean()))
 
 
 def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFit:
@@ -81,5 +81,5 @@ def fit_pairs(new_uv_m: Float64, shape_uv_m: Float64, weight: Float64) -> PairFi
     return PairFit(
         by=by,
         residual_m=np.linalg.norm(new_uv_m - shape_uv_m, axis=1),
-        reached_m=np.linalg.norm(by.apply(new_uv_m) - shape_uv_m, axis=1),
+        fitted_m=np.linalg.norm(by.apply(new_uv_m) - shape_uv_m, axis=1),
     )

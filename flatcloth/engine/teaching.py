@@ -40,7 +40,9 @@ from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
 
 INTERVALS_PX = (4, 40)
+"""Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""
 Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
+"""Range of A_w in the page. Chosen: beyond it nothing or everything is measured."""
 OVERLAP_AREAS_M2 = (0.0001, 1.0)
 """Ranges of the parameters; outside them the method shows nothing useful."""
 
@@ -48,8 +50,11 @@ KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
 """Origin of a pixel of the renewed view: seen by one of the two views only, or by both."""
 
 _INTERVALS_KEPT = 6
+"""How many results are kept, for going back and forth. Chosen for memory."""
 _FLATTENINGS_KEPT = 12
+"""As above."""
 _ALIGNMENTS_KEPT = 6
+"""As above."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,6 +33,7 @@ from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.segmentation.solver import SideSolver
 
 _MIB = 1 << 20
+"""Bytes in a mebibyte."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,11 +29,17 @@ if TYPE_CHECKING:
 SUFFIXES = (".gif", ".mp4")
 
 _WIDTH, _HEIGHT, _FOOT, _PANE = 880, 500, 62, 400
+"""Layout (px): image, foot, and the pane of the cloud. Chosen."""
 _TURN_FRAMES, _TURN_MS, _HOLD_MS, _LAST_MS = 6, 60, 900, 2600
+"""Frames of a turn, and how long (ms) frames of it, results and the last one are shown. Chosen."""
 _FPS = 10
+"""Frames a second of the film. Chosen."""
 _POINT_M = 0.0022
+"""Size of a drawn point. Chosen: about the distance of neighbours, so that the cloud looks closed."""
 _BEHIND_M = 0.006
+"""Points this far behind the nearest are hidden. Chosen: above the noise of a D435."""
 _PAPER = 255
+"""Grey of the background: white."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -141,6 +141,7 @@ def remove_stale(written: Collection[str], folder: Path) -> None:
 
 
 _MOST_BYTES = 1_000_000_000
+"""Limit of an array file that is read back. Chosen: it bounds memory."""
 _ARRAYS: dict[str, tuple[Any, ...]] = {
     "rgb": (np.uint8, 3),
     "xyz_m": (np.float32, 3),

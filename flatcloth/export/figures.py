@@ -33,6 +33,7 @@ from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
 
 _BELOW, _HEAD, _MARGIN = 46, 44, 16
+"""Layout (px): text below, text above, and the margin. Chosen."""
 
 LAYER_WORDS = {
     "color": ("Color", "the color of the cloth"),
@@ -294,7 +295,7 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
     integration = session.integration
     angle = integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
-    told = told_verdict(decision)
+    told = verdict_text(decision)
     drawing = map_drawing(laid_before(session, decision), title, told, legend_width=20.0)
     return Figure(name=_name(decision, "overlay"), caption=f"{title}, {told}.", drawing=drawing)
 
@@ -307,7 +308,7 @@ def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
     return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
 
 
-def told_verdict(decision: Decision) -> str:
+def verdict_text(decision: Decision) -> str:
     """Return the verdict as text, with reason and score."""
     words = [decision.verdict]
     if decision.verdict == ACCEPTED and decision.moved:

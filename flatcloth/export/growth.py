@@ -22,9 +22,13 @@ if TYPE_CHECKING:
 Int16 = NDArray[np.int16]
 
 _SAME_PIXEL_PX = 0.5
+"""Pixels nearer than this in the source image show the same point. Chosen: half a pixel."""
 _LEAST_SHARED = 20
+"""Fewer shared pixels do not tell how the shape moved. Chosen."""
 _MOST_SHARED = 4000
+"""More are thinned. Chosen for speed."""
 _VIEW_APART_PX = 1e5
+"""Offset between views in one search tree. Chosen: above the size of every image."""
 
 
 @dataclass(frozen=True, kw_only=True)

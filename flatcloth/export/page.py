@@ -19,7 +19,7 @@ from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.export.bundle import bundle
-from flatcloth.export.figures import told_verdict, words_of
+from flatcloth.export.figures import verdict_text, words_of
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
@@ -34,6 +34,7 @@ FORMAT = "flatcloth-page/1"
 MOST_AROUND = 6000
 """Points per step of the camera's surroundings; more would only enlarge the page."""
 AROUND_SPACING_M = 0.007
+"""Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
 
 @dataclass
@@ -213,7 +214,7 @@ def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:
             "area_cm2": 1e4 * step.area_m2,
             "floating_cm2": 1e4 * step.floating_m2,
             "added_cm2": 1e4 * step.added_m2,
-            "told": "the start view" if step.decision is None else told_verdict(step.decision),
+            "told": "the start view" if step.decision is None else verdict_text(step.decision),
             "camera_m": held_from_camera(axis, step.angle_deg).translation_m.tolist(),
         }
         for step in growth.steps
@@ -228,7 +229,7 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
             "view_index": decision.view_index,
             "angle_deg": angles_deg[decision.view_index],
             "verdict": decision.verdict,
-            "told": told_verdict(decision),
+            "told": verdict_text(decision),
             "stands": decision.stands,
             "step": steps.get(decision.number),
         }

@@ -136,7 +136,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
     picture = data_url(png_of(figures.laid_before(session, decision).rgba), "image/png")
-    told = figures.told_verdict(decision).removeprefix(decision.verdict)
+    told = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
     if is_overridden(decision, session.integration.accept_score):

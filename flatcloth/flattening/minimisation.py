@@ -33,13 +33,19 @@ from flatcloth.core.types import Float64, Int32
 
 T = TypeVar("T")
 _ANDERSON_DEPTH = 6
+"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen; more cost memory
+traffic."""
 _MAX_STEPS = 60
+"""Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
 """Majorisations after each Gauss-Newton step."""
 _WIDE_BAND = 24
 """From this bandwidth on, conjugate gradients are tried before a factorisation."""
 _MOST_CG_STEPS = 9
+"""Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
+"""Range of the Levenberg-Marquardt damping, as a share of the diagonal. Chosen: from none to a gradient
+step."""
 _EXACT_M2 = 1e-14
 """Below this H per pair the lengths count as met exactly."""
 

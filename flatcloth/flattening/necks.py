@@ -18,6 +18,7 @@ from flatcloth.core.types import Bool, Int32
 from flatcloth.flattening.sampling import Samples
 
 _NEIGHBOURS = 8
+"""Neighbours of a sample inside the grid (paper, section 3: each sample is linked to the eight around it)."""
 
 
 def cut_necks(samples: Samples, least_core: int) -> Samples:

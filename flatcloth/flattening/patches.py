@@ -111,11 +111,11 @@ def fit_patches(
     n_rows = inverse_depth.shape[0]
     size = 2 * radius + 1
     result = np.zeros((rows.size, 6))
-    reach = np.zeros((size, size), dtype=np.bool_)
+    connected = np.zeros((size, size), dtype=np.bool_)
     terms = np.zeros(6)
     for n in range(rows.size):
         r0, c0 = rows[n], cols[n]
-        _reach(steps, r0, c0, radius, reach)
+        _mark_connected(steps, r0, c0, radius, connected)
         a = np.zeros((6, 6))
         b = np.zeros(6)
         count = 0
@@ -125,7 +125,7 @@ def fit_patches(
             if r < 0 or r >= n_rows:
                 continue
             for j in range(radius % stride, size, stride):
-                if not reach[i, j]:
+                if not connected[i, j]:
                     continue
                 x, y = float(j - radius) / radius, float(i - radius) / radius
                 w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
@@ -155,14 +155,14 @@ def fit_patches(
 
 
 @njit(cache=True, nogil=True)
-def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool) -> None:
+def _mark_connected(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, connected: Bool) -> None:
     """Mark the window cells that monotone paths of connected steps reach from the centre."""
     n_rows, n_cols = steps.shape
     size = 2 * radius + 1
     for i in range(size):
         for j in range(size):
-            reach[i, j] = False
-    reach[radius, radius] = True
+            connected[i, j] = False
+    connected[radius, radius] = True
     for ring_r in range(radius + 1):
         for sign_r in (1, -1):
             if ring_r == 0 and sign_r == -1:
@@ -180,13 +180,13 @@ def _reach(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, reach: Bool)
                         continue
                     j = radius + sign_c * ring_c
                     good = False
-                    if ring_r > 0 and reach[i - sign_r, j]:
+                    if ring_r > 0 and connected[i - sign_r, j]:
                         upper = r - 1 if sign_r > 0 else r
                         good = (steps[upper, c] & 2) > 0
-                    if not good and ring_c > 0 and reach[i, j - sign_c]:
+                    if not good and ring_c > 0 and connected[i, j - sign_c]:
                         left = c - 1 if sign_c > 0 else c
                         good = (steps[r, left] & 1) > 0
-                    reach[i, j] = good
+                    connected[i, j] = good
 
 
 @njit(cache=True, nogil=True)

@@ -50,10 +50,10 @@ def triangulate(uv_m: Float64, samples: Samples, members: Int32, surface: Surfac
     except QhullError:  # all points on one line
         return none, 0
     rc = samples.points_rc
-    reach = (2.0 * samples.sampling_interval_px) ** 2
+    longest2_px = (2.0 * samples.sampling_interval_px) ** 2
     for i, j in ((0, 1), (1, 2), (2, 0)):
         side = found[:, [i, j]]
-        short = np.square(rc[side[:, 0]] - rc[side[:, 1]]).sum(axis=1) <= reach
+        short = np.square(rc[side[:, 0]] - rc[side[:, 1]]).sum(axis=1) <= longest2_px
         found, side = found[short], side[short]
         found = found[path_on_surface(surface.usable, surface.steps, rc, side)]
     turned = _orientation(rc[:, ::-1].astype(np.float64), found) * _orientation(uv_m, found) <= 0
@@ -197,6 +197,36 @@ def _fill_triangles(points: Float64, triangles: Int32, rc: Float64, shape: tuple
     return source
 
 
+BLOCK_TRIANGLES = (
+    ((0, 0), (0, 1), (1, 0)),
+    ((1, 1), (1, 0), (0, 1)),
+    ((0, 1), (1, 1), (0, 0)),
+    ((1, 0), (0, 0), (1, 1)),
+)
+"""The triangles of a block of 2 x 2 pixels, (row, col) of their corners clockwise. The first two fill it."""
+
+
+@njit(cache=True, nogil=True)
+def cloth_triangles(part: Bool, steps: NDArray[np.uint8], r: int, c: int) -> tuple[bool, bool, bool, bool]:
+    """Return which of ``BLOCK_TRIANGLES`` of the block at (r, c) are cloth.
+
+    A triangle is cloth if its pixels and its two sides along rows and columns are. The last two count
+    only where one pixel of the block is missing.
+    """
+    a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
+    if int(a) + int(b) + int(e) + int(d) < 3:
+        return False, False, False, False
+    above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
+    below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
+    whole = a and b and e and d
+    return (
+        a and b and e and above and left,
+        d and e and b and below and right,
+        not whole and b and d and a and above and right,
+        not whole and e and a and d and left and below,
+    )
+
+
 @njit(cache=True, nogil=True)
 def _fill_pixels(
     points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int], corner: Float32
@@ -206,33 +236,22 @@ def _fill_pixels(
     flips, overlaps = 0, 0
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
-            # Corners a b / c d; a triangle is cloth if its two sides along rows and columns are.
-            a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
-            if int(a) + int(b) + int(e) + int(d) < 3:
-                continue
-            above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
-            below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
-            whole = a and b and e and d
-            if a and b and e and above and left:
-                f, o = _fill_corner(source, points, r, c, r, c + 1, r + 1, c)
-                flips, overlaps = flips + f, overlaps + o
-            if d and e and b and below and right:
-                f, o = _fill_corner(source, points, r + 1, c + 1, r + 1, c, r, c + 1)
-                flips, overlaps = flips + f, overlaps + o
-            if not whole and b and d and a and above and right:
-                f, o = _fill_corner(source, points, r, c + 1, r + 1, c + 1, r, c)
-                flips, overlaps = flips + f, overlaps + o
-            if not whole and e and a and d and left and below:
-                f, o = _fill_corner(source, points, r + 1, c, r, c, r + 1, c + 1)
-                flips, overlaps = flips + f, overlaps + o
+            present = cloth_triangles(part, steps, r, c)
+            for k in range(4):
+                if present[k]:
+                    f, o = _fill_corner(source, points, r, c, BLOCK_TRIANGLES[k])
+                    flips, overlaps = flips + f, overlaps + o
     return source + corner, flips, overlaps
 
 
 @njit(cache=True, nogil=True)
 def _fill_corner(
-    source: Float32, points: Float64, r0: int, c0: int, r1: int, c1: int, r2: int, c2: int
+    source: Float32, points: Float64, row: int, col: int, corners: tuple[tuple[int, int], ...]
 ) -> tuple[int, int]:
-    """Fill one triangle of image pixels, given clockwise; return (1, 0) if it came out mirrored."""
+    """Fill one triangle of the block at (row, col); return (1, 0) if it came out mirrored."""
+    (r0, c0), (r1, c1), (r2, c2) = corners
+    r0, r1, r2 = row + r0, row + r1, row + r2
+    c0, c1, c2 = col + c0, col + c1, col + c2
     u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
     u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]

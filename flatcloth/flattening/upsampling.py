@@ -144,8 +144,8 @@ def _plane_from_space(uv_m: Float64, samples: Samples) -> Float64:
 
 
 @njit(cache=True, nogil=True)
-def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: int) -> Int32:
-    """Find the sample nearest to each pixel along the surface, breadth first; -1 beyond ``reach`` steps."""
+def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_steps: int) -> Int32:
+    """Find the sample nearest to each pixel along the surface, breadth first; -1 beyond ``most_steps``."""
     rows, cols = usable.shape
     nearest = np.full((rows, cols), -1, dtype=np.int32)
     queue = np.empty((rows * cols, 2), dtype=np.int32)
@@ -157,7 +157,7 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, reach: in
             queue[tail] = r, c
             tail += 1
     head = 0
-    for _ in range(reach):
+    for _ in range(most_steps):
         end = tail
         while head < end:
             r, c = queue[head]

@@ -12,6 +12,7 @@ from flatcloth.core.types import Bool, Float64, Int64
 _AGAINST_M2 = 0.05**2
 """A side that faces another way than the edge is taken only if all others are 5 cm farther."""
 _CORNER_SPAN = 1e-9
+"""A segment of a smaller squared length (m^2) is a point. Chosen: far below a pixel."""
 
 
 @njit(cache=True, nogil=True)

@@ -19,19 +19,32 @@ from flatcloth.garments.model import Kind
 EDGE_STD_M = 0.008
 """Of a true edge from the outline: patterns and their flattened cloth differ by 3 to 8 mm (NUMERICS)."""
 INSIDE_STD_M = 0.008
+"""Of points inside from the outline. Chosen equal to ``EDGE_STD_M``."""
 _CROSSING_SPACING_M = 0.010
+"""Spacing of the places of the outline that are tested for seen cloth. Chosen: finer than the slack costs
+time."""
 _CROSSING_SLACK_M = 0.006
+"""Depth inside seen cloth at which an outline does not count as crossing it. Chosen: less than
+``EDGE_STD_M``."""
 _CROSSING_WEIGHT = 0.25
 """Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart."""
 _EDGE_BOUND = 3.0
+"""Standard deviations at which an edge has half of its largest cost (Geman and McClure). Chosen: the usual
+3."""
 _INSIDE_BOUND = 5.0
+"""Standard deviations from which the cost of a point inside grows linearly (Huber). Chosen; not fitted."""
 _TURNS = 20
+"""Coarse orientations, 18 degrees apart. Chosen: fewer miss the right one, more cost time."""
 _SCALES = (0.75, 1.0, 1.3)
+"""Coarse sizes about the mean of the kind. Chosen: fewer miss small garments, more cost time."""
 _SHIFTS = 5
+"""Coarse positions in each direction. Chosen: more cost time in proportion."""
 _COARSE_POINTS = 70
+"""Edges, and points inside, of the coarse search. Chosen: fewer rank the starts worse, more cost time."""
 _ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
 """Factors on the standard deviations and how many steps are taken with each."""
 _POSE_STD = (3.0, 1.0, 1.0)
+"""Prior standard deviations of a pose: turn (rad), and shift (m). Chosen to leave it free."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,6 +336,7 @@ def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: 
 
 
 _POSE_PRECISION = 1.0 / np.square(np.array(_POSE_STD))
+"""Of ``_POSE_STD``."""
 
 
 def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Float64:

@@ -19,10 +19,17 @@ from flatcloth.garments.fit import Fit, refine
 LEAST_AREA_M2 = 0.006
 """Smaller pieces have too little border to be placed."""
 _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
+"""Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
+for speed."""
 _APART_SLACK_M, _APART_STD_M = 0.03, 0.03
+"""Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
+Chosen."""
 _LAID_ON_M = 0.008
+"""Depth inside other cloth at which a piece counts as laid on it. Chosen equal to ``fit.EDGE_STD_M``."""
 _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
+"""Shares of the line between two pieces at which it must run over the garment. Chosen."""
 _PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
+"""Weights of contradicting distances, and of cloth laid on cloth, against the edges. Chosen; not fitted."""
 _TEMPERATURE = 3.0
 """Evidence is told too surely, since its errors are alike: measured as in ``recognition``."""
 

@@ -33,13 +33,19 @@ HOLE_M = 0.10
 LEAST_EDGES = 40
 """True edges (24 cm of them) without which nothing is said."""
 SURE = 0.90
+"""Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
+reliability."""
 POINT_STD_M = 0.012
 """Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
 SEEN_M = 0.015
+"""A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
 FOLLOWED_M = 0.09
 """True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
+"""A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
+are."""
 _STARTS, _FINISHED, _THINNED = 6, 2, 3
+"""Poses tried for a kind, those refined with all points, and the thinning before. Chosen for speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,8 +267,8 @@ def points_of(
     points: dict[str, Point] = {}
     for n, name in enumerate(names):
         own = np.s_[2 * n : 2 * n + 2]
-        told_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
-        uv, std = held[name] if name in held else _followed(value[own], told_std, outline_uv, main)
+        point_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
+        uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
         points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape))
     return points
 
@@ -270,15 +276,17 @@ def points_of(
 def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
     """Return the pixel with cloth nearest to a place, None if none is within :data:`SEEN_M`."""
     row, col = shape.rc_from_uv(uv).tolist()
-    reach = SEEN_M / shape.pixel_size_m
-    first_row, first_col = max(0, math.floor(row - reach)), max(0, math.floor(col - reach))
-    window = shape.valid[first_row : math.ceil(row + reach) + 1, first_col : math.ceil(col + reach) + 1]
-    if row < -reach or col < -reach or not window.any():
+    radius_px = SEEN_M / shape.pixel_size_m
+    first_row, first_col = max(0, math.floor(row - radius_px)), max(0, math.floor(col - radius_px))
+    window = shape.valid[
+        first_row : math.ceil(row + radius_px) + 1, first_col : math.ceil(col + radius_px) + 1
+    ]
+    if row < -radius_px or col < -radius_px or not window.any():
         return None
     rc = np.argwhere(window) + np.array([first_row, first_col])
     off = np.hypot(rc[:, 0] - row, rc[:, 1] - col)
     nearest = int(off.argmin())
-    return (int(rc[nearest, 0]), int(rc[nearest, 1])) if off[nearest] <= reach else None
+    return (int(rc[nearest, 0]), int(rc[nearest, 1])) if off[nearest] <= radius_px else None
 
 
 def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidence) -> tuple[Float64, float]:

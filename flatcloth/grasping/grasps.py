@@ -23,6 +23,7 @@ LOST_AT_M = 0.010
 """A point farther than this from the shape is no longer on it, because its view was removed."""
 
 _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
+"""Lengths of the drawn gripper: fingers, stem, and the mark of its axis. Chosen for looks."""
 
 
 @dataclass(frozen=True, kw_only=True)

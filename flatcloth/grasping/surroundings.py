@@ -13,7 +13,10 @@ from flatcloth.core.types import Bool, FlattenedView, Float64
 _OUTLINE_REACH_M = 0.015
 """The outline's direction is fitted to its part within this distance."""
 _PATCH_RADIUS_M = 0.008
+"""Radius of the patch that gives the normal at a grasp. Chosen: about a finger's width."""
 _LAYER_GAP_M = 0.010
+"""Cloth farther than this along the normal is another layer. Chosen: folds of one layer are flatter in the
+patch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +89,8 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
     A quadratic in (u, v) is fitted to the points of the pixel's layer within 8 mm; the map is its
     linear part.
     """
-    reach = max(_PATCH_RADIUS_M / view.pixel_size_m, 2.5)
-    span = math.ceil(reach)
+    radius_px = max(_PATCH_RADIUS_M / view.pixel_size_m, 2.5)
+    span = math.ceil(radius_px)
     top, left = max(rc[0] - span, 0), max(rc[1] - span, 0)
     window = np.s_[top : rc[0] + span + 1, left : rc[1] + span + 1]
     places = np.argwhere(view.valid[window]) + np.array([top, left])
@@ -96,7 +99,7 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
     normal = view.normal[places[:, 0], places[:, 1]].astype(np.float64)
     here, out = view.xyz_m[rc].astype(np.float64), view.normal[rc].astype(np.float64)
     away = np.linalg.norm(offset, axis=1)
-    same = (away <= reach * view.pixel_size_m) & np.isfinite(xyz).all(axis=1)
+    same = (away <= radius_px * view.pixel_size_m) & np.isfinite(xyz).all(axis=1)
     with np.errstate(invalid="ignore"):
         same &= (np.abs((xyz - here) @ out) <= _LAYER_GAP_M) & (normal @ out > 0.5)
     if same.sum() < 8:

@@ -18,7 +18,7 @@ GRAZING_COS = 0.15
 """Surface seen at a smaller cosine of incidence is hardly measured."""
 
 
-class Sight(StrEnum):
+class Visibility(StrEnum):
     """Visibility of a point in a view."""
 
     SEEN = "seen"
@@ -32,13 +32,13 @@ class Sight(StrEnum):
 class Projection:
     """Projection of a point into an image: ``row``, ``col`` in pixels, its ``depth_m`` and visibility.
 
-    ``sight`` is ``SEEN`` unless the geometry excludes it; the depth image is not used yet.
+    ``visibility`` is ``SEEN`` unless the geometry excludes it; the depth image is not used yet.
     """
 
     row: float
     col: float
     depth_m: float
-    sight: Sight
+    visibility: Visibility
 
 
 def project(
@@ -64,27 +64,27 @@ def project(
     place, normal = camera_from_held(axis, angle_deg).apply_with_normal(position_held_m, normal_held)
     x, y, z = (float(v) for v in place)
     if z <= 0:
-        return Projection(row=np.nan, col=np.nan, depth_m=z, sight=Sight.OUTSIDE)
+        return Projection(row=np.nan, col=np.nan, depth_m=z, visibility=Visibility.OUTSIDE)
     row, col = camera.fy * y / z + camera.cy, camera.fx * x / z + camera.cx
-    sight = Sight.SEEN
+    visibility = Visibility.SEEN
     if not (-0.5 <= row < camera.height - 0.5 and -0.5 <= col < camera.width - 0.5):
-        sight = Sight.OUTSIDE
+        visibility = Visibility.OUTSIDE
     elif np.isfinite(normal).all() and -float(normal @ place) < GRAZING_COS * float(np.linalg.norm(place)):
-        sight = Sight.AWAY
-    return Projection(row=row, col=col, depth_m=z, sight=sight)
+        visibility = Visibility.AWAY
+    return Projection(row=row, col=col, depth_m=z, visibility=visibility)
 
 
-def sight_in(frame: RgbdFrame, place: Projection) -> Sight:
+def visibility_in(frame: RgbdFrame, place: Projection) -> Visibility:
     """Return the visibility of a projected point in a view, judged by the depth measured around it."""
-    if place.sight is not Sight.SEEN:
-        return place.sight
+    if place.visibility is not Visibility.SEEN:
+        return place.visibility
     row, col = round(place.row), round(place.col)
     top, left = max(row - WINDOW_PX, 0), max(col - WINDOW_PX, 0)
     around = frame.depth_m[top : row + WINDOW_PX + 1, left : col + WINDOW_PX + 1]
     measured = around[around > 0]
     if not measured.size:
-        return Sight.MISSED
+        return Visibility.MISSED
     off_m = measured - place.depth_m
     if np.abs(off_m).min() <= AGREES_M:
-        return Sight.SEEN
-    return Sight.COVERED if off_m.min() < 0 else Sight.MISSED
+        return Visibility.SEEN
+    return Visibility.COVERED if off_m.min() < 0 else Visibility.MISSED

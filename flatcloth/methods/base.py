@@ -251,6 +251,31 @@ class SurfaceEdges:
     length_m: Float64
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClothPairs:
+    """The same cloth in a component of a view and in the shape: what fixes the component's place.
+
+    ``shape_uv_m`` (K, 2) on the plane of the shape, ``new_uv_m`` (K, 2) on the component's own plane;
+    ``shape_xyz_m``, ``new_xyz_m`` (K, 3) in the object frame.
+    """
+
+    shape_uv_m: Float64
+    new_uv_m: Float64
+    shape_xyz_m: Float64
+    new_xyz_m: Float64
+
+    def residual_m(self, current_from_new: Rigid2) -> Float64:
+        """Return how far apart (K,) on the plane a placement leaves the pairs."""
+        apart: Float64 = np.linalg.norm(current_from_new.apply(self.new_uv_m) - self.shape_uv_m, axis=1)
+        return apart
+
+    @property
+    def apart_m(self) -> Float64:
+        """Distance (K,) of the pairs in space; no placement on the plane changes it."""
+        apart: Float64 = np.linalg.norm(self.new_xyz_m - self.shape_xyz_m, axis=1)
+        return apart
+
+
 class Views(Protocol):
     """The single views of a recording, the input of methods."""
 
@@ -355,6 +380,10 @@ class Method(Protocol):
     def is_contradicted(self, document: Document) -> bool:
         """Return whether the other views contradict the view accepted last; False if not checked."""
         return False
+
+    def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
+        """Return the cloth that a component and the shape have in common; None if the method finds none."""
+        return None
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views; None if the method registers none."""

@@ -14,8 +14,11 @@ from flatcloth.recordings.files import images
 from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
 
 _UNITS_PER_M = 20000.0
+"""The format: 16 bits in units of 0.05 mm ..."""
 _OFFSET_M = 1.5
+"""... from this far left of and above the origin; ..."""
 _OUTER_FACE = 16
+"""... the code of a pixel is its panel, plus this if seen from outside."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,9 @@ ANGLE_TOLERANCE_DEG = 0.01
 """Readers treat two views closer than this, modulo a full turn, as one."""
 
 _PNG_LEVEL = 3
+"""Compression of PNG files. Chosen: higher levels take longer."""
 _SAME_CAMERA_PX = 1e-3
+"""Intrinsics that differ by less are the same. Chosen: rounding of a file."""
 
 
 class _Camera(msgspec.Struct, frozen=True):

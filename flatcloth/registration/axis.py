@@ -17,13 +17,13 @@ from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.axis_estimation import (
     UP,
-    Glimpse,
     agreement,
     choose_views,
+    coarse_features,
     estimate_axis,
-    glimpse,
     thinned,
 )
+from flatcloth.registration.view_features import ViewFeatures
 
 T = TypeVar("T")
 
@@ -31,11 +31,15 @@ TOP_M = 0.010
 """The held point is the mean of the item's uppermost part of this height."""
 
 _VIEWS_FOR_HELD_POINT = 6
+"""Views that are looked at for the top. Chosen: 60 degrees apart; more cost reading."""
 _BLOCKS_FOR_HELD_POINT = 250_000
+"""Resolution of these views. Chosen: fine enough for the tip of a sleeve; finer costs time."""
 _THREADS = 2
+"""Views read at a time. Chosen for two cores; more need more memory."""
 _AROUND_M = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.08), (-0.08, 0.0, 0.04), (0.08, 0.0, 0.04)])
 """Start points of the axis: the visible surface lies in front of the axis."""
 _TOP_QUANTILE = 0.75
+"""Share of the views whose top is not above the item's. Chosen: a quarter may contain outliers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +85,7 @@ def resolve_axis(recording: Recording, frame: Callable[[int], RgbdFrame], config
     if axis is not None:
         return Hanging(axis=axis, held_point_m=_found_held_point(recording, frame, axis, config))
     views = choose_views(recording.angles_deg)
-    seen = _of_readable(views, lambda view: glimpse(frame(view), config))
+    seen = _of_readable(views, lambda view: coarse_features(frame(view), config))
     found = estimate_axis(seen, _starts(seen, held))
     if found is not None:
         note = (
@@ -105,7 +109,7 @@ def axis_agreement(
     recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis, config: SurfaceConfig
 ) -> str:
     """Describe in a sentence how well the views agree with an axis."""
-    seen = _of_readable(choose_views(recording.angles_deg), lambda view: glimpse(frame(view), config))
+    seen = _of_readable(choose_views(recording.angles_deg), lambda view: coarse_features(frame(view), config))
     found = agreement(seen, axis)
     if found is None:
         return "No two views show common surface, so the axis cannot be checked."
@@ -133,18 +137,23 @@ def _of_readable(views: Sequence[int], look: Callable[[int], T | None]) -> list[
     return seen
 
 
-def _starts(seen: Sequence[Glimpse], held_point_m: Float64 | None) -> list[Float64]:
+def _starts(seen: Sequence[ViewFeatures], held_point_m: Float64 | None) -> list[Float64]:
     """Points that the axis may be near: the held point or the top, the middle, and around the middle."""
     if not seen:
         return []
     upright = RotationAxis(point_m=np.zeros(3), direction=UP)
     top = (
-        np.median([_top([g.points_m], upright) for g in seen], axis=0)
+        np.median([_top([_points_of(view)], upright) for view in seen], axis=0)
         if held_point_m is None
         else held_point_m
     )
-    middle: Float64 = np.median(np.concatenate([g.points_m for g in seen]), axis=0)
+    middle: Float64 = np.median(np.concatenate([_points_of(view) for view in seen]), axis=0)
     return [top, *(middle + shift for shift in _AROUND_M)]
+
+
+def _points_of(view: ViewFeatures) -> Float64:
+    """Return all points (N, 3) of the surface, camera frame."""
+    return view.xyz_m[view.usable].astype(np.float64)
 
 
 def _found_held_point(
@@ -197,11 +206,11 @@ def _through_height_of(point_m: Float64, axis: RotationAxis) -> RotationAxis:
     return replace(axis, point_m=axis.point_m + along * axis.direction)
 
 
-def _cannot_tell(recording: Recording, seen: Sequence[Glimpse], held_point_m: Float64) -> str:
+def _cannot_tell(recording: Recording, seen: Sequence[ViewFeatures], held_point_m: Float64) -> str:
     note = "The turning axis is not recorded; the vertical through the top of the item is used."
     if len(recording) < 2:
         return note
-    backwards = [replace(g, angle_deg=-g.angle_deg) for g in seen]
+    backwards = [replace(view, angle_deg=-view.angle_deg) for view in seen]
     if estimate_axis(backwards, _starts(seen, held_point_m)) is not None:
         return (
             f"{note} The views agree only for the other direction of rotation: open the recording with "

@@ -2,15 +2,17 @@
 
 Between two views the item rotates rigidly by a known angle. The four parameters of the axis, position and
 direction, therefore explain the motion of the surface between all pairs of views, and all pairs are
-registered together: points of one view are rotated to the other, projected into its image, and fitted to
-the surface there along its normal (point to plane), with robust weights, from coarse to fine.
+registered together: each pair gives the normal equations of the motion between its views
+(:func:`flatcloth.registration.view_features.compare`), and the derivative of that motion by the axis
+(:func:`flatcloth.registration.pose_prior.jacobian`) contracts them to those of the axis. Gauss-Newton steps
+solve their sum, with robust weights from coarse to fine.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,37 +20,31 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, rotation_about
-from flatcloth.core.types import Bool, Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import item_mask
+from flatcloth.registration.pose_prior import OWN, across, at_center, jacobian, moved_axis
+from flatcloth.registration.view_features import (
+    CHANNELS,
+    TERMS,
+    Gates,
+    ViewFeatures,
+    compare,
+    fattening_of,
+    grid_points,
+)
 
 VIEWS_USED = 18
+"""Views that are compared. Chosen: 20 degrees apart, neighbours share most of their surface; more cost
+time."""
 _GRID_PIXELS = 45_000
+"""Resolution of a thinned view. Chosen: averaging lowers the noise; coarser loses folds, finer costs time."""
 _LEAST_FACING = 0.35
+"""Cosine of incidence below which surface does not count. Chosen: beyond 70 degrees few blocks are
+measured."""
 _JUMP_M = 0.04
-
-
-@dataclass(frozen=True, kw_only=True)
-class Glimpse:
-    """A view reduced to a grid of blocks (H, W, ...), camera frame, for registration.
-
-    ``xyz_m`` and ``normal`` (towards the camera) are NaN where ``usable`` is False. ``fattening`` is
-    the displacement of a point by edge fattening of one pixel, i.e. if a stereo sensor measured each
-    place as near as the nearest place within one pixel.
-    """
-
-    angle_deg: float
-    xyz_m: Float64
-    normal: Float64
-    fattening: Float64
-    usable: Bool
-    intrinsics: Intrinsics
-
-    @property
-    def points_m(self) -> Float64:
-        """The usable points (N, 3)."""
-        points: Float64 = self.xyz_m[self.usable]
-        return points
+"""Depth difference over four blocks that is a jump. Chosen: 10 mm per block of about 6 mm, 60 degrees of
+incidence."""
 
 
 def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[int]:
@@ -60,28 +56,38 @@ def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[in
     return sorted(nearest, key=lambda n: float(turned[n]))
 
 
-def glimpse(frame: RgbdFrame, config: SurfaceConfig) -> Glimpse | None:
-    """Reduce a view; None if it shows no surface of the item."""
+def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | None:
+    """Return the features of a thinned view, without texture; None if it shows no surface of the item."""
     small = thinned(frame)
     try:
         item = item_mask(small, None, config)
     except SurfaceError:
         return None
-    xyz = back_project(np.where(item, small.depth_m, 0).astype(np.float32), small.intrinsics).astype(
-        np.float64
-    )
-    normal = _normals(xyz)
-    facing = -(normal * xyz).sum(axis=-1)
-    distance = np.linalg.norm(xyz, axis=-1)
     k = small.intrinsics
+    xyz = back_project(np.where(item, small.depth_m, 0).astype(np.float32), k)
+    normals = _normals(xyz)
     with np.errstate(invalid="ignore"):
-        usable = facing > _LEAST_FACING * distance
-        slope_m_px = xyz[..., 2] ** 2 / facing * np.hypot(normal[..., 0] / k.fx, normal[..., 1] / k.fy)
-        fattening = xyz * (slope_m_px / xyz[..., 2])[..., None]
+        usable = -(normals * xyz).sum(axis=-1) > _LEAST_FACING * np.linalg.norm(xyz, axis=-1)
     if not usable.any():
         return None
-    return Glimpse(
-        angle_deg=frame.angle_deg, xyz_m=xyz, normal=normal, fattening=fattening, usable=usable, intrinsics=k
+    pixel = grid_points(usable, _MOST_POINTS)
+    at = pixel[:, 0], pixel[:, 1]
+    return ViewFeatures(
+        view_index=frame.view_index,
+        angle_deg=frame.angle_deg,
+        intrinsics=k,
+        noise_m=0.0,
+        pixel_pitch_m=float(np.median(xyz[..., 2][usable])) / math.sqrt(k.fx * k.fy),
+        points_m=xyz[at].astype(np.float64),
+        normal=normals[at].astype(np.float64),
+        pixel=pixel,
+        xyz_m=xyz,
+        usable=usable,
+        normals=normals,
+        fattening=fattening_of(normals, xyz, k.fx, k.fy),
+        texture=np.zeros((CHANNELS, 1, 1), dtype=np.float32),
+        slope=np.zeros((2, CHANNELS, 1, 1), dtype=np.float32),
+        inner=np.zeros(usable.shape, dtype=np.bool_),
     )
 
 
@@ -124,16 +130,16 @@ def thinned(frame: RgbdFrame, blocks: int = _GRID_PIXELS) -> RgbdFrame:
     )
 
 
-def _normals(xyz: Float64, reach: int = 2) -> Float64:
+def _normals(xyz: Float32, step: int = 2) -> Float32:
     """Return normals (H, W, 3) towards the camera, from differences over a few blocks; NaN at jumps."""
     normal = np.full_like(xyz, np.nan)
-    inner = slice(reach, -reach)
-    across = xyz[inner, 2 * reach :] - xyz[inner, : -2 * reach]
-    down = xyz[2 * reach :, inner] - xyz[: -2 * reach, inner]
+    inner = slice(step, -step)
+    right = xyz[inner, 2 * step :] - xyz[inner, : -2 * step]
+    down = xyz[2 * step :, inner] - xyz[: -2 * step, inner]
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.cross(down, across)
+        found = np.cross(down, right)
         found /= np.linalg.norm(found, axis=-1, keepdims=True)
-        found[(np.abs(across[..., 2]) > _JUMP_M) | (np.abs(down[..., 2]) > _JUMP_M)] = np.nan
+        found[(np.abs(right[..., 2]) > _JUMP_M) | (np.abs(down[..., 2]) > _JUMP_M)] = np.nan
     normal[inner, inner] = found
     return normal
 
@@ -141,22 +147,42 @@ def _normals(xyz: Float64, reach: int = 2) -> Float64:
 UP = np.array([0.0, -1.0, 0.0])
 """Up in the camera frame of a level camera."""
 
-_FEW_POINTS, _MANY_POINTS = 250, 1000
-"""Points of each view: for the choice among the starts, and for the final estimate."""
+_MOST_POINTS = 3000
+"""Compared points of a view. With 1200 the axes of noisy recordings are less accurate (``python -m benchmarks
+axis``)."""
+_FEW_POINTS_STEP = 8
+"""Step between the compared points of a view for the choice among the starts; afterwards all are used."""
 _LARGEST_TURN_DEG = 45.0
+"""Views farther apart are not compared: they share too little. Chosen."""
 _LARGEST_LONE_TURN_DEG = 65.0
+"""The limit where views have no nearer neighbour. Chosen; tests/registration tries turns of 60 degrees."""
 _SCALES_M = (0.05, 0.02, 0.01, 0.005)
+"""Scales of the robust weights, coarse to fine. Chosen: from the error of a start to a few times the noise of
+a D435."""
 _STEPS_PER_SCALE = 8
+"""Limit of Gauss-Newton steps at a scale. Chosen; ``_SETTLED`` normally ends them earlier."""
 _SETTLED = 1e-4
+"""Steps below this (m, and tilt) end a scale. Chosen: far below the accuracy of the estimate."""
 _LARGEST_SHIFT_M, _LARGEST_TILT = 0.05, 0.1
+"""Bounds of a step in position and tilt. Chosen: a larger step would leave the range of the
+correspondences."""
 _USUAL_TILT = 0.17
 """Prior: cameras are level to about 10 degrees; it matters only where the views do not decide."""
-_LEAST_COMMON_DIRECTION = 0.7
+_GATES = Gates(same_normal_cos=0.7, least_facing_cos=-2.0, full_facing_cos=-1.0)
+"""Points correspond up to 45 degrees between their normals, because a start is centimetres off. All have the
+same weight, whatever their incidence: with the registration's weights the axes of noisy recordings are less
+accurate (``python -m benchmarks axis``)."""
 _MOST_FATTENING_PX = 2.0
+"""Limit of the estimated fattening, in pixels of a thinned view. Chosen; more is not a sensor's error."""
 _LEAST_AGREEING = 0.2
+"""Share of points that must agree. Chosen; tests/registration has views that agree with no axis."""
 _MOST_UNCERTAIN_M = 0.005
+"""Largest standard deviation of the position that counts as determined. Chosen; not measured."""
 _LEAST_VERTICAL = 0.7
+"""Cosine of the largest tilt against the camera's vertical, 45 degrees. Chosen: an item hangs from the
+axis."""
 _FARTHEST_FROM_ITEM_M = 0.15
+"""An axis farther than this from the item is rejected. Chosen: an item hangs from its axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,13 +194,13 @@ class AxisEstimate:
     rms_m: float
 
 
-def estimate_axis(glimpses: Sequence[Glimpse], starts_m: Sequence[Float64]) -> AxisEstimate | None:
+def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) -> AxisEstimate | None:
     """Estimate the axis that agrees best with the views.
 
     Parameters
     ----------
-    glimpses : sequence of Glimpse
-        In order of their angle.
+    views : sequence of ViewFeatures
+        From :func:`coarse_features`, in order of their angle.
     starts_m : sequence of (3,) float64
         Points near the axis to start from, camera frame; the initial direction is the vertical of
         a level camera. The start with the best agreement is used.
@@ -190,82 +216,92 @@ def estimate_axis(glimpses: Sequence[Glimpse], starts_m: Sequence[Float64]) -> A
     surfaces move by a sixth of the axis' error, so that a start within 10 cm is near enough. It
     takes about 0.3 s for 18 views.
     """
-    pairs = _pairs([g.angle_deg for g in glimpses])
+    pairs = _pairs([view.angle_deg for view in views])
     if not pairs:
         return None
     neighbours = _neighbours(pairs)
-    rough = _Problem(glimpses, _FEW_POINTS)
-    found = [rough.settled(_State(start, UP), neighbours, _SCALES_M[:2]) for start in starts_m]
-    best = max(found, key=lambda state: rough.equations(state, neighbours, _SCALES_M[1]).agreeing_share)
-    problem = _Problem(glimpses, _MANY_POINTS)
-    for scale in _SCALES_M[1:]:
-        best = problem.settled(best, pairs, (scale,), with_fattening=scale == _SCALES_M[-1])
-    reached = problem.equations(best, pairs, _SCALES_M[-1])
-    sure = reached.agreeing_share >= _LEAST_AGREEING and reached.uncertainty_m <= _MOST_UNCERTAIN_M
-    if not sure or not _plausible(best, glimpses):
-        return None
-    return AxisEstimate(
-        axis=RotationAxis(point_m=best.point_m, direction=best.direction, estimated=True),
-        agreeing_share=reached.agreeing_share,
-        rms_m=reached.rms_m,
+    few = _FEW_POINTS_STEP
+    starts = [_State(RotationAxis(point_m=point_m, direction=UP)) for point_m in starts_m]
+    found = [_settled(views, start, neighbours, _SCALES_M[:2], every=few) for start in starts]
+    best = max(
+        found, key=lambda state: _equations(views, state, neighbours, _SCALES_M[1], few).agreeing_share
     )
+    for scale in _SCALES_M[1:]:
+        best = _settled(views, best, pairs, (scale,), with_fattening=scale == _SCALES_M[-1])
+    final = _equations(views, best, pairs, _SCALES_M[-1])
+    determined = final.agreeing_share >= _LEAST_AGREEING and final.uncertainty_m <= _MOST_UNCERTAIN_M
+    if not determined or not _plausible(best.axis, views):
+        return None
+    axis = replace(best.axis, estimated=True)
+    return AxisEstimate(axis=axis, agreeing_share=final.agreeing_share, rms_m=final.rms_m)
 
 
-def agreement(glimpses: Sequence[Glimpse], axis: RotationAxis) -> AxisEstimate | None:
+def agreement(views: Sequence[ViewFeatures], axis: RotationAxis) -> AxisEstimate | None:
     """Return how well the views agree with a given axis; None if no two show common surface."""
-    pairs = _pairs([g.angle_deg for g in glimpses])
+    pairs = _pairs([view.angle_deg for view in views])
     if not pairs:
         return None
-    state = _State(axis.point_m, axis.direction)
-    reached = _Problem(glimpses, _MANY_POINTS).equations(state, pairs, _SCALES_M[-1])
-    return AxisEstimate(axis=axis, agreeing_share=reached.agreeing_share, rms_m=reached.rms_m)
+    found = _equations(views, _State(axis), pairs, _SCALES_M[-1])
+    return AxisEstimate(axis=axis, agreeing_share=found.agreeing_share, rms_m=found.rms_m)
 
 
-def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int, float]]:
-    """Return pairs of views with common surface, and the rotation of the second against the first (deg)."""
+@dataclass(frozen=True)
+class _Pair:
+    """Two views with common surface, and the rotation between them."""
+
+    first: int
+    second: int
+    turn_deg: float
+
+
+def _pairs(angles_deg: Sequence[float]) -> list[_Pair]:
+    """Return the pairs of views with common surface."""
     turns = [
-        (i, j, (angles_deg[j] - angles_deg[i] + 180.0) % 360.0 - 180.0)
+        _Pair(i, j, abs((angles_deg[j] - angles_deg[i] + 180.0) % 360.0 - 180.0))
         for i in range(len(angles_deg))
         for j in range(i)
     ]
     for largest in (_LARGEST_TURN_DEG, _LARGEST_LONE_TURN_DEG):
-        pairs = [pair for pair in turns if 0.5 <= abs(pair[2]) <= largest]
-        if len({view for pair in pairs for view in pair[:2]}) == len(angles_deg):
+        pairs = [pair for pair in turns if 0.5 <= pair.turn_deg <= largest]
+        if len({view for pair in pairs for view in (pair.first, pair.second)}) == len(angles_deg):
             break
     return pairs
 
 
-def _neighbours(pairs: list[tuple[int, int, float]]) -> list[tuple[int, int, float]]:
+def _neighbours(pairs: list[_Pair]) -> list[_Pair]:
     """Return the closest pairs, up to the distance at which every view has a neighbour."""
-    nearest: dict[int, tuple[int, int, float]] = {}
-    for pair in sorted(pairs, key=lambda p: abs(p[2])):
-        for view in pair[:2]:
-            nearest.setdefault(view, pair)
-    least = max(abs(pair[2]) for pair in nearest.values())
-    return [pair for pair in pairs if abs(pair[2]) <= least]
+    nearest: dict[int, _Pair] = {}
+    for pair in sorted(pairs, key=lambda p: p.turn_deg):
+        nearest.setdefault(pair.first, pair)
+        nearest.setdefault(pair.second, pair)
+    least = max(pair.turn_deg for pair in nearest.values())
+    return [pair for pair in pairs if pair.turn_deg <= least]
 
 
-def _plausible(state: _State, glimpses: Sequence[Glimpse]) -> bool:
+def _plausible(axis: RotationAxis, views: Sequence[ViewFeatures]) -> bool:
     """Return whether the axis is about vertical and passes through or near the item."""
-    if state.direction @ UP < _LEAST_VERTICAL:
+    if axis.direction @ UP < _LEAST_VERTICAL:
         return False
-    offset = np.concatenate([g.points_m for g in glimpses]) - state.point_m
-    across = offset - (offset @ state.direction)[:, None] * state.direction
-    return float(np.percentile(np.linalg.norm(across, axis=1), 5)) < _FARTHEST_FROM_ITEM_M
+    offset = np.concatenate([view.xyz_m[view.usable] for view in views]) - axis.point_m
+    beside = offset - (offset @ axis.direction)[:, None] * axis.direction
+    return float(np.percentile(np.linalg.norm(beside, axis=1), 5)) < _FARTHEST_FROM_ITEM_M
 
 
 @dataclass(frozen=True)
 class _State:
     """An axis, and the edge fattening in pixels."""
 
-    point_m: Float64
-    direction: Float64
+    axis: RotationAxis
     fattening_px: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Equations:
-    """Normal equations of a Gauss-Newton step, and the agreement at the present state."""
+    """Normal equations of a Gauss-Newton step, and the agreement at the present state.
+
+    The unknowns are those of :func:`.pose_prior.moved_axis`: shift (2) and tilt (2) of the axis, and
+    the fattening.
+    """
 
     matrix: Float64
     right: Float64
@@ -282,142 +318,65 @@ class _Equations:
         return self.rms_m * math.sqrt(float(variance[:2].max()))
 
 
-class _Problem:
-    """The joint registration of all views about one axis."""
-
-    def __init__(self, glimpses: Sequence[Glimpse], points_per_view: int) -> None:
-        self._glimpses = glimpses
-        self._sources = []
-        for g in glimpses:
-            index = np.flatnonzero(g.usable)
-            few = index[np.linspace(0, len(index) - 1, min(points_per_view, len(index))).astype(np.intp)]
-            self._sources.append([a.reshape(-1, 3)[few] for a in (g.xyz_m, g.normal, g.fattening)])
-
-    def settled(
-        self,
-        state: _State,
-        pairs: Sequence[tuple[int, int, float]],
-        scales_m: Sequence[float],
-        *,
-        with_fattening: bool = False,
-    ) -> _State:
-        """Return the state after Gauss-Newton steps at each scale of the robust weights."""
-        for scale in scales_m:
-            for _ in range(_STEPS_PER_SCALE):
-                state, size = _stepped(state, self.equations(state, pairs, scale), with_fattening)
-                if size < _SETTLED:
-                    break
-        return state
-
-    def equations(self, state: _State, pairs: Sequence[tuple[int, int, float]], scale_m: float) -> _Equations:
-        """Compare all pairs, in both directions."""
-        matrix, right = np.zeros((5, 5)), np.zeros(5)
-        level = (scale_m / _USUAL_TILT) ** 2
-        matrix[2, 2] = matrix[3, 3] = level
-        across = _across(state.direction)
-        right[2:4] = [level * (UP @ tilt) for tilt in across]
-        turns = {
-            turn: _turned(state.direction, across, turn)
-            for turn in {t * s for *_, t in pairs for s in (1, -1)}
-        }
-        weight = squares = compared = 0.0
-        for i, j, turn in pairs:
-            for source, target, turned in ((i, j, turns[turn]), (j, i, turns[-turn])):
-                jacobian, residual, seen = self._compare(state, source, target, turned, scale_m)
-                w = (scale_m**2 / (scale_m**2 + residual**2)) ** 2  # Geman-McClure
-                matrix += (jacobian * w[:, None]).T @ jacobian
-                right -= (jacobian * w[:, None]).T @ residual
-                weight, squares, compared = (
-                    weight + w.sum(),
-                    squares + (w * residual**2).sum(),
-                    compared + seen,
-                )
-        return _Equations(
-            matrix=matrix,
-            right=right,
-            agreeing_share=weight / max(compared, 1.0),
-            rms_m=math.sqrt(squares / max(weight, 1e-9)),
-        )
-
-    def _compare(
-        self, state: _State, source: int, target: int, turned: _Turned, scale_m: float
-    ) -> tuple[Float64, Float64, int]:
-        """Return Jacobian (N, 5), residual (N,), and the number of points that fall on the image."""
-        rotation = turned.rotation
-        points, normals, fattening = self._sources[source]
-        offset = points + state.fattening_px * fattening - state.point_m
-        moved = offset @ rotation.T + state.point_m
-        there = self._glimpses[target]
-        place, seen = _project(moved, there)
-        chosen = np.flatnonzero(place >= 0)
-        at = place[chosen]
-        surface, normal, fat = (a.reshape(-1, 3)[at] for a in (there.xyz_m, there.normal, there.fattening))
-        residual = ((moved[chosen] - surface - state.fattening_px * fat) * normal).sum(axis=1)
-        alike = ((normals[chosen] @ rotation.T) * normal).sum(axis=1) > _LEAST_COMMON_DIRECTION
-        kept = alike & (np.abs(residual) < 3.0 * scale_m)
-        chosen, residual, normal = chosen[kept], residual[kept], normal[kept]
-        columns = [normal @ turned.by_side, normal @ turned.by_front]
-        columns += [((offset[chosen] @ tilted.T) * normal).sum(axis=1) for tilted in turned.by_tilt]
-        columns.append(((fattening[chosen] @ rotation.T - fat[kept]) * normal).sum(axis=1))
-        return np.stack(columns, axis=1), residual, seen
+def _settled(
+    views: Sequence[ViewFeatures],
+    state: _State,
+    pairs: Sequence[_Pair],
+    scales_m: Sequence[float],
+    *,
+    every: int = 1,
+    with_fattening: bool = False,
+) -> _State:
+    """Return the state after Gauss-Newton steps at each scale of the robust weights."""
+    for scale in scales_m:
+        for _ in range(_STEPS_PER_SCALE):
+            state, size = _stepped(state, _equations(views, state, pairs, scale, every), with_fattening)
+            if size < _SETTLED:
+                break
+    return state
 
 
-def _project(points_m: Float64, there: Glimpse) -> tuple[NDArray[np.intp], int]:
-    """Return the usable block (N,) of each point, -1 if none, and the number of points in the image."""
-    k = there.intrinsics
-    depth = np.maximum(points_m[:, 2], 1e-6)
-    col = np.rint(k.fx * points_m[:, 0] / depth + k.cx).astype(np.intp)
-    row = np.rint(k.fy * points_m[:, 1] / depth + k.cy).astype(np.intp)
-    inside = (col >= 0) & (col < k.width) & (row >= 0) & (row < k.height)
-    flat = np.where(inside, row * k.width + col, 0)
-    return np.where(inside & there.usable.ravel()[flat], flat, -1), int(inside.sum())
-
-
-def _across(direction: Float64) -> tuple[Float64, Float64]:
-    """Return two unit vectors perpendicular to the axis: sideways, and perpendicular to both."""
-    side = np.cross(direction, (0.0, 0.0, 1.0))
-    side /= np.linalg.norm(side)
-    return side, np.cross(direction, side)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Turned:
-    """A rotation about the axis, and the derivatives of a moved point by the axis' position and tilt."""
-
-    rotation: Float64
-    by_side: Float64
-    by_front: Float64
-    by_tilt: tuple[Float64, Float64]
-
-
-def _turned(
-    direction: Float64, across: tuple[Float64, Float64], turn_deg: float, step: float = 1e-4
-) -> _Turned:
-    angle = math.radians(turn_deg)
-    rotation = rotation_about(direction, angle)
-    by_place = np.eye(3) - rotation
-    tilted = [direction + step * tilt for tilt in across]
-    side, front = ((rotation_about(d / np.linalg.norm(d), angle) - rotation) / step for d in tilted)
-    return _Turned(
-        rotation=rotation, by_side=by_place @ across[0], by_front=by_place @ across[1], by_tilt=(side, front)
+def _equations(
+    views: Sequence[ViewFeatures], state: _State, pairs: Sequence[_Pair], scale_m: float, every: int = 1
+) -> _Equations:
+    """Compare all pairs; the weights are Geman and McClure's, a quarter at a distance of ``scale_m``."""
+    axis, center_m = state.axis, state.axis.point_m
+    spread = np.zeros(TERMS)
+    spread[0] = scale_m / 3.0  # compare's weight is a quarter at three times its spread
+    held = [held_from_camera(axis, view.angle_deg) for view in views]
+    by_axis = [at_center(jacobian(axis, center_m, v.angle_deg), center_m)[:, OWN:] for v in views]
+    matrix, right, tally = np.zeros((5, 5)), np.zeros(5), np.zeros(3)
+    level = (scale_m / _USUAL_TILT) ** 2
+    matrix[2, 2] = matrix[3, 3] = level
+    right[2:4] = [level * (UP @ way) for way in across(axis)]
+    contraction = np.zeros((7, 5))
+    contraction[6, 4] = 1.0
+    for pair in pairs:
+        i, j = pair.first, pair.second
+        found = compare(
+            views[i], views[j], held[i], held[j], center_m, state.fattening_px,
+            3.0 * scale_m, spread, every, _GATES,
+        )  # fmt: skip
+        contraction[:6, :4] = by_axis[i] - by_axis[j]
+        matrix += contraction.T @ found.matrix[0] @ contraction
+        right -= contraction.T @ found.gradient[0]
+        tally += found.tally
+    in_image, weight, squares = tally
+    return _Equations(
+        matrix=matrix,
+        right=right,
+        agreeing_share=weight / max(in_image, 1.0),
+        rms_m=math.sqrt(squares / max(weight, 1e-9)),
     )
 
 
 def _stepped(state: _State, equations: _Equations, with_fattening: bool) -> tuple[_State, float]:
     """Take a bounded Gauss-Newton step; also return its size."""
     n = 5 if with_fattening else 4
-    matrix = (
-        equations.matrix[:n, :n] + 1e-9 * np.trace(equations.matrix[:4, :4]) * np.eye(n) + 1e-15 * np.eye(n)
-    )
+    ridge = 1e-9 * np.trace(equations.matrix[:4, :4]) + 1e-15
     step = np.zeros(5)
-    step[:n] = np.linalg.solve(matrix, equations.right[:n])
+    step[:n] = np.linalg.solve(equations.matrix[:n, :n] + ridge * np.eye(n), equations.right[:n])
     step[:2] = np.clip(step[:2], -_LARGEST_SHIFT_M, _LARGEST_SHIFT_M)
     step[2:4] = np.clip(step[2:4], -_LARGEST_TILT, _LARGEST_TILT)
-    side, front = _across(state.direction)
-    direction = state.direction + step[2] * side + step[3] * front
-    moved = _State(
-        state.point_m + step[0] * side + step[1] * front,
-        direction / np.linalg.norm(direction),
-        float(np.clip(state.fattening_px + step[4], 0.0, _MOST_FATTENING_PX)),
-    )
-    return moved, float(np.abs(step[:4]).max())
+    fattening_px = float(np.clip(state.fattening_px + step[4], 0.0, _MOST_FATTENING_PX))
+    return _State(moved_axis(state.axis, step), fattening_px), float(np.abs(step[:4]).max())

@@ -62,10 +62,13 @@ __all__ = [
 
 _SHARED, _EACH = np.arange(COMMON), np.arange(OWN)
 _LEAST_CHANCE = 1e-3
+"""Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
 _STEPS = 3
+"""Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
 _FREEDOM = 6.0
 """Degrees of freedom of Student's t, which limits the weight of a pair that contradicts the others."""
 _RIDGE = 1e-6 * np.eye(UNKNOWNS)
+"""Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +123,7 @@ class Registered:
         return moved_axis(self.axis, self.common)
 
     @property
-    def looseness(self) -> tuple[float, float, float]:
+    def error_stds(self) -> tuple[float, float, float]:
         """Estimated errors of the recording: standard deviations of turn (deg), axis (m) and swing (deg)."""
         turn, axis, swing = np.sqrt(self.posterior @ np.square(grades(self.prior)))
         return math.degrees(turn), float(axis), math.degrees(swing)
@@ -128,7 +131,7 @@ class Registered:
     @property
     def is_loose(self) -> bool:
         """Whether the views show that the recorded poses are wrong."""
-        turn_deg, axis_m, swing_deg = self.looseness
+        turn_deg, axis_m, swing_deg = self.error_stds
         return turn_deg > _LOOSE_TURN_DEG or axis_m > _LOOSE_AXIS_M or swing_deg > _LOOSE_SWING_DEG
 
     @property

@@ -72,7 +72,8 @@ class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
     ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the
-    points (x, 1).
+    points (x, 1). ``tally`` (3,) is the number of points that fall on the other image, the sum of their
+    robust weights by distance, and of the squared distances with these weights.
     """
 
     matrix: Float64
@@ -81,6 +82,7 @@ class Sums(NamedTuple):
     products: Float64
     parts: Float64
     moments: Float64
+    tally: Float64
 
 
 class _MovedPoint(NamedTuple):
@@ -109,6 +111,12 @@ def _facing(x: float, y: float, z: float, n: Float64, least: float, full: float)
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _rotate(rotation: Float64, vector: Float64, out: Float64) -> None:
+    for a in range(3):
+        out[a] = rotation[a, 0] * vector[0] + rotation[a, 1] * vector[1] + rotation[a, 2] * vector[2]
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _add(term: int, block: int, row: Float64, weight: float, residual: float, sums: Sums) -> None:
     for a in range(7):
         weighted = weight * row[a]
@@ -116,6 +124,15 @@ def _add(term: int, block: int, row: Float64, weight: float, residual: float, su
         sums.scores[term, block, a] += weighted * residual
         for b in range(a + 1):
             sums.matrix[term, a, b] += weighted * row[b]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _add_moments(x: Float64, moments: Float64) -> None:
+    for a in range(3):
+        for b in range(3):
+            moments[a, b] += x[a] * x[b]
+        moments[a, 3] += x[a]
+    moments[3, 3] += 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -142,22 +159,19 @@ def accumulate(
         r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
         own_fat = source.fattening[r_own, c_own]
         alike = 0.0
+        _rotate(rotation, points[i], g)
+        _rotate(rotation, normal[i], m)
         for a in range(3):
             # Without fattening each point lies deeper along its ray, by the slope.
-            g[a] = (
-                rotation[a, 0] * points[i, 0] + rotation[a, 1] * points[i, 1] + rotation[a, 2] * points[i, 2]
-            )
             p[a] = translation[a] + (1.0 + limits.fattening_px * own_fat) * g[a]
             by_fattening[a] = own_fat * g[a]
-            m[a] = (
-                rotation[a, 0] * normal[i, 0] + rotation[a, 1] * normal[i, 1] + rotation[a, 2] * normal[i, 2]
-            )
         if p[2] <= 0.0:
             continue
         col = p[0] / p[2] * camera[0] + camera[2]
         r_at = p[1] / p[2] * camera[1] + camera[3]
         if not (1.0 < r_at < target.usable.shape[0] - 2 and 1.0 < col < target.usable.shape[1] - 2):
             continue
+        sums.tally[0] += 1.0
         r, c = int(r_at + 0.5), int(col + 0.5)
         if not target.usable[r, c]:
             continue
@@ -171,6 +185,10 @@ def accumulate(
             alike += m[a] * n[a]
         if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
+        if spread[0] > 0.0:
+            likely = 1.0 / (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
+            sums.tally[1] += likely
+            sums.tally[2] += likely * distance**2
         # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
         s = points[i]
         weight = _facing(s[0], s[1], s[2], normal[i], least, full) * _facing(q[0], q[1], q[2], n, least, full)
@@ -185,11 +203,7 @@ def accumulate(
         for a in range(3):
             x[a] = held_shift[a] + held[a, 0] * p[0] + held[a, 1] * p[1] + held[a, 2] * p[2]
         sums.parts[block] += 1.0
-        for a in range(3):
-            for b in range(3):
-                sums.moments[a, b] += x[a] * x[b]
-            sums.moments[a, 3] += x[a]
-        sums.moments[3, 3] += 1.0
+        _add_moments(x, sums.moments)
         if spread[0] > 0.0:
             _row(x, (n[0], n[1], n[2]), transforms, row)
             row[6] = by_fat

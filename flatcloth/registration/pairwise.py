@@ -41,9 +41,11 @@ _PART_NOISE = 0.4
 """... plus this share of the noise."""
 
 _SEARCH_RADIUS_SHRINKS = 0.75
+"""Factor on the search radius each round. Chosen: reaches the least radius in five rounds."""
 _STILL = 2e-5
 """A smaller step (rad, m) counts as zero."""
 _LEAST_TEXTURE_SPREAD = 1e-3
+"""Least typical difference of logarithmic texture, so that exact views keep finite weights. Chosen."""
 _SAME_SCALE = 1e-3
 """Directions with less than this share of the best one's information do not count for the weight."""
 
@@ -110,7 +112,7 @@ def fit_pair(
         None if the views have too little in common, or agree only at an impossible motion.
     """
     precision = np.linalg.inv(covariance)
-    noise_m = max(seen.surface.noise_m for seen in features)
+    noise_m = max(seen.noise_m for seen in features)
     plan, spread = _rounds(before)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()

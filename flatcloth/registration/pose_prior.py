@@ -65,7 +65,7 @@ def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
 
 def moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
     """Return the axis, shifted and tilted by the common unknowns (5,)."""
-    side, front = _across(axis)
+    side, front = across(axis)
     direction = axis.direction + common[2] * side + common[3] * front
     return replace(
         axis,
@@ -78,7 +78,7 @@ def poses(
     axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
 ) -> tuple[Rigid3, ...]:
     """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
-    side, front = _across(axis)
+    side, front = across(axis)
     turned = moved_axis(axis, common)
     found = []
     for angle, (turn, aside, ahead) in zip(angles_deg, own, strict=True):
@@ -94,9 +94,9 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
     """
     back = held_from_camera(axis, angle_deg).rotation
     columns = [_about(-axis.direction, axis.point_m)]
-    columns += [_about(way, held_point_m) for way in _across(axis)]
-    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in _across(axis)]
-    for way in _across(axis):
+    columns += [_about(way, held_point_m) for way in across(axis)]
+    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in across(axis)]
+    for way in across(axis):
         tilt = _cross(axis.direction) @ way
         columns.append(_about(tilt - back @ tilt, axis.point_m))
     return np.stack(columns, axis=1)
@@ -153,8 +153,8 @@ def pair_covariance(one: Float64, other: Float64, center_m: Float64, prior: Pose
     return covariance + np.diag(rigid)
 
 
-def _across(axis: RotationAxis) -> tuple[Float64, Float64]:
-    """Two unit vectors perpendicular to the axis: sideways, and (for a level camera) towards the camera."""
+def across(axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Return two unit vectors perpendicular to the axis: sideways, and (camera level) towards the camera."""
     forward = np.array([0.0, 0.0, 1.0]) if abs(axis.direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     side = _cross(axis.direction) @ forward
     side /= np.linalg.norm(side)

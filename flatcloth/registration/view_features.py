@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, Float32, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics
 from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, Transforms, accumulate
 
@@ -23,12 +23,6 @@ POINTS_PER_VIEW = 1200
 """Approximate number of compared points of a view."""
 _NORMAL_SMOOTHING_PX = 2.0
 """Smoothing of the normals where the depth is noisy."""
-_SAME_NORMAL_COS = 0.9
-"""Points correspond if their normals differ by at most the angle of this cosine."""
-_LEAST_FACING_COS = 0.45
-"""Surface at a smaller cosine of incidence for either camera does not count, ..."""
-_FULL_FACING_COS = 0.8
-"""... at a larger one than this it counts fully."""
 _TEXTURE_SIZE_M = 0.007
 """Texture is the color minus its mean over this size."""
 _BLOCK_SIZE_M = 0.080
@@ -37,10 +31,13 @@ _BLOCK_SIZE_M = 0.080
 CHANNELS = 3
 """Channels of texture: brightness and two color differences, logarithmic, without their local means."""
 TERMS = 1 + CHANNELS
+"""Terms of the comparison: the distance, and the channels."""
 UNKNOWNS = 7
 """The motion of one view against the other (rotation about x, y, z; shift), and the fattening."""
 _DARKEST = 8
+"""Darker values count as this one, because their logarithm is noise. Chosen."""
 _LEAST_FACING = 1e-3
+"""Least distance (m) of a plane from the camera, against division by zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,49 +45,62 @@ class ViewFeatures:
     """The data of one view for registration, camera frame.
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
-    median size of a pixel on the surface. Images (H, W, ...) float32: ``normals`` (smoothed if the
-    depth is noisy), ``fattening`` the relative change of depth per pixel; ``texture`` (3, H, W),
-    ``slope`` (2, 3, H, W) its derivative along rows and columns, ``inner`` (H, W) whether the texture
-    is unaffected by the outline.
+    median size of a pixel on the surface; ``noise_m`` the scatter of the depth. Images (H, W, ...)
+    float32: ``xyz_m`` and ``normals`` (smoothed if the depth is noisy), NaN off the surface, which is
+    ``usable``; ``fattening`` the relative change of depth per pixel; ``texture`` (3, H, W), ``slope``
+    (2, 3, H, W) its derivative along rows and columns, ``inner`` (H, W) whether the texture is
+    unaffected by the outline. ``surface`` is what they were computed from, for those that need it later.
     """
 
-    surface: Surface
+    view_index: int
+    angle_deg: float
+    intrinsics: Intrinsics
+    noise_m: float
     pixel_pitch_m: float
     points_m: Float64
     normal: Float64
     pixel: Int32
+    xyz_m: Float32
+    usable: Bool
     normals: Float32
     fattening: Float32
     texture: Float32
     slope: Float32
     inner: Bool
-
-    @property
-    def view_index(self) -> int:
-        """Index of the view in the recording."""
-        return self.surface.frame.view_index
-
-    @property
-    def angle_deg(self) -> float:
-        """The recorded rotation of the item."""
-        return self.surface.frame.angle_deg
+    surface: Surface | None = None
 
     def compared(self) -> ComparedView:
         """Return the arrays as the compiled loops take them."""
-        k = self.surface.frame.intrinsics
+        k = self.intrinsics
         return ComparedView(
             points_m=self.points_m,
             normal=self.normal,
             pixel=self.pixel,
-            xyz_m=self.surface.xyz_m,
+            xyz_m=self.xyz_m,
             normals=self.normals,
-            usable=self.surface.usable,
+            usable=self.usable,
             fattening=self.fattening,
             texture=self.texture,
             slope=self.slope,
             inner=self.inner,
             camera=np.array([k.fx, k.fy, k.cx, k.cy]),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gates:
+    """Which points of two views correspond, and how they are weighted by incidence.
+
+    The default values are for poses known to a few degrees and millimetres. Chosen; stricter ones
+    leave less surface, laxer ones compare what the other view does not show.
+    """
+
+    same_normal_cos: float = 0.9
+    """Points correspond if their normals differ by at most the angle of this cosine."""
+    least_facing_cos: float = 0.45
+    """Surface at a smaller cosine of incidence for either camera does not count, ..."""
+    full_facing_cos: float = 0.8
+    """... at a larger one than this it counts fully."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +111,9 @@ class Agreement:
     unscaled; ``scores`` (4, B, 7) the gradient by blocks of the image; ``spread`` (4,) of the
     differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
     compared points (both directions), ``parts`` (B,) by block; ``inertia`` (6, 6) the information
-    about the motion if displacements were observed in all directions.
+    about the motion if displacements were observed in all directions. ``tally`` (3,): the points that
+    fall on the other image, the sum of their weights by distance, and of the squared distances (m^2)
+    with these weights.
     """
 
     matrix: Float64
@@ -112,6 +124,7 @@ class Agreement:
     count: int
     parts: Float64
     inertia: Float64
+    tally: Float64
 
 
 def extract_features(surface: Surface) -> ViewFeatures:
@@ -134,25 +147,37 @@ def extract_features(surface: Surface) -> ViewFeatures:
     for channel in range(CHANNELS):
         cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
         cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
-    stride = max(1, math.ceil(math.sqrt(surface.usable.sum() / POINTS_PER_VIEW)))
-    grid = np.zeros_like(surface.usable)
-    grid[::stride, ::stride] = True
-    pixel = np.argwhere(grid & surface.usable).astype(np.int32)
-    if not len(pixel):
-        pixel = np.argwhere(surface.usable).astype(np.int32)  # a small surface between the grid points
+    pixel = grid_points(surface.usable)
     at = pixel[:, 0], pixel[:, 1]
     return ViewFeatures(
         surface=surface,
+        view_index=surface.frame.view_index,
+        angle_deg=surface.frame.angle_deg,
+        intrinsics=k,
+        noise_m=surface.noise_m,
+        xyz_m=surface.xyz_m,
+        usable=surface.usable,
         pixel_pitch_m=pitch_m,
         points_m=surface.xyz_m[at].astype(np.float64),
         normal=normals[at].astype(np.float64),
         pixel=pixel,
         normals=normals,
-        fattening=_fattening(normals, surface.xyz_m, k.fx, k.fy),
+        fattening=fattening_of(normals, surface.xyz_m, k.fx, k.fy),
         texture=texture,
         slope=slope,
         inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
     )
+
+
+def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:
+    """Return up to about ``most`` pixels (N, 2) of the surface, on a grid of the image."""
+    stride = max(1, math.ceil(math.sqrt(usable.sum() / most)))
+    grid = np.zeros_like(usable)
+    grid[::stride, ::stride] = True
+    pixel = np.argwhere(grid & usable).astype(np.int32)
+    if not len(pixel):
+        pixel = np.argwhere(usable).astype(np.int32)  # a small surface between the grid points
+    return pixel
 
 
 def _smoothed(surface: Surface, sigma_px: float) -> Float32:
@@ -169,8 +194,8 @@ def _smoothed(surface: Surface, sigma_px: float) -> Float32:
     return smoothed
 
 
-def _fattening(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float32:
-    """Relative change of depth (H, W) per pixel, up the slope; 0 off the surface.
+def fattening_of(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float32:
+    """Return the relative change of depth (H, W) per pixel, up the slope; 0 off the surface.
 
     The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
     """
@@ -222,6 +247,7 @@ def compare(
     search_radius_m: float,
     spread: Float64,
     every: int = 1,
+    gates: Gates = Gates(),
 ) -> Agreement:
     """Compare two views in both directions.
 
@@ -242,22 +268,17 @@ def compare(
         weight. 0: the term is left out.
     every : int
         Step between the compared points.
+    gates : Gates
+        Which points correspond.
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
-    rows, cols = (int(size / block_px) + 1 for size in one.surface.usable.shape)
-    sums = Sums(
-        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        gradient=np.zeros((TERMS, UNKNOWNS)),
-        scores=np.zeros((TERMS, rows * cols, UNKNOWNS)),
-        products=np.zeros((CHANNELS, 3)),
-        parts=np.zeros(rows * cols),
-        moments=np.zeros((4, 4)),
-    )
+    rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
+    sums = _no_sums(rows * cols)
     limits = Limits(
         search_radius_m=search_radius_m,
-        same_normal_cos=_SAME_NORMAL_COS,
-        least_facing_cos=_LEAST_FACING_COS,
-        full_facing_cos=_FULL_FACING_COS,
+        same_normal_cos=gates.same_normal_cos,
+        least_facing_cos=gates.least_facing_cos,
+        full_facing_cos=gates.full_facing_cos,
         fattening_px=fattening_px,
         spread=spread,
         every=every,
@@ -292,6 +313,19 @@ def compare(
         count=len(kept[0]),
         parts=sums.parts,
         inertia=_inertia(sums.moments),
+        tally=sums.tally,
+    )
+
+
+def _no_sums(blocks: int) -> Sums:
+    return Sums(
+        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
+        gradient=np.zeros((TERMS, UNKNOWNS)),
+        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
+        products=np.zeros((CHANNELS, 3)),
+        parts=np.zeros(blocks),
+        moments=np.zeros((4, 4)),
+        tally=np.zeros(3),
     )
 
 

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SIZE, SMALL = 12.0, 11.0
+"""Sizes of the text (px). Chosen."""
 _STEPS = (1, 2, 5, 10)
+"""Steps of ticks, times a power of ten: the usual ones."""
 _RAMP_WIDTH = 14.0
+"""Width (px) of a color ramp. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

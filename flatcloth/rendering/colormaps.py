@@ -22,6 +22,7 @@ _HEIGHT_STOPS = (
     (0.82, -0.05, 0.11),
     (0.94, -0.04, 0.15),
 )
+"""Chosen in OKLab (lightness, a, b): rising lightness."""
 _DIVERGING_STOPS = (
     (0.38, -0.03, -0.16),
     (0.62, -0.05, -0.09),
@@ -29,6 +30,7 @@ _DIVERGING_STOPS = (
     (0.67, 0.07, 0.10),
     (0.42, 0.10, 0.08),
 )
+"""Chosen in OKLab: even lightness to both sides, and told apart by color-blind readers."""
 _LOSS_STOPS = (
     (0.96, 0.0, 0.03),
     (0.84, 0.03, 0.10),
@@ -36,7 +38,9 @@ _LOSS_STOPS = (
     (0.48, 0.15, 0.03),
     (0.28, 0.10, -0.05),
 )
+"""Chosen in OKLab: falling lightness."""
 _SIZE = 256
+"""Colors of a map: one for each value of 8 bits."""
 
 
 _PIECE_STOPS = (

@@ -37,6 +37,7 @@ FONT = "DejaVu Sans"
 _GAP = 10
 """Space between two parts of a line of text, in points."""
 _POINTS_PER_INCH = 72.0
+"""By definition."""
 _PROLOG = re.compile(r"^.*?<svg\b[^>]*>", re.DOTALL)
 _STYLE = re.compile(r"\s*<defs>\s*<style\b.*?</style>\s*</defs>", re.DOTALL)
 _GROUP_ID = re.compile(r'<g id="[^"]*"')

@@ -29,7 +29,10 @@ Z_ANGLE_SPAN_DEG = 90.0
 """Fixed range of the Z-angle, so that its colours mean the same in every view."""
 
 STRETCH_SPAN = 0.10
+"""Fixed ranges of the stretch and of the placement's standard deviation. Chosen: larger ones are plain
+errors."""
 PLACE_SPAN_M = 0.020
+"""See ``STRETCH_SPAN``."""
 INCIDENCE_SPAN_DEG = 80.0
 """Fixed as well; surface at larger incidence angles is not flattened."""
 
@@ -37,10 +40,12 @@ DIFFERENCES = ("color", "height", "position")
 """The kinds of difference between proposal and shape."""
 
 COLOR_DIFFERENCE_SPAN = 64.0
+"""A quarter of the range of 8-bit color. Chosen."""
 POSITION_DIFFERENCE_SPAN_M = 0.020
 """Fixed ranges, so that the colours mean the same for every proposal."""
 
 _UNKNOWN = (128, 128, 128)
+"""Color of pixels without a value: middle grey."""
 
 
 @dataclass(frozen=True)

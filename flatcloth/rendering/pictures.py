@@ -11,6 +11,7 @@ from scipy import ndimage
 from flatcloth.core.types import Bool, FlattenedView, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
+"""Colors of the outline and of new pixels. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

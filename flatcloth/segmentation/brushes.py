@@ -16,8 +16,12 @@ from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
 _SAME_LAYER_M = 0.02
+"""Depth difference at which painted pixels are of another layer. Chosen: less cuts slopes, more joins
+layers."""
 _LEAST_PIXELS = 3
+"""Painted pixels that make a cluster painted. Chosen: fewer are the rim of the brush."""
 _ALIKE_COS = 0.3
+"""Normals of one side under a stroke differ by less than 73 degrees. Chosen."""
 
 
 def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
@@ -81,8 +85,8 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
         If the line does not divide the cloth, or nothing lies beyond it.
     """
     graph, clusters = observed.graph, observed.clusters
-    reach = 1.5 * observed.config.cluster_m
-    wall = _near_line(observed, cut.points_m, cut.normals, reach)
+    width_m = 1.5 * observed.config.cluster_m
+    wall = _near_line(observed, cut.points_m, cut.normals, width_m)
     begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
     if begin is None:
         raise SegmentationError(
@@ -98,13 +102,13 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
     # What lies on the other side of the line must not be reached round its ends.
     here = part[begin]
     side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)
-    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * reach * side / max(
+    across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * width_m * side / max(
         float(np.linalg.norm(side)), 1e-9
     )
     other = _nearest(observed, tuple(across), cut.beyond_normal, open_)
     if other is not None and part[other] == here:
         near = float(np.linalg.norm(clusters.place_m[other] - across))
-        if near < 4.0 * reach:
+        if near < 4.0 * width_m:
             raise SegmentationError(
                 f"{name}: the cloth goes on round the ends of the line; draw it from rim to rim."
             )
@@ -133,8 +137,8 @@ def _near_line(
     """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
     line = _densified(np.asarray(points, dtype=np.float64), 0.5 * observed.config.cluster_m)
     turned = _densified(np.asarray(normals, dtype=np.float64), None, len(line), points)
-    reach = max(radius_m, observed.config.cluster_m)
-    distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=reach)
+    farthest_m = max(radius_m, observed.config.cluster_m)
+    distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=farthest_m)
     near = np.isfinite(distance)
     alike = np.zeros(len(near), dtype=np.bool_)
     alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > _ALIKE_COS

@@ -24,17 +24,29 @@ _APART_M = 0.03
 _SECOND_SHARE = 0.4
 """A region apart of this share of the largest is another item, not a thing beside it."""
 _ENOUGH_VIEWS = 8
+"""Fewer views do not show what stands still. Chosen; not measured."""
 _SWEEP_DEG = 60.0
+"""Nor does a smaller turn. Chosen; not measured."""
 _STILL_SHARE = 0.9
+"""Share of the views in which a pixel of the background has the same depth. Chosen: noise and dropouts take
+the rest."""
 _STILL_M = 0.004
+"""Same depth: this, or 0.5 % of it if that is more. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
 _OFF_AXIS_M = 0.03
+"""Nearer to the axis even the item stands still. Chosen; not measured."""
 _ABOVE_M = 0.008
+"""What is this much above the held point is the gripper. Chosen: less cuts cloth if the held point is off."""
 _LEAST_CUT_M2 = 2e-4
+"""Smaller regions are not cut off. Chosen: 14 x 14 mm are noise or a button."""
 _COLORS = 4
+"""Main colours of the item. Chosen: fewer miss prints, more describe the gripper too."""
 _UNLIKE = 14.0
 """Distance in CIELAB from every main colour of the item, beyond which a pixel is of another."""
 _NECK_SHARE = 0.3
+"""A region at the top is a gripper if it touches the item along less than this share of its outline ...
+Chosen."""
 _MOST_GRIPPER_SHARE = 0.4
+"""... and is at most this share of what is seen. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

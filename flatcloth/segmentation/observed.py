@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -17,6 +18,7 @@ from flatcloth.core.types import (
     Float32,
     Float64,
     Int32,
+    Int64,
     Intrinsics,
     Progress,
     RgbdFrame,
@@ -33,6 +35,7 @@ from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _THREADS = 2
+"""Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
 """Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
 
@@ -266,18 +269,24 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.fill_m
     taken = near & alike
     result[taken] = label.ravel()[source[taken]]
-    for r, c in np.argwhere(near & ~alike):
-        result[r, c] = _nearest_alike(label, depth_m, int(r), int(c), settings)
+    rest = np.argwhere(near & ~alike)
+    _fill_alike(rest, label, depth_m, settings.fill_px // 2, settings.fill_m, result)
     return result
 
 
-def _nearest_alike(label: Int32, depth_m: Float32, r: int, c: int, settings: SegmentationConfig) -> int:
-    reach = settings.fill_px // 2
-    top, left = max(r - reach, 0), max(c - reach, 0)
-    window = np.s_[top : r + reach + 1, left : c + reach + 1]
-    ok = (label[window] >= 0) & (np.abs(depth_m[window] - depth_m[r, c]) <= settings.fill_m)
-    if not ok.any():
-        return -1
-    places = np.argwhere(ok)
-    best = places[np.square(places - (r - top, c - left)).sum(axis=1).argmin()]
-    return int(label[window][tuple(best)])
+@njit(cache=True, nogil=True)
+def _fill_alike(
+    rest: Int64, label: Int32, depth_m: Float32, half_px: int, most_m: float, result: Int32
+) -> None:
+    """Give the pixels (K, 2) of ``rest`` the nearest label in a window that lies about as far away."""
+    rows, cols = label.shape
+    for n in range(len(rest)):
+        r, c = rest[n, 0], rest[n, 1]
+        best, least = -1, 4 * half_px * half_px
+        for i in range(max(r - half_px, 0), min(r + half_px + 1, rows)):
+            for j in range(max(c - half_px, 0), min(c + half_px + 1, cols)):
+                if label[i, j] >= 0 and abs(depth_m[i, j] - depth_m[r, c]) <= most_m:
+                    away = (i - r) ** 2 + (j - c) ** 2
+                    if away < least:
+                        best, least = label[i, j], away
+        result[r, c] = best

@@ -21,7 +21,9 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _FULL = 10.0
 """Weight of sure evidence between two clusters; only ratios count."""
 _ENOUGH_PIXELS = 10.0
+"""Pixels at which the evidence between two clusters has half of its full weight. Chosen; not measured."""
 _LEAST_PIXELS = 4
+"""Clusters of fewer pixels give none: their normals are noise. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -148,8 +148,8 @@ class Segmentation:
         """
         places, turned = np.asarray(points_m, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         clusters = self.observed.clusters
-        reach = 2.0 * self.observed.config.cluster_m
-        distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=reach)
+        radius_m = 2.0 * self.observed.config.cluster_m
+        distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=radius_m)
         found = np.isfinite(distance)
         near = np.where(found, near, 0)
         alike = found & (np.einsum("nkc,nc->nk", clusters.normal[near], turned) > 0.3)

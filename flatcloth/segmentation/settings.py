@@ -41,7 +41,7 @@ class SegmentationConfig:
     """... and beside it by at most this."""
     noisy_depth_m: float = 0.0003
     """Depth that scatters more than this about its local planes (median) is noisy."""
-    samples: int = 16
+    samples: int = 32
     """Partitions of disturbed graphs, from which the certainty is taken."""
     disturbance: float = 1.0
     """Standard deviation of the logarithm of the evidence, alike ..."""

@@ -24,13 +24,17 @@ from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _PIN = 1e4
+"""Conductance that fixes a potential, in mean evidence. Chosen: large against all neighbours together."""
 _ANCHOR = 1e-5
 """Conductance to the present sides, in mean evidence: where no stroke reaches, nothing changes."""
 _REWEIGHTED = 0.1
+"""Least potential drop of the reweighting, so that conductances stay finite. Chosen."""
 _LEAST_REGION = 30
+"""Least size of a region that is turned over. Chosen: smaller ones would be the brush mark itself."""
 _MOST_INNER = 0.08
 """Share of all cloth seen that one inner face takes at most; on the shared recordings it is below 0.05."""
 _SURE = 1e6
+"""Weight of what strokes say. Chosen: above all evidence together."""
 
 
 class Spreading:

@@ -157,7 +157,7 @@ class Document:
         return frozenset(later.decision.view_index for later in self.later)
 
     @property
-    def parts(self) -> dict[int, int]:
+    def placed_components(self) -> dict[int, int]:
         """The component of each accepted view that is placed."""
         return {a.view_index: a.component for a in self.accepted}
 

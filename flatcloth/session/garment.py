@@ -18,8 +18,11 @@ Point3 = tuple[float, float, float]
 MOST_HELD = 64
 """Points that can be held: a kind has at most 20."""
 MOST_PIECES = 256
+"""Limits of what a decision may contain. Chosen: far above what the page sends."""
 _MOST_CLOTH = 64
+"""See ``MOST_PIECES``."""
 _MAX_NAME = 40
+"""See ``MOST_PIECES``."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,8 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
     return None
 
 
-def check_bounds(command: GarmentCommand, reach_m: float) -> None:
-    """Refuse places that no garment reaches; ``reach_m`` is how far its plane goes.
+def check_bounds(command: GarmentCommand, extent_m: float) -> None:
+    """Refuse places that no garment reaches; ``extent_m`` is how far its plane goes.
 
     Raises
     ------
@@ -121,9 +124,9 @@ def check_bounds(command: GarmentCommand, reach_m: float) -> None:
         if not 3 <= len(cloth.points_m) == len(cloth.uv_m) <= _MOST_CLOTH:
             raise OutOfBoundsError(f"A place needs 3 to {_MOST_CLOTH} points of cloth.")
     for value in _numbers(command):
-        if not abs(value) <= reach_m:
+        if not abs(value) <= extent_m:
             raise OutOfBoundsError(
-                f"A place {value:.3g} m away is beyond any garment, whose plane reaches {reach_m:g} m."
+                f"A place {value:.3g} m away is beyond any garment, whose plane reaches {extent_m:g} m."
             )
     name = command.point.name if isinstance(command, HoldPoint) else getattr(command, "garment", None)
     if name is not None and not 0 < len(name) <= _MAX_NAME:

@@ -21,8 +21,11 @@ from flatcloth.synthesis.panels import cut_to_disk, nodes_of, shared_edges, sign
 _SIMILAR = (0.6, 1.6)
 """Range of stretch within which texture coordinates are accepted as pattern coordinates."""
 _MAJORISATIONS = 20
+"""Limits of the minimisation: steps, and the relative decrease that ends it. Chosen for accuracy."""
 _TOLERANCE = 1e-5
+"""See ``_MAJORISATIONS``."""
 _APART_M = 0.05
+"""Gap between the panels of the true plane. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

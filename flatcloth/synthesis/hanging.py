@@ -13,6 +13,7 @@ from flatcloth.synthesis.errors import SynthesisError
 
 UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)
+"""Sizes of garments, from a sock to a bedsheet. Chosen; others are meshes in another unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class Hung:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looseness:
+class PoseErrors:
     """Errors of the recorded turning, as standard deviations.
 
     ``angle_deg`` of each recorded angle; ``axis_m`` of the recorded axis, sideways and in depth;
@@ -104,7 +105,9 @@ def hang(
     )
 
 
-def turn(hung: Hung, angles_deg: tuple[float, ...], loose: Looseness, random: np.random.Generator) -> Turning:
+def turn(
+    hung: Hung, angles_deg: tuple[float, ...], loose: PoseErrors, random: np.random.Generator
+) -> Turning:
     """Return the true pose of each view, and the recorded angles and axis."""
     length = float((hung.points_m - hung.held_point_m)[:, 1].max())
     poses, recorded = [], []
@@ -133,9 +136,9 @@ def share_in_image(hung: Hung, camera: Intrinsics) -> float:
     radius = np.hypot(offset[:, 0], offset[:, 2])
     depth = hung.held_point_m[2] - radius  # nearest to the camera
     row = camera.fy * hung.points_m[:, 1] / np.maximum(depth, 1e-6) + camera.cy
-    reach = camera.fx * radius / hung.held_point_m[2]
+    radius_px = camera.fx * radius / hung.held_point_m[2]
     inside = (depth > 0.05) & (row >= 0) & (row < camera.height)
-    inside &= (camera.cx - reach >= 0) & (camera.cx + reach < camera.width)
+    inside &= (camera.cx - radius_px >= 0) & (camera.cx + radius_px < camera.width)
     return float(inside.mean())
 
 

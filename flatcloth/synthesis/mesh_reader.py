@@ -16,7 +16,8 @@ from flatcloth.core.types import Float64, Int32, Progress, Uint8
 from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.native import load_open3d
 
-_MOST_PIXELS = 8192**2
+MOST_TEXTURE_PIXELS = 8192**2
+"""Largest texture. Chosen: 200 MB of memory."""
 
 
 def read_with_open3d(path: Path) -> Message:
@@ -57,7 +58,7 @@ def _images(path: Path, read: Any, count: int) -> dict[str, Any]:
         pixels = np.asarray(texture)
         if texture.is_empty() or pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] < 3:
             continue
-        if pixels.shape[0] * pixels.shape[1] > _MOST_PIXELS:
+        if pixels.shape[0] * pixels.shape[1] > MOST_TEXTURE_PIXELS:
             raise SynthesisError(
                 f"{path}: its texture is {pixels.shape[1]}x{pixels.shape[0]} px. Make it smaller."
             )
@@ -69,8 +70,8 @@ def _images(path: Path, read: Any, count: int) -> dict[str, Any]:
 
 def _welded(vertices: Float64, triangles: Int32) -> tuple[Float64, Int32, Int32]:
     """Merge vertices that a file duplicates along texture seams; also return which ones were kept."""
-    reach = float(np.ptp(vertices, axis=0).max())
-    grain = 1e-6 * max(reach, 1e-12) if np.isfinite(reach) else 1.0
+    extent = float(np.ptp(vertices, axis=0).max())
+    grain = 1e-6 * max(extent, 1e-12) if np.isfinite(extent) else 1.0
     _, first, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)
     return vertices[first], place.reshape(-1)[triangles].astype(np.int32), first.astype(np.int32)
 

@@ -19,13 +19,17 @@ from flatcloth.core.types import Float64, Int32, Uint8
 from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
 from flatcloth.synthesis.errors import SynthesisError
+from flatcloth.synthesis.mesh_reader import MOST_TEXTURE_PIXELS
 
 SUFFIXES = (".obj", ".ply", ".glb")
 _MOST_TRIANGLES = 2_000_000
+"""Limits of a mesh file. Chosen: they bound time and memory."""
 _MOST_LINES = 4 * _MOST_TRIANGLES
+"""See ``_MOST_TRIANGLES``: a triangle has about a face, a vertex, a texture vertex and a normal."""
 _MOST_LINE_BYTES = 100_000
+"""See ``_MOST_TRIANGLES``."""
 _LARGEST_COORDINATE = 1e9
-_MOST_TEXTURE_PIXELS = 8192**2
+"""See ``_MOST_TRIANGLES``: larger ones overflow where they are squared in float32."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +252,7 @@ def _inside(folder: Path, name: str, mesh: Path) -> Path:
 def _texture(path: Path) -> Uint8:
     try:
         header = read_header(path)
-        if header.width * header.height > _MOST_TEXTURE_PIXELS:
+        if header.width * header.height > MOST_TEXTURE_PIXELS:
             raise RecordingError(f"{path}: {header.width}x{header.height} px. Make it smaller.")
         return decode_color(path)
     except RecordingError as error:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
+from flatcloth.core.libusb import load_libusb
 from flatcloth.synthesis.errors import SynthesisError
 
 
@@ -17,13 +17,7 @@ def load_open3d() -> Any:
         If it is not installed, or a library it needs is missing.
     """
     try:
-        try:
-            ctypes.CDLL("libusb-1.0.so.0")
-        except OSError:
-            import libusb_package
-
-            # Open3D links to it by name, so it must be loaded before Open3D.
-            ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        load_libusb()  # Open3D links to it by name
         import open3d
     except (ImportError, OSError) as error:
         raise SynthesisError(

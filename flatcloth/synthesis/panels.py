@@ -11,6 +11,7 @@ from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.meshes import GarmentMesh
 
 MOST_PANELS = 15
+"""The truth has four bits for the panel (recordings/truth.py)."""
 
 
 def split_panels(mesh: GarmentMesh) -> tuple[tuple[str, Int32], ...]:

@@ -19,11 +19,15 @@ Uint16 = NDArray[np.uint16]
 
 MESH_COLORS = "mesh"
 _BACKGROUND = np.array([33.0, 36.0, 39.0]) / 255
+"""Color of the background, dark grey. Chosen."""
 _LIGHT = np.array([-0.35, -0.45, -1.0]) / np.linalg.norm([-0.35, -0.45, -1.0])
 """Direction to the light in the camera frame: above and left of the camera."""
 _AMBIENT = 0.30
+"""Share of the light that has no direction. Chosen: less makes shades black, more hides the folds."""
 _SUBPIXELS = 2
+"""Rays along each side of a pixel for its color. Chosen: more cost time with their square."""
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
+"""The format of recordings/truth.py, which only evaluation may import."""
 
 
 @dataclass(frozen=True, kw_only=True)

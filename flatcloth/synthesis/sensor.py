@@ -124,10 +124,10 @@ def _fattened(disparity: Float32, scale: float, random: np.random.Generator, sen
     # ... and a near layer extends over a far one, by a varying width (edge fattening).
     depth = scale / np.maximum(disparity, 1e-6)
     width = sensor.fatten_px + 0.6 * _smooth_field(disparity.shape, random, 2.0)
-    for reach in (1, 2, 3):
-        size = 2 * reach + 1
+    for half_px in (1, 2, 3):
+        size = 2 * half_px + 1
         near = cv2.dilate(disparity, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-        over = (depth - scale / np.maximum(near, 1e-6) > 0.012) & (width > reach - 0.5)
+        over = (depth - scale / np.maximum(near, 1e-6) > 0.012) & (width > half_px - 0.5)
         wide = np.where(over, np.maximum(wide, near), wide).astype(np.float32)
     # The measured outline varies about the true one, and is wider by about a pixel.
     seen = disparity > 0

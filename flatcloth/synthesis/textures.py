@@ -12,6 +12,7 @@ from flatcloth.synthesis.meshes import GarmentMesh
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
 _FLOWER_CELL_M = 0.026
+"""Size of a flower of the print. Chosen."""
 
 
 def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
@@ -114,15 +115,16 @@ def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
             radius = 0.006 + 0.006 * chance[2]
             offset = uv_m - center
             angle = np.arctan2(offset[:, 1], offset[:, 0]) + 6.28 * chance[3]
-            reach = np.linalg.norm(offset, axis=1) / radius
-            petal = reach < 0.72 + 0.28 * np.cos(5 * angle)
+            distance = np.linalg.norm(offset, axis=1) / radius
+            petal = distance < 0.72 + 0.28 * np.cos(5 * angle)
             dye = _DYES[(chance[4] * len(_DYES)).astype(int)]
             rgb = np.where(petal[:, None], dye, rgb)
-            rgb = np.where((reach < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
+            rgb = np.where((distance < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
     return rgb
 
 
 _DYES = np.array([(0.75, 0.15, 0.20), (0.20, 0.25, 0.60), (0.85, 0.55, 0.08), (0.15, 0.45, 0.28)])
+"""Colors of the flowers. Chosen."""
 
 
 def _chance(cell: Int64, seed: int, number: int) -> Float64:

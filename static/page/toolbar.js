@@ -5,7 +5,7 @@ import { keyName } from "/static/page/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
-const PAGE = ["teach", "export", "settings", "palette", "help"];
+const PAGE = ["home", "teach", "export", "settings", "palette", "help"];
 /** @type {[number, number][]} */
 const STEPS = [
   [0.5, 0.2],

@@ -1,14 +1,17 @@
-// What placed a proposal: the paper's curves, linked to the canvas; corresponding lines; strained edges.
+// What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { degrees, number } from "/static/page/format.js";
+import { ClothPairs } from "/static/panels/cloth_pairs.js";
 import { columns, rows, Sheet } from "/static/teaching/draw.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const PLOTS = ["current", "new"];
 const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
+const CURVES = "Curves over the columns. The arrow keys move the marked column.";
+const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and in space.";
 
 export class Diagnostics {
   name = "diagnostics";
@@ -18,6 +21,7 @@ export class Diagnostics {
     this.canvas = page.canvas;
     this.actions = { diagnostics: () => this.toggle() };
     this.open = false;
+    this.wantsCurves = false; // though pairs are known
     this.showsLines = true;
     this.showsEdges = false;
     this.known = null; // what the server told
@@ -25,14 +29,32 @@ export class Diagnostics {
     this.marked = {}; // column (mm) of each plot
     this.panel = byId("diagnostics");
     this.build();
+    this.pairs = new ClothPairs(this.canvas, this.sheet);
     this.canvas.drawers.push((_, context) => this.paint(context));
+    page.sceneMarks.drawers.push((context, _, place) => this.paintInSpace(context, place));
+  }
+
+  /** Whether pairs of cloth are shown, or else the paper's curves. */
+  get showsPairs() {
+    return Boolean(this.known?.pairs) && !this.wantsCurves;
+  }
+
+  paintInSpace(context, place) {
+    if (this.open && !this.panel.hidden && this.showsPairs) this.pairs.paintInSpace(context, place);
+  }
+
+  /** Draw the panel, the canvas and the scene again. */
+  drawAll() {
+    this.draw();
+    this.canvas.redraw();
+    this.page.sceneMarks.dirty = true;
   }
 
   build() {
     this.plotCanvas = make("canvas", {
       tabindex: 0,
       role: "img",
-      "aria-label": "Curves over the columns. The arrow keys move the marked column.",
+      "aria-label": CURVES,
       on: { pointermove: (e) => this.point(e), pointerleave: () => this.mark({}), keydown: (e) => this.key(e) },
     });
     this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
@@ -79,7 +101,10 @@ export class Diagnostics {
   update(state) {
     const overlay = state.pending ? state.layers?.overlay : null;
     const shown = this.open && Boolean(overlay);
-    if (this.panel.hidden === shown) this.canvas.redraw();
+    if (this.panel.hidden === shown) {
+      this.canvas.redraw();
+      this.page.sceneMarks.dirty = true;
+    }
     this.panel.hidden = !shown;
     if (!shown) return;
     this.showChoices();
@@ -99,17 +124,17 @@ export class Diagnostics {
     } else {
       this.known = await answer.json();
       this.known.angles_deg = state.views.map((v) => v.angle_deg);
-      setText(this.trouble, this.known.trouble);
+      this.pairs.take(this.known.pairs);
       this.showFacts();
     }
     this.showChoices();
-    this.draw();
-    this.canvas.redraw();
+    this.drawAll();
   }
 
   /** What is on the panel, for tests. */
   get status() {
-    return { open: this.open, known: this.known, marked: this.marked, asked: this.asked };
+    const { open, known, marked, asked } = this;
+    return { open, known, marked, asked, pair: this.showsPairs ? this.pairs.marked : null };
   }
 
   showChoices() {
@@ -127,11 +152,24 @@ export class Diagnostics {
         }),
         label,
       );
-    rebuild(this.choices, [edges, this.showsLines, this.showsEdges], () => [
+    const { showsPairs } = this;
+    const curves = this.known?.pairs
+      ? box("Curves", "The paper's curves and lines in place of the pairs of cloth", !showsPairs, (on) => {
+          this.wantsCurves = on;
+          this.mark({});
+          this.showFacts();
+          this.showChoices();
+          this.drawAll();
+        })
+      : null;
+    const lines = () =>
       box("Lines", "The corresponding lines and points of equal Z-angle, on the canvas", this.showsLines, (on) => {
         this.showsLines = on;
         this.canvas.redraw();
-      }),
+      });
+    rebuild(this.choices, [edges, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
+      ...(curves ? [curves] : []),
+      ...(showsPairs ? [] : [lines()]),
       box(
         `Strained edges${edges}`,
         "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
@@ -144,6 +182,9 @@ export class Diagnostics {
 
   showFacts() {
     const k = this.known;
+    setText(this.trouble, this.showsPairs ? "" : k.trouble);
+    this.plotCanvas.setAttribute("aria-label", this.showsPairs ? HISTOGRAMS : CURVES);
+    if (this.showsPairs) return setText(this.facts, this.pairs.facts);
     const name = (view) => `view ${view} (${number(k.angles_deg[view], 0)}°)`;
     const facts = [
       `Continues ${name(k.front_view)} on the ${k.side}, turned by A = ${degrees(k.turn_deg, 0)}`,
@@ -161,6 +202,7 @@ export class Diagnostics {
     const rect = this.sheet.begin();
     this.plots = {};
     if (!this.known) return;
+    if (this.showsPairs) return this.pairs.drawPlots(rect);
     const { limit_deg: limit, turn_deg: turn } = this.known;
     const all = [
       -limit,
@@ -237,7 +279,15 @@ export class Diagnostics {
     this.canvas.redraw();
   }
 
+  markPair(n) {
+    if (n === this.pairs.marked) return;
+    this.pairs.marked = n;
+    setText(this.column, this.pairs.told(n));
+    this.drawAll();
+  }
+
   point(event) {
+    if (this.showsPairs) return;
     const [x, y] = [event.offsetX, event.offsetY];
     const of = PLOTS.find((name) => {
       const inner = this.plots?.[name]?.inner;
@@ -253,7 +303,7 @@ export class Diagnostics {
 
   key(event) {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (!step || !this.known) return;
+    if (!step || !this.known || this.showsPairs) return;
     event.preventDefault();
     event.stopPropagation(); // here the arrows move the column, not the proposal
     const of = PLOTS.find((name) => Number.isFinite(this.marked[name])) ?? "current";
@@ -265,6 +315,7 @@ export class Diagnostics {
   /** The pointer is at a place of the plane: its column is marked in both plots. */
   hover(at) {
     if (!this.open || !this.known) return;
+    if (this.showsPairs) return this.markPair(this.pairs.nearest(at));
     if (!at) return this.mark({});
     const front = applied(this.known.front_from_current, at.u_m, at.v_m);
     const own = unapplied(this.known.current_from_new, at.u_m, at.v_m);
@@ -281,6 +332,7 @@ export class Diagnostics {
       new: (u, v) => applied(k.current_from_new, u, v),
     };
     if (this.showsEdges) this.paintEdges(context, k.edges);
+    if (this.showsPairs) return this.pairs.paint(context);
     if (this.showsLines && k.lines) {
       this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
       this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);

@@ -152,10 +152,10 @@ export class Repair {
     if (!this.pending) return;
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
-    const reached = fit(message.reached_score, message.reached_apart_mm);
+    const reached = fit(message.refined_score, message.refined_apart_mm);
     const best = this.pending.hypotheses[0]?.score ?? this.pending.proposed_score;
-    const gains = message.reached_score - message.score >= LEAST_GAIN;
-    const far = best !== null && Math.max(message.score, message.reached_score) < best - FAR_BELOW;
+    const gains = message.refined_score - message.score >= LEAST_GAIN;
+    const far = best !== null && Math.max(message.score, message.refined_score) < best - FAR_BELOW;
     const more = gains
       ? `Refined from here: ${reached}.`
       : far
@@ -280,7 +280,7 @@ export class Repair {
       ? "…"
       : residual === undefined
         ? "–"
-        : `${number(residual)} mm, fitted ${number(this.fit.reached_mm[index])}`;
+        : `${number(residual)} mm, fitted ${number(this.fit.fitted_mm[index])}`;
     const weigh = (event) => {
       const weight = event.target.valueAsNumber;
       if (weight > 0) pair.weight = weight;

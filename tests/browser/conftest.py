@@ -63,11 +63,15 @@ def interruptible() -> None:
 
 
 class Program:
-    """The program, serving a recording on a free port until it is stopped by Ctrl-C."""
+    """The program, serving a recording on a free port until it is stopped by Ctrl-C.
 
-    def __init__(self, arguments: str, session: Path, port: int = 0) -> None:
+    Without a session it has that of the recording, or the start screen.
+    """
+
+    def __init__(self, arguments: str, session: Path | None, port: int = 0) -> None:
         self._arguments, self._session = arguments, session
-        options = ["view", *arguments.split(), "--port", str(port), "--session", str(session)]
+        own = [] if session is None else ["--session", str(session)]
+        options = ["view", *arguments.split(), "--port", str(port), *own]
         self._process, self._printed = forked(options, str(ROOT))
         self.said: list[str] = []
         self._urls: list[str] = []
@@ -109,11 +113,11 @@ class Program:
 
 
 @pytest.fixture
-def program_of() -> Iterator[Callable[[str, Path], Program]]:
+def program_of() -> Iterator[Callable[[str, Path | None], Program]]:
     """Start programs, each with its arguments and its session; they end with the test."""
     running: list[Program] = []
 
-    def start(arguments: str, session: Path) -> Program:
+    def start(arguments: str, session: Path | None) -> Program:
         running.append(Program(arguments, session))
         return running[-1]
 

@@ -31,8 +31,37 @@ def asked_why(open_tab, **size):
     return tab
 
 
-def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
+def asked_for_curves(open_tab):
     tab = asked_why(open_tab)
+    tab.page.get_by_label("Curves", exact=True).check()
+    return tab
+
+
+def test_the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(open_tab):
+    tab = asked_why(open_tab, width=1280, height=800)
+    pairs = tab.page.evaluate("flatcloth.diagnostics.known.pairs")
+    assert pairs["total"] >= len(pairs["residual_mm"]) > 50
+    assert pairs["median_mm"] < 5
+    expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
+        f"{pairs['total']} pairs of the same cloth"
+    )
+    # The residual is that of the two ends on the canvas.
+    (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
+    assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
+    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [u, v])
+    tab.page.mouse.move(at["x"], at["y"])
+    tab.until("flatcloth.diagnostics.pair !== null")
+    expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
+    tab.shoot("diagnostics-pairs")
+    before = max(pairs["residual_mm"])
+    tab.page.locator("#canvas").focus()
+    for _ in range(2):
+        tab.page.keyboard.press("Shift+ArrowRight")
+    tab.until(f"Math.max(...flatcloth.diagnostics.known.pairs.residual_mm) > {before} + 10")
+
+
+def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
+    tab = asked_for_curves(open_tab)
     plot = tab.page.locator(".diagnostics-plots canvas")
     box = plot.bounding_box()
     tab.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
@@ -59,7 +88,7 @@ def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_
 
 
 def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
-    tab = asked_why(open_tab)
+    tab = asked_for_curves(open_tab)
     tab.page.locator(".diagnostics-plots canvas").focus()
     tab.page.keyboard.press("ArrowRight")
     tab.page.keyboard.press("ArrowRight")
@@ -72,7 +101,7 @@ def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
 
 
 def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
-    tab = asked_why(open_tab)
+    tab = asked_for_curves(open_tab)
     line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
     shown = drawn(tab, line["point_uv_m"])
     tab.page.get_by_label("Lines", exact=True).uncheck()

@@ -20,8 +20,8 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[Integration]:
     """Serve nothing, but keep what would have been served."""
     shown: list[Integration] = []
 
-    def serve(integration: Integration, _folder: Any, **_options: Any) -> None:
-        shown.append(integration)
+    def serve(opened: Any, **_options: Any) -> None:
+        shown.append(opened.integration)
 
     monkeypatch.setattr(cameras, "open_camera", lambda _serial, _align: SceneCamera())
     monkeypatch.setattr(viewer, "serve", serve)

@@ -13,7 +13,7 @@ from realsense_files import HEIGHT, WALL_M, WIDTH, shot, turning, write_realsens
 from scenes import CAMERA, Cylinder, frame
 
 from flatcloth.cameras import CameraEndedError, CameraError, open_camera, realsense
-from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cameras.realsense import RealsenseCamera
 from flatcloth.core.errors import RecordingError
@@ -196,14 +196,14 @@ def board(half_px: tuple[int, int], depth_m: float, center: tuple[int, int] = (1
     ],
 )
 def test_what_is_wrong_with_a_view_is_said(seen: RgbdFrame, warnings: tuple[str, ...]) -> None:
-    sight = look_at(seen)
-    assert len(sight.warnings) == len(warnings)
-    for said, expected in zip(sight.warnings, warnings, strict=True):
+    checked = check_frame(seen)
+    assert len(checked.warnings) == len(warnings)
+    for said, expected in zip(checked.warnings, warnings, strict=True):
         assert said.startswith(expected)
-    assert sight.item.any() == (not warnings or "No depth" not in warnings[0])
+    assert checked.item.any() == (not warnings or "No depth" not in warnings[0])
 
 
 def test_the_scene_of_these_tests_is_seen_well() -> None:
     s = shot(0.0, 0.0, np.random.default_rng(0))
     assert s.depth_mm is not None
-    assert look_at(frame(s.depth_mm / 1000, None)).warnings == ()
+    assert check_frame(frame(s.depth_mm / 1000, None)).warnings == ()

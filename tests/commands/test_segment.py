@@ -91,16 +91,17 @@ def test_run_segments_first_and_writes_the_certainty(recording, tmp_path):
             '{"format": "flatcloth-strokes/1", "decisions": [{"kind": "dab"}]}',
             r"decisions\[0\]: no stroke or cut",
         ),
+        ('{"format": "flatcloth-strokes/1", "decisions": [{"kind": []}]}', "no stroke or cut"),
         ('{"format": "flatcloth-strokes/1", "decisions": 3}', '"decisions" must be a list'),
         (
             '{"format": "flatcloth-strokes/1", "decisions": '
             '[{"kind": "image", "side": "left", "view_index": 0, "points_rc": [[1, 1]]}]}',
-            r"side: 'left' is no side",
+            r"""decisions\[0\].side is 'left'; expected one of "this" and "other".""",
         ),
         (
             '{"format": "flatcloth-strokes/1", "decisions": '
             '[{"kind": "image", "side": "this", "view_index": 0, "points_rc": [[1, NaN]]}]}',
-            "nan is no finite number",
+            r"decisions\[0\].points_rc\[0\]\[1\] is not a finite number",
         ),
         (
             '{"format": "flatcloth-strokes/1", "decisions": '

@@ -45,7 +45,7 @@ def test_pairs_that_a_motion_made_are_fitted_by_it_whatever_their_weights(
     new = POINTS[:count]
     fit = fit_pairs(new, motion.apply(new), np.linspace(1.0, weight, count))
     np.testing.assert_allclose(fit.by.apply(POINTS), motion.apply(POINTS), atol=1e-9)
-    np.testing.assert_allclose(fit.reached_m, 0.0, atol=1e-9)
+    np.testing.assert_allclose(fit.fitted_m, 0.0, atol=1e-9)
     np.testing.assert_allclose(fit.residual_m, np.linalg.norm(motion.apply(new) - new, axis=1), atol=1e-12)
 
 
@@ -53,14 +53,14 @@ def test_two_pairs_of_other_lengths_share_the_misfit() -> None:
     new, shape = np.array([[0.0, 0.0], [0.10, 0.0]]), np.array([[0.0, 0.05], [0.0, 0.17]])
     fit = fit_pairs(new, shape, np.ones(2))
     assert fit.by.theta_rad == pytest.approx(math.pi / 2)
-    np.testing.assert_allclose(fit.reached_m, 0.01, atol=1e-12)
+    np.testing.assert_allclose(fit.fitted_m, 0.01, atol=1e-12)
     assert fit.rms_m == pytest.approx(0.01)
 
 
 def test_a_heavier_pair_is_fitted_better_by_the_rule_of_the_lever() -> None:
     new, shape = np.array([[0.0, 0.0], [0.10, 0.0]]), np.array([[0.0, 0.0], [0.12, 0.0]])
     fit = fit_pairs(new, shape, np.array([3.0, 1.0]))
-    np.testing.assert_allclose(fit.reached_m, [0.005, 0.015], atol=1e-12)
+    np.testing.assert_allclose(fit.fitted_m, [0.005, 0.015], atol=1e-12)
 
 
 @given(
@@ -100,12 +100,12 @@ def test_refining_a_proposal_that_was_moved_brings_it_back(method: str) -> None:
     made, state = proposed(method)
     right = made.score(state.document).total
     moved = apply(state, Nudge(2, Rigid2(0.04, 0.004, -0.005)))
-    reach = made.reach(moved.document)
-    assert reach.score.total == made.score(moved.document).total < right
-    assert reach.refined_score.total > right - 0.03
+    found = made.refined_score(moved.document)
+    assert found.score.total == made.score(moved.document).total < right
+    assert found.refined_score.total > right - 0.03
     pending = moved.document.pending
     assert pending is not None
-    back = apply(moved, Nudge(2, reach.refined @ pending.current_from_new.inverse(), "refine"))
+    back = apply(moved, Nudge(2, found.refined @ pending.current_from_new.inverse(), "refine"))
     assert back.undo[-1].name == "refine view 2"
     assert back.document.pending is not None
     corners = np.array([[0.0, 0.0], [0.1, 0.2]])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import AXIS, CAMERA, Cylinder
 
-from flatcloth.grasping.visibility import GRAZING_COS, Sight, project, sight_in
+from flatcloth.grasping.visibility import GRAZING_COS, Visibility, project, visibility_in
 
 RADIUS_M, CENTER_M = 0.12, 0.85
 ANGLES_DEG = tuple(range(0, 360, 15))
@@ -36,37 +36,37 @@ def test_a_point_is_seen_by_the_views_that_it_faces(around_deg: float) -> None:
         a = math.radians(around_deg + angle_deg)
         to_camera = -turned / np.linalg.norm(turned)
         cosine = float(np.array([math.sin(a), 0.0, -math.cos(a)]) @ to_camera)
-        assert (place.sight is Sight.SEEN) == (cosine >= GRAZING_COS)
+        assert (place.visibility is Visibility.SEEN) == (cosine >= GRAZING_COS)
         if cosine >= GRAZING_COS:
-            assert sight_in(CYLINDER[view], place) is Sight.SEEN
+            assert visibility_in(CYLINDER[view], place) is Visibility.SEEN
 
 
 def test_a_point_that_turns_away_is_not_looked_for_in_the_depth() -> None:
     point, normal = on_cylinder(0.0)
     place = project(point, normal, AXIS, 180.0, CAMERA)
-    assert place.sight is Sight.AWAY
-    assert sight_in(CYLINDER[ANGLES_DEG.index(180)], place) is Sight.AWAY
+    assert place.visibility is Visibility.AWAY
+    assert visibility_in(CYLINDER[ANGLES_DEG.index(180)], place) is Visibility.AWAY
 
 
 def test_without_a_normal_the_depth_tells_that_nearer_cloth_covers_it() -> None:
     point, _ = on_cylinder(0.0)
     place = project(point, np.full(3, np.nan), AXIS, 180.0, CAMERA)
-    assert place.sight is Sight.SEEN  # nothing speaks against it yet
-    assert sight_in(CYLINDER[ANGLES_DEG.index(180)], place) is Sight.COVERED
+    assert place.visibility is Visibility.SEEN  # nothing speaks against it yet
+    assert visibility_in(CYLINDER[ANGLES_DEG.index(180)], place) is Visibility.COVERED
 
 
 def test_where_nothing_or_something_behind_was_measured_it_is_missed() -> None:
     point, normal = on_cylinder(0.0)
     place = project(point, normal, AXIS, 0.0, CAMERA)
     frame = CYLINDER[0]
-    assert sight_in(replace(frame, depth_m=np.zeros_like(frame.depth_m)), place) is Sight.MISSED
-    assert sight_in(replace(frame, depth_m=frame.depth_m + np.float32(0.05)), place) is Sight.MISSED
+    assert visibility_in(replace(frame, depth_m=np.zeros_like(frame.depth_m)), place) is Visibility.MISSED
+    assert visibility_in(replace(frame, depth_m=frame.depth_m + np.float32(0.05)), place) is Visibility.MISSED
 
 
 def test_a_point_beside_or_behind_the_camera_is_outside() -> None:
     normal = np.array([0.0, 0.0, -1.0])
-    assert project(np.array([2.0, 0.0, 0.85]), normal, AXIS, 0.0, CAMERA).sight is Sight.OUTSIDE
-    assert project(np.array([0.0, 0.0, -1.0]), normal, AXIS, 0.0, CAMERA).sight is Sight.OUTSIDE
+    assert project(np.array([2.0, 0.0, 0.85]), normal, AXIS, 0.0, CAMERA).visibility is Visibility.OUTSIDE
+    assert project(np.array([0.0, 0.0, -1.0]), normal, AXIS, 0.0, CAMERA).visibility is Visibility.OUTSIDE
 
 
 def test_at_an_outline_the_point_is_found_beside_its_pixel() -> None:
@@ -75,4 +75,4 @@ def test_at_an_outline_the_point_is_found_beside_its_pixel() -> None:
     frame = CYLINDER[0]
     depth = frame.depth_m.copy()
     depth[:, : round(place.col) + 1] = 1.5  # its own pixel shows the wall
-    assert sight_in(replace(frame, depth_m=depth), place) is Sight.SEEN
+    assert visibility_in(replace(frame, depth_m=depth), place) is Visibility.SEEN

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from scenes import AXIS, frame, rays
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
-from flatcloth.flattening.surface import observe_surface
+from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.cameras import (
     Registered,
     begin_registration,
@@ -87,14 +88,14 @@ def render(relief: Relief, paint: Paint, pose: Rigid3) -> tuple[Float64, Float64
     return np.where(seen, depth, np.nan), paint(around, place[..., 1])
 
 
-def features_of_views(
+def surfaces_of_views(
     relief: Relief = bumps,
     paint: Paint = printed,
     loose: Loose = EXACT,
     angles: tuple[float, ...] = ANGLES,
     spoiled: Callable[[Float64, int], Float64] = lambda depth, _n: depth,
     lit: Callable[[Float64], Float64] | None = None,
-) -> list[ViewFeatures]:
+) -> list[Surface]:
     found = []
     for n, angle in enumerate(angles):
         depth, color = render(relief, paint, loose.camera_from_held(n, angle))
@@ -102,8 +103,12 @@ def features_of_views(
             color = color * lit(depth)[..., None]
         depth = spoiled(depth, n)
         shown = frame(depth, np.isfinite(depth), np.clip(color, 0, 255), n, angle)
-        found.append(extract_features(observe_surface(shown, AXIS, SurfaceConfig())))
+        found.append(observe_surface(shown, AXIS, SurfaceConfig()))
     return found
+
+
+def features_of_views(*args: Any, **kwargs: Any) -> list[ViewFeatures]:
+    return [extract_features(surface) for surface in surfaces_of_views(*args, **kwargs)]
 
 
 def registered(features: list[ViewFeatures]) -> Registered:
@@ -149,7 +154,7 @@ def test_a_wrong_axis_wrong_angles_and_swing_are_found(
     assert slips_m(found, loose, known=True).max() > 0.004
     assert slips_m(found, loose).max() < 0.0016
     assert slips_m(found, loose).max() < 0.3 * slips_m(found, loose, known=True).max()
-    turn_deg, axis_m, swing_deg = found.looseness
+    turn_deg, axis_m, swing_deg = found.error_stds
     assert turn_deg > 0.5
     assert axis_m > 0.001
     assert (swing_deg > 0.1) == (loose is SWINGING)
@@ -174,7 +179,7 @@ def test_the_errors_are_as_large_as_is_said() -> None:
 def test_exact_poses_stay(spoiled: Callable[[Float64, int], Float64]) -> None:
     found = registered(features_of_views(spoiled=spoiled))
     assert slips_m(found).max() < 0.0004
-    turn_deg, axis_m, swing_deg = found.looseness
+    turn_deg, axis_m, swing_deg = found.error_stds
     assert turn_deg < 0.15
     assert axis_m < 0.001
     assert swing_deg < 0.05
@@ -187,12 +192,12 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     assert abs(found.fattening_px - 1.0) < 4.0 * found.fattening_std_px
     assert slips_m(found).max() < 0.0005
     true, _ = render(bumps, printed, EXACT.camera_from_held(0, 0.0))
-    surface = features[0].surface
-    inner = cv2.erode(surface.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    inner &= surface.normal[..., 2] < -0.6
-    before = np.median(surface.xyz_m[..., 2][inner] - true[inner])
+    seen = features[0]
+    inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    inner &= seen.normals[..., 2] < -0.6
+    before = np.median(seen.xyz_m[..., 2][inner] - true[inner])
     deeper = 1.0 + found.fattening_px * features[0].fattening
-    after = np.median((surface.xyz_m[..., 2] * deeper)[inner] - true[inner])
+    after = np.median((seen.xyz_m[..., 2] * deeper)[inner] - true[inner])
     assert before < -0.0005
     assert abs(after) < 0.3 * abs(before)
 
@@ -292,7 +297,7 @@ def test_nothing_is_registered_yet() -> None:
 
 
 def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -> None:
-    whole = features_of_views(angles=(0.0,))[0].surface
+    (whole,) = surfaces_of_views(angles=(0.0,))
     at = np.argwhere(whole.usable)[1000]
     usable = np.zeros_like(whole.usable)
     usable[at[0], at[1]] = True

@@ -6,12 +6,11 @@ import json
 import logging
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from journal_script import SCRIPT, idle, opened, played_in, states
+from journal_script import SCRIPT, idle, opened, states
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
@@ -31,18 +30,6 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-
-
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    return tmp_path / "session"
-
-
-@pytest.fixture
-def played(place: Path) -> Iterator[SessionFolder]:
-    folder = played_in(place)
-    yield folder
-    folder.close()
 
 
 def plain(pick: Pick) -> tuple[object, ...]:

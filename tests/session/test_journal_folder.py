@@ -7,11 +7,10 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from journal_script import RECORDING, opened, played_in, states
+from journal_script import RECORDING, opened, states
 from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config, PlanningConfig
@@ -19,19 +18,6 @@ from flatcloth.core.errors import JournalError
 from flatcloth.session.header import default_session_folder
 from flatcloth.session.machine import Undo, apply
 from flatcloth.session.store import SessionFolder
-
-
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    return tmp_path / "session"
-
-
-@pytest.fixture
-def played(place: Path) -> Iterator[SessionFolder]:
-    folder = played_in(place)
-    yield folder
-    folder.close()
-
 
 # --- what a folder belongs to ---------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""A mesh becomes a recording: geometry, truth, colors, noise, and every wrong request."""
+"""A mesh becomes a recording: geometry, truth, colors, and every wrong request."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.synthesis.hanging import Looseness, hang, turn
+from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
-from flatcloth.synthesis.sensor import DepthSensor, measure_depth
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 
 CAMERA = camera_of((96, 128), 180.0)
@@ -221,59 +220,7 @@ def test_the_meshs_own_colors_are_taken_if_it_has_any(tmp_path: Path) -> None:
     assert column[shown[-4], 2] > 2 * column[shown[-4], 0]
 
 
-# --- noise and looseness ---------------------------------------------------------------------
-
-
-def noisy(depth_m: np.ndarray, seed: int = 0) -> np.ndarray:
-    return measure_depth(depth_m.astype(np.float32), 425.0, np.random.default_rng(seed), DepthSensor())
-
-
-def test_the_noise_is_a_d435s() -> None:
-    depth = np.zeros((220, 220))
-    depth[20:200, 20:200] = 0.85
-    measured = noisy(depth)
-    inner = np.s_[40:180, 40:180]
-    seen = measured[inner] > 0
-    assert 0.98 < seen.mean() < 1.0  # a few dropouts
-    error = np.where(seen, measured[inner] - 0.85, np.nan)
-    assert 1.0e-3 < np.nanstd(error) < 3.0e-3
-
-    def correlation(step: int) -> float:
-        a, b = error[:, :-step].ravel(), error[:, step:].ravel()
-        both = np.isfinite(a) & np.isfinite(b)
-        return float(np.corrcoef(a[both], b[both])[0, 1])
-
-    assert correlation(1) > 0.7
-    assert 0.4 < correlation(2) < correlation(1)
-    assert abs(correlation(10)) < 0.15
-    outside = (depth == 0) & (measured > 0)
-    assert outside[:, :16].sum() + outside[20:200, 200:204].sum() > 0
-    assert not outside[:, 206:].any()
-    assert (noisy(depth) == measured).all()
-    assert (noisy(depth, seed=1) != measured).any()
-
-
-def test_ramps_join_layers_that_are_near_and_not_those_far_apart() -> None:
-    def between(step_m: float) -> float:
-        depth = np.full((120, 120), 0.80)
-        depth[:, 60:] += step_m
-        row = noisy(depth)[10:110, 52:72]
-        inside = (row > 0.80 + 0.2 * step_m) & (row < 0.80 + 0.8 * step_m)
-        return float(inside.sum(axis=1).mean())
-
-    assert 2 < between(0.04) < 9
-    assert between(0.4) < 0.5
-
-
-def test_near_layers_reach_over_far_ones() -> None:
-    depth = np.full((120, 120), 0.80)
-    depth[:, 60:] = 0.90
-    reach = [np.flatnonzero((row > 0) & (row < 0.82)).max() for row in noisy(depth)[10:110]]
-    assert 59.5 < np.mean(reach) < 62
-
-
-def test_nothing_measured_where_nothing_is() -> None:
-    assert not noisy(np.zeros((40, 40))).any()
+# --- noise and pose errors --------------------------------------------------------------------
 
 
 def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_path: Path) -> None:
@@ -290,7 +237,7 @@ def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_pa
 
 def test_loose_angles_and_axis_are_wrong_only_in_what_is_recorded(tmp_path: Path) -> None:
     exact = made(tmp_path, out=tmp_path / "exact")
-    loose = made(tmp_path, out=tmp_path / "loose", loose=Looseness(angle_deg=1.5, axis_m=0.006))
+    loose = made(tmp_path, out=tmp_path / "loose", loose=PoseErrors(angle_deg=1.5, axis_m=0.006))
     error = np.subtract(loose.angles_deg, exact.angles_deg)
     assert error[0] == 0
     assert 0.3 < np.std(error[1:]) < 4
@@ -307,7 +254,7 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
     hung = hang(vertices, up="z", scale=1.0, held=(RADIUS_M, 0.0, 0.0), distance_m=0.85)
     angles = tuple(float(a) for a in range(360))
     still, swinging = (
-        turn(hung, angles, Looseness(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
+        turn(hung, angles, PoseErrors(swing_m=swing), np.random.default_rng(0)) for swing in (0.0, 0.02)
     )
     lowest = hung.held_point_m + np.array([0, HEIGHT_M, 0])
     moved = np.array(
@@ -326,7 +273,7 @@ def test_a_swinging_item_stays_at_the_held_point() -> None:
 def test_recorded_angles_never_fall_on_each_other() -> None:
     vertices, _, _ = arc()
     hung = hang(vertices, up="z", scale=1.0, held=None, distance_m=0.85)
-    turning = turn(hung, tuple(map(float, range(360))), Looseness(angle_deg=5.0), np.random.default_rng(0))
+    turning = turn(hung, tuple(map(float, range(360))), PoseErrors(angle_deg=5.0), np.random.default_rng(0))
     recorded = np.sort(np.mod(turning.recorded_angles_deg, 360))
     assert np.diff(recorded, append=recorded[0] + 360).min() > 0.009
 
@@ -350,7 +297,7 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
         ({"distance_m": 0.1}, "--distance 0.1: choose"),
         ({"distance_m": float("nan")}, "--distance nan: choose"),
         ({"step_deg": 0.0}, "--step 0: choose"),
-        ({"loose": Looseness(swing_m=1.0)}, "--swing 1000: choose"),
+        ({"loose": PoseErrors(swing_m=1.0)}, "--swing 1000: choose"),
         ({"seed": -1}, "--seed -1: choose"),
     ],
 )

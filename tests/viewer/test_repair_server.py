@@ -27,8 +27,8 @@ def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_n
         "id": 7,
         "score": pytest.approx(0.7),
         "apart_mm": pytest.approx(10.0),
-        "reached_score": pytest.approx(0.8),
-        "reached_apart_mm": pytest.approx(0.0),
+        "refined_score": pytest.approx(0.8),
+        "refined_apart_mm": pytest.approx(0.0),
     }
     assert not any(isinstance(c, Nudge) for c in folder.recorded)
 
@@ -127,7 +127,7 @@ def test_pairs_tell_their_residuals_and_fit_as_one_decision(server, folder):
         tab.proposed()
         told = pairs(tab)
         assert told["residual_mm"] == pytest.approx([20.0, 1000 * math.hypot(0.08, 0.12)])
-        assert told["reached_mm"] == pytest.approx([10.0, 10.0])
+        assert told["fitted_mm"] == pytest.approx([10.0, 10.0])
         assert told["rms_mm"] == pytest.approx(10.0)
         assert not any(isinstance(c, Nudge) for c in folder.recorded)
         fitted = pairs(tab, fit=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.cameras.base import CameraError
-from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import back_project
@@ -53,7 +53,7 @@ class CameraPlayer(LivePlayer):
             raise CameraError(f"{self._feed.camera.name}: no image for {NOTHING_YET_S:g} s.")
         self._shown_s = seen.time_s
         frame = seen.rgbd(self._feed.camera)
-        item = look_at(frame).item
+        item = check_frame(frame).item
         if not item.any():
             raise SurfaceError("The camera sees no item to flatten.")
         try:

@@ -15,7 +15,9 @@ from flatcloth.export.outlines.polygons import Piece, outline
 
 FORMAT = "flatcloth-outline/1"
 MARGIN_MM = 10.0
+"""Margin of the sheet, and length of the drawn rule. Chosen."""
 RULE_MM = 100.0
+"""See ``MARGIN_MM``."""
 
 
 @dataclass(frozen=True, kw_only=True)

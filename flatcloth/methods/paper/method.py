@@ -272,22 +272,26 @@ class PaperMethod(Method):
         """Renew the flattened view by each accepted view in turn (cached by prefix)."""
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
-        start, parts = document.start_view, self._views.part
-        made = self._canonicals.get((start,), lambda: begin(parts(start, 0), start))
-        for n, added in enumerate(document.accepted):
-            key = (start, *document.accepted[: n + 1])
-
-            def grow(before: Renewed = made, added: Accepted = added) -> Renewed:
-                new = PlacedPart(added.view_index, added.component, added.current_from_new)
-                grown = renew(before, parts, new, added.side)
-                plane_from_current = added.current_from_new.inverse()
-                for part in added.also:  # a departure: the paper has one surface a view
-                    motion = plane_from_current @ part.current_from_new
-                    grown = lay_over(grown, parts, replace(part, current_from_new=motion))
-                return grown
-
-            made = self._canonicals.get(key, grow)
+        start, accepted = document.start_view, document.accepted
+        known = len(accepted)
+        while (made := self._canonicals.kept((start, *accepted[:known]))) is None:
+            if known == 0:
+                made = self._canonicals.put((start,), begin(self._views.part(start, 0), start))
+                break
+            known -= 1
+        for n in range(known, len(accepted)):
+            made = self._canonicals.put((start, *accepted[: n + 1]), self._renewed(made, accepted[n]))
         return made
+
+    def _renewed(self, canonical: Renewed, added: Accepted) -> Renewed:
+        """Add a view, and the components that were placed with it (the paper has one surface)."""
+        new = PlacedPart(added.view_index, added.component, added.current_from_new)
+        grown = renew(canonical, self._views.part, new, added.side)
+        plane_from_current = added.current_from_new.inverse()
+        for part in added.also:
+            motion = plane_from_current @ part.current_from_new
+            grown = lay_over(grown, self._views.part, replace(part, current_from_new=motion))
+        return grown
 
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return the placement of a later decision on the present plane, from its predecessor.

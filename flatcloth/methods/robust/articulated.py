@@ -36,8 +36,11 @@ _RIM_RAD = 2.2
 _OVER = 1.5
 """Extra growth, in pairs, from the inside of a wide part to its outline: the node spacing is coarse."""
 _STEPS = 8
+"""Limit of Gauss-Newton steps. Chosen; ``_SETTLED_M`` normally ends them earlier."""
 _SETTLED_M = 2e-4
+"""Steps that move no node farther end the minimisation. Chosen: a tenth of a pixel of a D435 at 0.85 m."""
 _DAMPING = 1e-9
+"""Share of the diagonal that makes the system regular. Chosen: far below any stiffness."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis
-from flatcloth.flattening.raster import read_attributes
+from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles, read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
@@ -154,20 +154,10 @@ def _composite(view: _PlacedView, canvas: _Canvas) -> None:
     source, cost, label = canvas
     for r in range(part.shape[0] - 1):
         for c in range(part.shape[1] - 1):
-            a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
-            if int(a) + int(b) + int(e) + int(d) < 3:
-                continue
-            above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
-            below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
-            whole = a and b and e and d
-            if a and b and e and above and left:
-                _fill(view, ((r, c), (r, c + 1), (r + 1, c)), canvas)
-            if d and e and b and below and right:
-                _fill(view, ((r + 1, c + 1), (r + 1, c), (r, c + 1)), canvas)
-            if not whole and b and d and a and above and right:
-                _fill(view, ((r, c + 1), (r + 1, c + 1), (r, c)), canvas)
-            if not whole and e and a and d and left and below:
-                _fill(view, ((r + 1, c), (r, c), (r + 1, c + 1)), canvas)
+            present = cloth_triangles(part, steps, r, c)
+            for k in range(4):
+                if present[k]:
+                    _fill(points, pixel_cost, (r, c), BLOCK_TRIANGLES[k], number, source, cost, label)
     # Pixels without triangles (strips of one pixel, folded outlines) are drawn as points.
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
@@ -180,11 +170,20 @@ def _composite(view: _PlacedView, canvas: _Canvas) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _fill(view: _PlacedView, corners: tuple[tuple[int, int], ...], canvas: _Canvas) -> None:
-    """Fill one triangle of image pixels (row, col), given clockwise; mirrored ones are left out."""
-    points, pixel_cost = view.points, view.pixel_cost
-    source, cost, label = canvas
+def _fill(
+    points: Float64,
+    pixel_cost: Float32,
+    at: tuple[int, int],
+    corners: tuple[tuple[int, int], ...],
+    number: int,
+    source: Float32,
+    cost: Float32,
+    label: NDArray[np.int16],
+) -> None:
+    """Fill one triangle of the block of pixels at (row, col); mirrored ones are left out."""
     (r0, c0), (r1, c1), (r2, c2) = corners
+    r0, r1, r2 = at[0] + r0, at[0] + r1, at[0] + r2
+    c0, c1, c2 = at[1] + c0, at[1] + c1, at[1] + c2
     u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
     u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
@@ -206,7 +205,7 @@ def _fill(view: _PlacedView, corners: tuple[tuple[int, int], ...], canvas: _Canv
             source[row, col, 0] = w0 * r0 + w1 * r1 + w2 * r2
             source[row, col, 1] = w0 * c0 + w1 * c1 + w2 * c2
             cost[row, col] = own
-            label[row, col] = view.number
+            label[row, col] = number
 
 
 def _read_views(

@@ -102,6 +102,7 @@ def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: F
 
 
 _SWEEPS = 4
+"""Passes over all nodes after each has a label. Chosen for speed."""
 
 
 def _joined(

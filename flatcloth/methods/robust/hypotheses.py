@@ -23,7 +23,10 @@ _DISTINCT_M = 0.008
 """Hypotheses closer together than this count as one."""
 
 _COARSE_M = 0.012
+"""Pixel of the plane in the coarse search. Chosen: a finer one costs time, a coarser one misses narrow
+pieces."""
 _TURNS_DEG = tuple(range(-40, 41, 10))
+"""Turns that are searched. Chosen: components are upright on the plane, so that larger turns are rare."""
 
 
 def from_association(reference: ReferenceShape, sampled: SampledComponent) -> list[Rigid2]:

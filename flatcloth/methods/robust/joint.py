@@ -149,6 +149,7 @@ def begin_joint(
 
 
 _NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
+"""No nodes were found again."""
 
 
 def extend_joint(

@@ -29,8 +29,11 @@ _ARAP_STEPS = 8
 _ROBUST_ROUNDS = 2
 """Minimisations after each acceptance; the weights of the pairs are updated between them."""
 _LEAST_WEIGHT = 1e-4
+"""Least weight of a pair, so that no node comes loose. Chosen."""
 _MAJORISATIONS = 6
+"""Limit of the steps of a minimisation. Chosen for speed; the weights are updated between minimisations."""
 _TOLERANCE = 2e-3
+"""Relative decrease of the energy that ends it earlier. Chosen for speed."""
 MOST_OFF_M = 0.04
 """A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm."""
 _OPINION_M = 0.012
@@ -143,6 +146,7 @@ def grown_layout(
 
 
 _MOST_OPINIONS = 256
+"""Pairs of a node that are heard. Chosen: a node has at most eight in a view; it bounds the memory."""
 
 
 class _EdgeEnds(NamedTuple):

@@ -13,6 +13,7 @@ from flatcloth.methods.base import (
     AlignmentScore,
     Candidate,
     Canonical,
+    ClothPairs,
     Method,
     Placement,
     Plan,
@@ -21,7 +22,7 @@ from flatcloth.methods.base import (
 )
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
-from flatcloth.methods.robust.scoring import refine, score_placement
+from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
 from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.cameras import Registered, describe
@@ -116,6 +117,11 @@ class RobustMethod(Method):
         if sampled is None:
             return motion
         return refine(self.search.reference(document), sampled, motion).shape_from_component
+
+    def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
+        """Return the nodes of the shape that the view shows, each with its place on the component."""
+        sampled = self.search.components(document, view_index).get(component)
+        return None if sampled is None else cloth_pairs(self.search.reference(document), sampled)
 
     # ------------------------------------------------- 3. joint flattening (in place of 4.3)
 

@@ -122,7 +122,9 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
 
 
 _NEAR_M = 0.03
+"""Surface farther than this from every node is new. Chosen: more than the errors of the poses."""
 _CELL_M = 0.02
+"""Cell in which new surface counts once. Chosen: several nodes wide, so that sparse ones cover it."""
 
 
 def _best_incidence_deg(shape: JointShape) -> Float64:

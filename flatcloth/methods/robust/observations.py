@@ -95,6 +95,8 @@ class Observation:
 
 
 _NEAREST = 5
+"""A node and its nearest neighbours, whose farthest bounds the length of its pairs. Chosen: four surround
+it."""
 
 
 def no_nodes() -> Nodes:
@@ -248,9 +250,9 @@ def _pairs(
     if len(rc) > _NEAREST and not surface.noisy:
         # Where nodes are closer than the interval, pairs are shorter.
         near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
-        reach = 1.5 * np.maximum(near[:, -1], interval_px // 2)
+        longest_px = 1.5 * np.maximum(near[:, -1], interval_px // 2)
         apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
-        edges = edges[apart_px <= reach[edges].max(axis=1)]
+        edges = edges[apart_px <= longest_px[edges].max(axis=1)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     apart = length > _LEAST_PAIR_M
     edges, length = edges[apart], length[apart]

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import Rigid3, height_m, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
@@ -134,6 +134,11 @@ class ReferenceShape:
         """Return the positions of nodes (K,), NaN for those without one (or index -1)."""
         at = np.where(node >= 0, self._place[node], -1)
         return np.where((at >= 0)[:, None], self.uv_m[at], np.nan)
+
+    def node_xyz(self, node: Int32) -> Float64:
+        """Return the positions in space of nodes (K,), NaN for those without a place (or index -1)."""
+        at = np.where(node >= 0, self._place[node], -1)
+        return np.where((at >= 0)[:, None], self.xyz_m[at], np.nan)
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
         """Return which positions (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
@@ -307,6 +312,7 @@ def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
 
 
 _FAR_MM = 30.0
+"""Larger distances in space count as this one. Chosen: all are another place of the cloth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,7 +330,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
     motion = initial
-    reach = _REFINE_RADIUS_M
+    radius_m = _REFINE_RADIUS_M
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
     hessian = np.zeros((3, 3))
     for _ in range(rounds):
@@ -335,7 +341,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
             return Refined(shape_from_component=motion, std=np.full(3, np.inf))
         residual = sampled.xyz_m[at] - there[at]
         size = np.linalg.norm(residual, axis=1)
-        weight = 1.0 / np.square(1.0 + np.square(size / reach))
+        weight = 1.0 / np.square(1.0 + np.square(size / radius_m))
         weight *= (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1) > 0.5
         if weight.sum() < 3.0:
             return Refined(shape_from_component=motion, std=np.full(3, np.inf))
@@ -348,12 +354,28 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
         right = np.einsum("n,nki,nk->i", weight, rows, residual)
         step = np.linalg.solve(hessian + 1e-9 * np.eye(3), right)
         motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(center) @ motion
-        reach = max(0.6 * reach, scale)
+        radius_m = max(0.6 * radius_m, scale)
         if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
             break
     independent = _CORRELATED_SAMPLES
     std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
     return Refined(shape_from_component=motion, std=std)
+
+
+def cloth_pairs(reference: ReferenceShape, sampled: SampledComponent) -> ClothPairs | None:
+    """Return the placed nodes that the component shows, each once; None if there is none."""
+    target = reference.node_uv(sampled.node)
+    known = np.flatnonzero(np.isfinite(target[:, 0]))
+    _, first = np.unique(sampled.node[known], return_index=True)
+    at = known[first]
+    if not at.size:
+        return None
+    return ClothPairs(
+        shape_uv_m=target[at],
+        new_uv_m=sampled.uv_m[at],
+        shape_xyz_m=reference.node_xyz(sampled.node[at]),
+        new_xyz_m=sampled.xyz_m[at],
+    )
 
 
 def sample_component(

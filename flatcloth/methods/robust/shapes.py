@@ -33,6 +33,7 @@ _LEAST_FURTHER = 12
 """... a further motion of the same component as many as make a floating piece."""
 
 _MIB = 1 << 20
+"""Bytes in a mebibyte."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
 _DRAWN_BYTES = 48 * _MIB
@@ -104,7 +105,8 @@ class JointShapes:
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
         # Registration keeps them, so a view that is no longer cached is not flattened again.
-        return {seen.view_index: seen.surface for seen in self.registered(shape.views).features}
+        features = self.registered(shape.views).features
+        return {seen.view_index: seen.surface for seen in features if seen.surface is not None}
 
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order (cached)."""
@@ -238,7 +240,9 @@ class JointShapes:
             view, there = observation.view_index, shape.all_uv_m[observation.node]
             own, component = self._own_places((document.start_view, *document.accepted[:n]), observation)
             good = (
-                (component == document.parts.get(view, 0)) & np.isfinite(own[:, 0]) & np.isfinite(there[:, 0])
+                (component == document.placed_components.get(view, 0))
+                & np.isfinite(own[:, 0])
+                & np.isfinite(there[:, 0])
             )
             motions[view] = fit_rigid2(own[good], there[good]) if good.sum() > 2 else Rigid2()
         return motions

@@ -185,6 +185,7 @@ def _layer_rims(surface: Surface) -> Bool:
 
 
 _BLOCK_PX = 3
+"""Pixels of the plane between which the uncertainty is interpolated. Chosen for speed."""
 
 
 def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
@@ -266,6 +267,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
 
 
 _HELD = 1e-9
+"""Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
 
 def _without_rigid(moved: Float64, uv: Float64, anchor: Int32) -> Float64:

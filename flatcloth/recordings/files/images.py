@@ -25,8 +25,11 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 """Color type to number of channels after decoding; a palette (3) decodes to color."""
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""SOF0 to SOF15 (ITU-T T.81, table B.1), without DHT, JPG and DAC, which lie among them."""
 MAX_FILE_BYTES = 200_000_000
+"""Limits of an image file. Chosen: far above any camera's."""
 _MOST_SEGMENTS = 2000
+"""See ``MAX_FILE_BYTES``."""
 _MOST_SCANS = 200
 """A progressive JPEG has about ten scans; thousands of empty ones take minutes to decode."""
 

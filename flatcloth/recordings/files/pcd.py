@@ -22,7 +22,9 @@ from flatcloth.recordings.files.lens import Lens
 
 START = b"# .PCD"
 _HEADER_BYTES = 4096
+"""Limits of a file's header and of a point's bytes. Chosen: far above what libraries write."""
 _MOST_STEP = 512
+"""See ``_HEADER_BYTES``."""
 _KINDS = {
     (kind, size): f"<{letter}{size}"
     for kind, letter in (("F", "f"), ("U", "u"), ("I", "i"))
@@ -33,6 +35,7 @@ _LAYOUTS = ("ascii", "binary", "binary_compressed")
 _MOST_RESIDUAL_PX = 0.5
 """Residual of a true camera is much smaller; rounding to millimetres gives 0.3 px at 0.5 m."""
 _FITTED = 4000
+"""Points from which the camera's intrinsics are fitted. Chosen: exact points need fewer."""
 
 
 @dataclass(frozen=True, kw_only=True)

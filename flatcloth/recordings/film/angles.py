@@ -16,7 +16,11 @@ from flatcloth.recordings.files.text import shortened
 
 ANGLES_FILE = "angles.csv"
 TOLERANCE_DEG = 0.01
+"""Angles nearer than this are the same. Chosen: below the rounding of a table."""
+SAME_VIEW_DEG = 0.5
+"""Views nearer than this show the same; the later one is left out. Chosen: less shows little new."""
 MAX_VIEWS = 10_000
+"""Limit of a recording's views. Chosen: it bounds memory."""
 _KEYS = ("view", "file", "time_s")
 _HELP = (
     "Write one line per view: the angle; or a first line file,angle_deg (or view, or time_s) and both values."

@@ -14,7 +14,9 @@ LEAST_SHARE = 0.5
 """A pixel measured in a smaller share of the frames counts as not measured: its depth flickers."""
 
 _SPREADS = 3.0
+"""Samples farther than this many standard deviations from the median are left out. Chosen: the usual 3 ..."""
 _FLOOR_UNITS = 1.0
+"""... plus the rounding of the depth."""
 
 
 def average_depth(frames: Sequence[NDArray[np.uint16]]) -> Float32:

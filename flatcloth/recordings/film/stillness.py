@@ -16,6 +16,7 @@ import numpy as np
 from flatcloth.core.types import Bool, Float32, Float64, Floats, Uint8
 
 BLOCK_PX = 8
+"""Size of the compared blocks. Chosen: larger ones average more noise, smaller ones show more motion."""
 LAG_S = 0.25
 """Motion is measured between frames this far apart, so that a slow turn is not mistaken for rest."""
 STILL_PX_S = 2.5
@@ -23,15 +24,21 @@ STILL_PX_S = 2.5
 SAME_PLACE_PX = 2.0
 """Two still phases with a smaller displacement show the item at the same angle."""
 LEAST_STOP_S = 0.45
+"""A shorter rest is not a stop. Chosen: longer than the pause at the end of a swing."""
 
 _NEAR_M = 0.5
 """Surfaces this far behind the nearest one are background, which may move."""
 _LEAST_BLOCKS = 12
+"""Fewer measured blocks tell no motion. Chosen."""
 _NOISE_CAP = 3.0
 """Above this the two images have nothing in common: the item moves fast."""
 _NOISE_HISTORY = 300
+"""Frames from which the noise is estimated: ten seconds. Chosen."""
 _NOISE_MARGIN = 2.0
+"""Factor on the noise that is not motion. Chosen."""
 _TEXTURE_FLOOR = 25.0
+"""Multiple of the noise that is added to the texture: where there is none, noise would look like motion.
+Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

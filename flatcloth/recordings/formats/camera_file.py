@@ -6,8 +6,11 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
+import msgspec
+
+from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
@@ -24,6 +27,12 @@ JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "cam
 TEXT_NAME = "calibration.txt"
 _LENSES = {0: "brown_conrady", 4: "brown_conrady", 5: "brown_conrady", 8: "rational"}
 _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
+"""Image size, focal lengths and centre of the Kinect's driver default, as the TUM RGB-D data sets give
+them."""
+
+
+_DISTORTION_REMEDY = "Write [k1, k2, p1, p2, k3], or leave it out."
+_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,42 +204,62 @@ def _from_text(path: Path, size: tuple[int, int]) -> Camera:
     return Camera(intrinsics=intrinsics, lens=lens)
 
 
+class _CameraFile(msgspec.Struct):
+    """What is read of a camera file; the lists are checked further, with their own remedies."""
+
+    width: _Number | None = None
+    height: _Number | None = None
+    intrinsic_matrix: list[_Number] | None = None
+    fx: _Number | None = None
+    fy: _Number | None = None
+    cx: _Number | None = None
+    cy: _Number | None = None
+    distortion: list[_Number] = []
+    depth_scale: _Number | None = None
+    rough: Any = False
+
+
 def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     fail = _failing(path)
     table = load_json(path)
     if not isinstance(table, dict):
         fail("is not a JSON object", "Write width, height and intrinsic_matrix.")
-
-    def number(value: Any, name: str) -> float:
-        known = isinstance(value, int | float) and not isinstance(value, bool)
-        if not known or abs(value) > 1e9 or not math.isfinite(value):
-            fail(f"{name} is {shortened(value)}", "Expected a number.")
-        return float(value)
-
-    given = tuple(int(number(table.get(k, s), k)) for k, s in zip(("width", "height"), size, strict=True))
+    if "intrinsic_matrix" in table:
+        table = {**table, "intrinsic_matrix": _flat(table["intrinsic_matrix"])}
+    if not isinstance(table.get("distortion", []), list):
+        fail("distortion is not a list of 4, 5 or 8 numbers", _DISTORTION_REMEDY)
+    try:
+        file = fitted(table, _CameraFile)
+    except MisfitError as error:
+        value = found_at(table, error.where)
+        fail(f"{error.where.partition('[')[0]} is {shortened(value)}", "Expected a number.")
+    given = tuple(s if v is None else int(v) for v, s in zip((file.width, file.height), size, strict=True))
     if given != size:
         fail(
             f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
             "Describe the camera of these images.",
         )
-    if "intrinsic_matrix" in table:
-        fx, fy, cx, cy = _of_matrix(
-            [number(v, "intrinsic_matrix") for v in _flat(table["intrinsic_matrix"])], fail
-        )
-    else:
-        fx, fy, cx, cy = (number(table.get(k), k) for k in ("fx", "fy", "cx", "cy"))
+    fx, fy, cx, cy = _pinhole(file, fail)
     intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
-    values = table.get("distortion", [])
-    if not isinstance(values, list) or len(values) not in _LENSES:
-        fail("distortion is not a list of 4, 5 or 8 numbers", "Write [k1, k2, p1, p2, k3], or leave it out.")
-    distortion = [number(v, "distortion") for v in values]
-    lens = checked_lens(intrinsics, distortion, fail, model=_LENSES[len(distortion)])
-    scale = table.get("depth_scale")
-    units_per_m = None if scale is None else number(scale, "depth_scale")
-    if units_per_m is not None and not 10 <= units_per_m <= 1e6:
-        fail(f"depth_scale is {units_per_m:g}", "Give the depth units per metre, 1000 for millimetres.")
-    notes = (_rough(intrinsics),) if table.get("rough") is True else ()
-    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=units_per_m, notes=notes)
+    if len(file.distortion) not in _LENSES:
+        fail("distortion is not a list of 4, 5 or 8 numbers", _DISTORTION_REMEDY)
+    lens = checked_lens(intrinsics, file.distortion, fail, model=_LENSES[len(file.distortion)])
+    scale = file.depth_scale
+    if scale is not None and not 10 <= scale <= 1e6:
+        fail(f"depth_scale is {scale:g}", "Give the depth units per metre, 1000 for millimetres.")
+    notes = (_rough(intrinsics),) if file.rough is True else ()
+    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=scale, notes=notes)
+
+
+def _pinhole(file: _CameraFile, fail: Any) -> tuple[float, float, float, float]:
+    if file.intrinsic_matrix is not None:
+        return _of_matrix(file.intrinsic_matrix, fail)
+    values = {"fx": file.fx, "fy": file.fy, "cx": file.cx, "cy": file.cy}
+    for name, value in values.items():
+        if value is None:
+            fail(f"{name} is null", "Expected a number.")
+    fx, fy, cx, cy = (float(value) for value in values.values() if value is not None)
+    return fx, fy, cx, cy
 
 
 def _flat(matrix: Any) -> list[Any]:

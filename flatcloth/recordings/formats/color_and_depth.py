@@ -12,6 +12,7 @@ from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 1000.0
+"""Default of the layout: millimetres, as Open3D's."""
 _COLOR_FOLDERS = ("color", "rgb", "image", "images")
 _MASK_FOLDERS = ("mask", "masks")
 _COLOR_KINDS = (".png", ".jpg", ".jpeg")

@@ -27,6 +27,7 @@ from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 1000.0
+"""Depth of the data set: millimetres."""
 IMAGES_OF_A_SWEEP = 25
 """The data set's public loader splits its 50 images in this way."""
 _COLOR = re.compile(r"(?P<name>.+)_(?P<number>[0-9]{2})_rgb\.png")
@@ -34,6 +35,7 @@ _TWO_DIGITS = re.compile(r"[0-9]{2}")
 _LEVELS = 3
 """Class, sample, area."""
 _LEAST_TURN_DEG, _MOST_TURN_DEG = 1.0, 720.0
+"""Range of the angle between the first and the last image. Chosen: two turns at most."""
 
 
 def is_area(path: Path) -> bool:

@@ -14,6 +14,7 @@ from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 5000.0
+"""The TUM RGB-D format: 5000 is one metre."""
 _ASSOCIATIONS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _MOST_APART_S = 0.02  # as in TUM's own tool
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
+from flatcloth.core.libusb import load_libusb
 
 
 def load_realsense() -> Any:
@@ -25,10 +25,7 @@ def load_realsense() -> Any:
         try:
             import pyrealsense2
         except ImportError:
-            import libusb_package
-
-            # The symbols must be visible to the extension module that is loaded next.
-            ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+            load_libusb()
             import pyrealsense2
     except (ImportError, OSError) as error:
         raise RecordingError(

@@ -23,11 +23,14 @@ from flatcloth.recordings.realsense.library import load_realsense
 _SQLITE, _ROSBAG = b"SQLite format 3\x00", b"#ROSBAG V2.0"
 _TOPIC = b"/device_0/"
 _SCANNED_BYTES = 4_000_000
+"""Part of a file that is searched for its streams, at either end. Chosen; more cost time."""
 _WAIT_MS = 100
+"""Wait for a frame before looking at the other conditions. Chosen."""
 _LAST_WAITS, _PATIENT_WAITS = 2, 15
 """After the end of the file, frames may still be in librealsense's threads, on a busy machine for
 long: the number of waits without a frame, if all have arrived, and if some are missing."""
 _STALLED_S = 30.0
+"""A file that gives no frame for this long is reported as damaged. Chosen: slow disks take seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)

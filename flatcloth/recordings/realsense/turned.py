@@ -24,6 +24,7 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.recordings.base import check_index
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import Stop, StopFinder, glance
 from flatcloth.recordings.film.turning import Turning, constant_turning, read_turning
@@ -33,10 +34,13 @@ from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
 MOST_FRAMES = 30
 """The number of frames used per stop: the last ones, when the cloth has come to rest."""
 FEW_FRAMES = 8
+"""Fewer frames are one view, without a search for stops. Chosen."""
 _NEAR_ANGLE_DEG = 0.3
 """While the item turns, frames within this of an angle are averaged; 0.8 mm at a radius of 0.15 m."""
 _TURNS_WHILE_STILL_DEG = 1.0
+"""A stop during which the given angles turn by more is none. Chosen."""
 _LOOSE_PAIRING_FRAMES = 3.0
+"""Offset allowed between color and depth, in frames, if no pair is closer. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,7 +245,7 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
         look.phase(angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
         for angle, stop in zip(angles, look.stops, strict=True)
     ]
-    kept = _distinct(phases, 0.5)
+    kept = _distinct(phases, SAME_VIEW_DEG)
     count = len(phases)
     text = f"{count} {'stop was' if count == 1 else 'stops were'} found in {look.seconds:.1f} s"
     text += (
@@ -281,8 +285,8 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
         )
     first = kept[0].angle_deg
     kept = [replace(p, angle_deg=p.angle_deg - first) for p in kept]
-    reach = float(turned.max() - turned.min())
-    return kept, f"{len(kept)} views were taken while the item turned by {reach:.0f} degrees."
+    turned_deg = float(turned.max() - turned.min())
+    return kept, f"{len(kept)} views were taken while the item turned by {turned_deg:.0f} degrees."
 
 
 def _distinct(phases: list[_Phase], apart_deg: float) -> list[_Phase]:

@@ -21,6 +21,7 @@ _COLORS = {
 _DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _METRES_PER_UNIT = np.float32(0.001)  # REP 118: integers are millimetres, floating-point values metres
 _FARTHEST_M = 100.0
+"""Larger depths are codes for "none". Chosen: no sensor for cloth measures so far."""
 _PREFIX = struct.Struct("<iff")
 """Header of ``compressedDepth`` before the PNG: a format number and two quantisation parameters."""
 

@@ -22,7 +22,7 @@ import numpy as np
 from flatcloth.cameras import capture
 from flatcloth.cameras.base import CameraError, CameraFrame
 from flatcloth.cameras.capture import HOLD_S, Capture, Phase
-from flatcloth.cameras.checks import look_at
+from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
@@ -46,7 +46,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STATUS_INTERVAL_S = 0.1
+"""Intervals of the status, and of the checks of the image. Chosen."""
 LOOK_INTERVAL_S = 0.5
+"""See ``STATUS_INTERVAL_S``."""
 REFRAME_M = 0.15
 """If the item moves this far from the centre of the 3D view, the view is framed again."""
 
@@ -168,7 +170,7 @@ class CaptureApplication(LiveApplication):
             anew = False
             if now_s - self._looked_s >= LOOK_INTERVAL_S:
                 self._looked_s = now_s
-                self._warnings = look_at(view).warnings
+                self._warnings = check_frame(view).warnings
                 center = np.median(points, axis=0) if len(points) else None
                 if center is not None:
                     gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MESSAGES_KEPT = 100
+"""Messages that a page that is opened later still gets. Chosen."""
 
 
 class ClientSink(Protocol):

@@ -31,6 +31,11 @@ LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
 """Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
+"""Pixels of a line that are sent. Chosen for speed."""
+_MOST_PAIRS = 400
+"""Pairs that are sent. Chosen for speed."""
+PAIR_LIMIT_MM = 15.0
+"""Pairs farther apart on the plane count as cloth that is present twice (methods/robust/scoring.py)."""
 _GONE = "This proposal is no longer shown; a newer state follows."
 
 
@@ -118,6 +123,7 @@ class DiagnosticsService:
             "limit_deg": config.z_angle_limit_deg,
             "overlap_cm2": 1e4 * config.overlap_area_m2,
             **plain(found),
+            "pairs": _pairs(found, picture),
         }
         return JSONResponse(about, headers={"Cache-Control": "no-store"})
 
@@ -182,6 +188,32 @@ def _lines(found: Correspondence) -> dict[str, Any]:
         "height_mm": 1e3 * found.height_m,
         "current": _line(found.current),
         "new": _line(found.new),
+    }
+
+
+def _pairs(found: Reasons, picture: Picture) -> dict[str, Any] | None:
+    """Return the pairs of cloth as they lie on the sheet, evenly chosen, and the shares of all of them."""
+    pairs, overlay, document = found.pairs, picture.overlay, picture.document
+    if pairs is None or overlay is None or document is None or document.pending is None:
+        return None
+    sheet, pending = overlay.sheet, document.pending
+    off_mm = 1e3 * pairs.residual_m(found.current_from_new)
+    chosen = np.unique(np.linspace(0, len(off_mm) - 1, min(len(off_mm), _MOST_PAIRS)).astype(int))
+    shape = [sheet.shift(sheet.piece_on_plane(uv)).apply(uv).tolist() for uv in pairs.shape_uv_m[chosen]]
+    apart_mm = 1e3 * pairs.apart_m
+    return {
+        "total": len(off_mm),
+        "median_mm": float(np.median(off_mm)),
+        "nine_tenths_mm": float(np.percentile(off_mm, 90)),
+        "beyond_share": float((off_mm > PAIR_LIMIT_MM).mean()),
+        "limit_mm": PAIR_LIMIT_MM,
+        "apart_median_mm": float(np.median(apart_mm)),
+        "shape_uv_m": np.round(shape, 5).tolist(),
+        "placed_uv_m": np.round(overlay.shown(pending).apply(pairs.new_uv_m[chosen]), 5).tolist(),
+        "shape_xyz_m": np.round(pairs.shape_xyz_m[chosen], 5).tolist(),
+        "new_xyz_m": np.round(pairs.new_xyz_m[chosen], 5).tolist(),
+        "residual_mm": np.round(off_mm[chosen], 2).tolist(),
+        "apart_mm": np.round(apart_mm[chosen], 2).tolist(),
     }
 
 

@@ -18,8 +18,11 @@ from flatcloth.rendering.colormaps import diverging_table
 from flatcloth.rendering.pictures import grid_of
 
 CM2 = 1e4
+"""Square centimetres in a square metre."""
 _OFF_THE_SURFACE_ALPHA = 70
+"""Opacity (of 255) of pixels off the surface. Chosen."""
 _UNKNOWN_ANGLE = -128
+"""Code of a pixel without an angle; angles are within 90 degrees."""
 _LENGTHS = struct.Struct("<II")
 
 

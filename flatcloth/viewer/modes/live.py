@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from flatcloth.session.store import SessionFolder
 
 DEFAULT_FPS = 30.0
+"""Rate of a film that does not tell it: that of a D435."""
 STATE_INTERVAL_S = 0.25
 """Interval of updates of picks and numbers while playing; when paused they are immediate."""
 

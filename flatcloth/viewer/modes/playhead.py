@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 RATE_WINDOW_S = 1.0
+"""Time over which the rate is measured. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

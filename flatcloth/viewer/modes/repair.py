@@ -17,7 +17,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2, finite
-from flatcloth.engine.repair import PairFit, Reach, fit_pairs
+from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Overlay
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _STILL_MM = 0.05
+"""Smaller moves are told as none. Chosen: half of the last digit shown."""
 _STILL_DEG = 0.005
+"""See ``_STILL_MM``."""
 
 
 class RepairService:
@@ -64,13 +66,13 @@ class RepairService:
             self._worker.put(lambda: self._answer(client))
 
     def refine(
-        self, document: Document, done: Callable[[Reach], None], failed: Callable[[str], None]
+        self, document: Document, done: Callable[[RefinedScore], None], failed: Callable[[str], None]
     ) -> None:
         """Refine the proposal from its present placement, and pass the result on."""
 
         def work() -> None:
             try:
-                found = self._integration.reach(document)
+                found = self._integration.refined_score(document)
             except FlatclothError as error:
                 failed(str(error))
             except Exception as error:  # noqa: BLE001 - reported and logged
@@ -86,14 +88,14 @@ class RepairService:
             number, document = self._wanted.pop(client)
         told: dict[str, Any]
         try:
-            found = self._integration.reach(document)
+            found = self._integration.refined_score(document)
         except FlatclothError as error:
             told = {"why": str(error)}
         except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a preview could not be computed")
             told = {"why": f"Unexpected error: {error!r}. See the terminal."}
         else:
-            told = told_reach(found)
+            told = refined_score_message(found)
         self._tell(client, {"type": "preview", "id": number, **told})
 
 
@@ -126,13 +128,13 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
 
 
-def told_reach(found: Reach) -> dict[str, Any]:
+def refined_score_message(found: RefinedScore) -> dict[str, Any]:
     """Return the score of a placement and of its refinement for a tab."""
     return {
         "score": finite(found.score.total),
         "apart_mm": found.score.apart_mm,
-        "reached_score": finite(found.refined_score.total),
-        "reached_apart_mm": found.refined_score.apart_mm,
+        "refined_score": finite(found.refined_score.total),
+        "refined_apart_mm": found.refined_score.apart_mm,
     }
 
 
@@ -151,17 +153,17 @@ def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
     return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
 
 
-def told_fit(fit: PairFit) -> dict[str, Any]:
+def fit_message(fit: PairFit) -> dict[str, Any]:
     """Return the result of fitted pairs for a tab."""
     return {
         "type": "pairs",
         "residual_mm": (1000 * fit.residual_m).tolist(),
-        "reached_mm": (1000 * fit.reached_m).tolist(),
+        "fitted_mm": (1000 * fit.fitted_m).tolist(),
         "rms_mm": 1000 * fit.rms_m,
     }
 
 
-def told_refined(pending: Pending, found: Reach, center: Float64) -> tuple[Rigid2 | None, str]:
+def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tuple[Rigid2 | None, str]:
     """Return the motion of a refinement, None if it is none, and what the operator is told."""
     by = found.refined @ pending.current_from_new.inverse()
     moved = by.apply(center) - center

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 THUMBS_KEPT = 160
+"""Thumbnails that are kept. Chosen for memory."""
 _KEPT = {"Cache-Control": "private, max-age=86400"}
 
 

@@ -33,10 +33,10 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
 )
+from flatcloth.viewer.modes import repair
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.modes.repair import RepairService, fit_of, meant, place_of_part, told_fit, told_refined
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
@@ -51,12 +51,13 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.repair import Reach
+    from flatcloth.engine.repair import RefinedScore
     from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
 PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
 
 
 class Application(PageController):
@@ -82,7 +83,7 @@ class Application(PageController):
         self._progress_at_s = 0.0
         self._going_on = False
         self._back = Worker("flatcloth-work")
-        self._repair = RepairService(integration, sink.tell)
+        self._repair = repair.RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
         self._review = ReviewService(
             integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
@@ -154,8 +155,8 @@ class Application(PageController):
                 self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
                 overlay = None if self._picture is None else self._picture.overlay
-                pending = meant(self._state.document, view)
-                self._by_hand(TakePart(view, component, place_of_part(pending, overlay, component)))
+                pending = repair.meant(self._state.document, view)
+                self._by_hand(TakePart(view, component, repair.place_of_part(pending, overlay, component)))
             case messages.PlacePiece(label=label):
                 self._place_piece(label)
             case messages.Refine(view_index=view):
@@ -225,36 +226,36 @@ class Application(PageController):
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
-        meant(document, view)
+        repair.meant(document, view)
         self._repair.refine(
             document,
             done=lambda found: self._put(client, lambda: self._refined(client, document, found)),
             failed=lambda text: self._put(client, lambda: self._tell(client, "error", text)),
         )
 
-    def _refined(self, client: int, document: Document, found: Reach) -> None:
+    def _refined(self, client: int, document: Document, found: RefinedScore) -> None:
         pending = document.pending
         if pending is None or self._state.document is not document:
             raise FlatclothError("The proposal was changed while it was refined; refine it again.")
         placed = self._placed()
         own = (0.0, 0.0) if placed is None else placed[1].own_center_uv_m
-        by, text = told_refined(pending, found, pending.current_from_new.apply(np.array(own)))
+        by, text = repair.refined_motion(pending, found, pending.current_from_new.apply(np.array(own)))
         if by is not None:
             self._by_hand(Nudge(pending.view_index, by, "refine"))
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        meant(self._state.document, pairs.view_index)
+        repair.meant(self._state.document, pairs.view_index)
         placed = self._placed()
         if placed is None:
             raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
         pending, overlay = placed
-        fit = fit_of(overlay.shown(pending), pairs)
+        fit = repair.fit_of(overlay.shown(pending), pairs)
         if pairs.fit:
             fitted = fit.by @ overlay.shown(pending)
             self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
-            fit = fit_of(fitted, pairs)
-        self._sink.tell(client, told_fit(fit))
+            fit = repair.fit_of(fitted, pairs)
+        self._sink.tell(client, repair.fit_message(fit))
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""

@@ -193,7 +193,7 @@ ACTIONS: tuple[Action, ...] = (
         "diagnostics",
         "Diagnostics",
         ("i",),
-        "Show the diagnostics of the proposal: curves, lines, strained edges.",
+        "Show the diagnostics of the proposal: pairs of cloth or curves, lines, strained edges.",
         "proposal",
     ),
     Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
@@ -328,6 +328,13 @@ ACTIONS: tuple[Action, ...] = (
     Action("teach_next", "Next", ("PageDown",), "Teaching: the next stage; → does it too.", "teaching"),
     Action("teach_back", "Back", ("PageUp",), "Teaching: the previous stage; ← does it too.", "teaching"),
     Action("teach_play", "Play stage", ("k",), "Teaching: play or pause the animation.", "teaching"),
+    Action(
+        "home",
+        "Open",
+        ("Shift+h",),
+        "Go to the start screen: open another recording, session or camera.",
+        "page",
+    ),
     Action("copy", "Copy pick", ("c",), "Copy the numbers of the current pick.", "page"),
     Action("export", "Export", ("x",), "Export the session: page, report, figures, animation.", "page"),
     Action(

@@ -19,12 +19,13 @@ from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 
 MAX_MESSAGE_CHARS = 100_000
-MAX_NAME_CHARS = 80
-MAX_FPS = 240.0
-MAX_PAIRS = 50
-MAX_ANGLE_DEG = 3600.0
-MAX_STROKE_POINTS = 1000
-MAX_BRUSH_M = 0.2
+"""Limits of what a page may send. Chosen: far above what the page's own controls send."""
+MAX_NAME_CHARS = 80  # so too
+MAX_FPS = 240.0  # so too
+MAX_PAIRS = 50  # so too
+MAX_ANGLE_DEG = 3600.0  # so too
+MAX_STROKE_POINTS = 1000  # so too
+MAX_BRUSH_M = 0.2  # so too
 
 Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
 """A place on a garment's plane, or a shift there."""

@@ -21,6 +21,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
 
 MAX_BODY_BYTES = 10_000
+"""Limit of a request's body. Chosen: far above what the page sends."""
 _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
 
 

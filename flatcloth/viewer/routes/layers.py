@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flatcloth.viewer.modes.controller import PageController
 
 PICTURES_KEPT = 12
+"""Pictures that are kept. Chosen: all layers of one state."""
 
 
 class LayerRoutes:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flatcloth.viewer.protocol.picture import Picture
 
 _POLL_S = 0.1
+"""Interval between looks for a new selection. Chosen."""
 
 
 class RobotRoutes:

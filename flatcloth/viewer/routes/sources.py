@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
 from flatcloth.flattening.surface import item_mask
-from flatcloth.grasping.visibility import Projection, Sight, project, sight_in
+from flatcloth.grasping.visibility import Projection, Visibility, project, visibility_in
 from flatcloth.rendering import layers
 
 if TYPE_CHECKING:
@@ -25,11 +25,15 @@ if TYPE_CHECKING:
     from flatcloth.viewer.modes.controller import PageController
 
 THUMB_PX = 72
+"""Height of a thumbnail in the list of views. Chosen."""
 IMAGES_KEPT = 16
+"""Images that are kept, and their quality. Chosen."""
 _JPEG_QUALITY = 88
+"""See ``IMAGES_KEPT``."""
 _SHADE = 150
 """Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
+"""Color of the edge. Chosen."""
 
 
 class SourceRoutes:
@@ -152,7 +156,11 @@ def place_under(
     position = np.array(found["xyz_mm"]) / 1000.0
     normal = np.array([np.nan if x is None else x for x in found["normal"]])
     place = place_in_view(integration, view_index, position, normal)
-    return {"view_index": view_index, "rc": [place.row, place.col]} if place.sight is Sight.SEEN else None
+    return (
+        {"view_index": view_index, "rc": [place.row, place.col]}
+        if place.visibility is Visibility.SEEN
+        else None
+    )
 
 
 def views_that_saw(integration: Integration, position_held_m: Floats, normal_held: Floats) -> dict[str, Any]:
@@ -162,14 +170,14 @@ def views_that_saw(integration: Integration, position_held_m: Floats, normal_hel
     -----
     Only views that may have seen the point are read: about half of a turn, 10 ms each at 480x848 px.
     """
-    seen, hidden = [], dict.fromkeys((s.value for s in Sight if s is not Sight.SEEN), 0)
+    seen, hidden = [], dict.fromkeys((s.value for s in Visibility if s is not Visibility.SEEN), 0)
     for view, angle_deg in enumerate(integration.recording.angles_deg):
         place = place_in_view(integration, view, position_held_m, normal_held)
-        sight = place.sight
-        if sight is Sight.SEEN:
+        visibility = place.visibility
+        if visibility is Visibility.SEEN:
             frame = integration.frame(view)
-            sight = sight_in(frame, place)
-        if sight is Sight.SEEN:
+            visibility = visibility_in(frame, place)
+        if visibility is Visibility.SEEN:
             thumb = base64.b64encode(jpeg(crop(frame.color, place.row, place.col))).decode()
             seen.append(
                 {
@@ -180,7 +188,7 @@ def views_that_saw(integration: Integration, position_held_m: Floats, normal_hel
                 }
             )
         else:
-            hidden[sight.value] += 1
+            hidden[visibility.value] += 1
     return {"seen": seen, "n_views": len(integration.recording), "hidden": hidden}
 
 

@@ -25,8 +25,11 @@ if TYPE_CHECKING:
 CONFLICT_M = 0.010
 """Points of proposal and shape at one place of the plane that are further apart in space are in conflict."""
 MOST_POINTS = 60_000
+"""More points are thinned. Chosen for the browser's speed."""
 _HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
+"""Color of what is pointed at. Chosen."""
 _GREY = 150.0
+"""Grey of points that are not of interest. Chosen."""
 
 LIVE, HELD, PROPOSAL = "/live/cloud", "/held/cloud", "/proposal/cloud"
 SHAPE, ALL, NEW, CONFLICTS = "Shape and view", "All views", "Only new points", "Only conflicts"
@@ -52,6 +55,7 @@ class Cloud:
 
 
 NOTHING = Cloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+"""A cloud without points."""
 
 
 def clouds_of(

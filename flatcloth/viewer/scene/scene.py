@@ -30,9 +30,13 @@ MAX_LIVE_POINTS = 25_000
 """Points of a played frame; browsers cannot receive more at this rate."""
 
 BALL_RADIUS_M = 0.006
+"""Sizes of the mark and of its normal. Chosen."""
 ARROW_LENGTH_M = 0.06
+"""See ``BALL_RADIUS_M``."""
 FRAME_MARGIN = 1.15
+"""Share of the window that the item fills, inverted. Chosen."""
 _PICK_COLOR = (225, 29, 116)
+"""Color of the mark. Chosen: no cloth and no color map has it."""
 
 
 class Scene:
@@ -275,9 +279,9 @@ class Scene:
         self._axis_span_m = (float(along.min()) - 0.05, float(along.max()) + 0.08)
         self._draw_axis(self._axis)
         center = (np.percentile(points, 1, axis=0) + np.percentile(points, 99, axis=0)) / 2
-        reach = np.abs(points - center)
-        half_height = float(np.percentile(reach[:, 1], 99.5))
-        half_width = float(np.percentile(np.hypot(reach[:, 0], reach[:, 2]), 99.5))
+        offset = np.abs(points - center)
+        half_height = float(np.percentile(offset[:, 1], 99.5))
+        half_width = float(np.percentile(np.hypot(offset[:, 0], offset[:, 2]), 99.5))
         self._view_from = (center, held.translation_m, half_width, half_height)
         first = self._shown is None
         turned = self._shown is not None and self._shown[1] != present_view

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import socket
 import threading
@@ -14,38 +13,30 @@ from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.websockets import WebSocket
+from starlette.types import Receive, Scope, Send
 
-from flatcloth.core.errors import FlatclothError, ServerError
-from flatcloth.core.geometry import Rigid3
+from flatcloth.core.errors import ServerError
 from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
-from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
-from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
-from flatcloth.viewer.modes.player import Player
-from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.modes.teaching import TeachingRoutes
-from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.routes.exports import ExportRoutes
-from flatcloth.viewer.routes.layers import LayerRoutes
-from flatcloth.viewer.routes.robot import RobotRoutes
-from flatcloth.viewer.routes.sources import SourceRoutes
-from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.places import Chosen, Places
+from flatcloth.viewer.routes.start import StartRoutes
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
-from flatcloth.viewer.server.hub import Hub, Tab
 from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limit_logs
-from flatcloth.viewer.server.relay import relay
 from flatcloth.viewer.server.token import kept_token, new_token
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
     from flatcloth.session.store import SessionFolder
+    from flatcloth.viewer.modes.controller import PageController
+    from flatcloth.viewer.scene.scene import Scene as SpaceScene
+    from flatcloth.viewer.server.workspace import Opened, Workspace
+
+    Opener = Callable[[Chosen, Path | None], Opened | None]
 
 _log = logging.getLogger(__name__)
 
@@ -66,12 +57,13 @@ _PAGE_HEADERS = {
 
 
 class PageServer:
-    """The operator page of one session; ``start`` and ``stop`` may be used as a context manager.
+    """The operator page; ``start`` and ``stop`` may be used as a context manager.
 
     Parameters
     ----------
     integration, folder
-        The session; see :class:`flatcloth.viewer.modes.controller.PageController`.
+        The session that is open at first; see :class:`flatcloth.viewer.modes.controller.PageController`.
+        Without them the page shows the start screen.
     host : str
         Address to bind.
     port : int
@@ -79,60 +71,47 @@ class PageServer:
     token : bool
         Require the token that is part of :attr:`url`. False admits every user and program of this
         computer; beyond loopback it is refused.
-    player : Player, optional
-        For live mode: flattens the played frames.
-    fps : float
-        Initial frames per second in live mode.
-    controller : callable, optional
-        Makes the application of another mode, such as a camera's.
-    base_from_camera : Rigid3, optional
-        Hand-eye transform, for what robots are told (docs/robots.md).
+    places : Places, optional
+        What the start screen offers.
+    opener : callable, optional
+        Opens a chosen place; gets it with the session folder that is open, and returns None if that is it.
+        Without it nothing else can be opened.
+    opened : Opened, optional
+        What is open at first, in place of ``integration`` and ``folder``.
+    more
+        Further fields of :class:`flatcloth.viewer.server.workspace.Opened`, for ``integration``.
     """
 
     def __init__(
         self,
-        integration: Integration,
-        folder: SessionFolder,
+        integration: Integration | None = None,
+        folder: SessionFolder | None = None,
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
         token: bool = True,
-        player: Player | None = None,
-        fps: float = DEFAULT_FPS,
-        controller: Callable[[SceneView, ClientSink], PageController] | None = None,
-        base_from_camera: Rigid3 | None = None,
+        places: Places | None = None,
+        opener: Opener | None = None,
+        opened: Opened | None = None,
+        **more: Any,
     ) -> None:
         if not token and not is_loopback(host):
             raise ServerError(
                 f"Without a token, {host} would admit everybody; use --host 127.0.0.1, or a token."
             )
         return_freed_memory()
-        self._integration = integration
         self._socket = bind(host, port)
         self.token = _token(host) if token else None
         self._host = host
         self.port: int = self._socket.getsockname()[1]
-        axis = integration.axis
-        self._scene = Scene(axis, integration.recording.intrinsics)
-        self._hub = Hub()
-        self.application: PageController
-        if controller is not None:
-            self.application = controller(self._scene, self._hub)
-        elif player is not None:
-            self.application = LiveApplication(integration, folder, self._scene, self._hub, player, fps)
-        else:
-            self.application = Application(integration, folder, self._scene, self._hub)
-        self._hub.on_leave = self.application.leave
-        self._scene.on_ray = self.application.click_ray
-        self._scene.on_follow = self.application.set_follow
-        if isinstance(self.application, Application):
-            self._scene.offer_clouds(integration)
-            self._scene.offer_axis(self.application.adjust_axis)
-        self._pngs = LayerRoutes(self.application, integration)
-        self._sources = SourceRoutes(self.application, integration)
-        self._teaching = TeachingRoutes(integration)
-        self._exports = ExportRoutes(integration, folder)
-        self._robot = RobotRoutes(self.application, integration, base_from_camera)
+        self._opener = opener
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._now: Workspace | None = None
+        if opened is not None:
+            self._now = _workspace_of(opened)
+        elif integration is not None and folder is not None:
+            self._now = _workspace(integration, folder, **more)
+        self._start = StartRoutes(places or Places(own=is_loopback(host)), self._open, self._current)
         self._ready = threading.Event()
         config = uvicorn.Config(
             self._app(),
@@ -157,21 +136,31 @@ class PageServer:
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
+    @property
+    def application(self) -> PageController:
+        """The application of what is open."""
+        assert self._now is not None
+        return self._now.application
+
+    @property
+    def _scene(self) -> SpaceScene:
+        assert self._now is not None
+        return self._now.scene
+
     def start(self) -> PageServer:
         """Start serving; returns when the page can be opened."""
         self._thread.start()
         self._ready.wait()
-        self.application.start()
+        if self._now is not None and self._loop is not None:
+            self._now.start(self._loop)
         return self
 
     def stop(self) -> None:
         """Close the page, the scene and the session's threads."""
         self._uvicorn.should_exit = True
         self._thread.join(timeout=5.0)
-        self.application.stop()
-        self._teaching.stop()
-        self._exports.stop()
-        self._scene.stop()
+        if self._now is not None:
+            self._now.stop()
         self._socket.close()
 
     def join(self) -> None:
@@ -194,55 +183,61 @@ class PageServer:
     def _app(self) -> Starlette:
         @contextlib.asynccontextmanager
         async def lifespan(_app: Starlette) -> AsyncIterator[None]:
-            self._hub.open(asyncio.get_running_loop())
+            self._loop = asyncio.get_running_loop()
             # The socket is already listening: connections are answered from now on.
             self._ready.set()
             yield
 
         routes: list[BaseRoute] = [
-            Route("/", _page),
-            *self._pngs.routes(),
-            *self._sources.routes(),
-            Route("/export/grasps.json", self._grasps),
-            Route("/export/{name}", self._exports.serve),
-            Route("/teaching/{part}", self._teaching.serve),
-            *self.application.routes(),
-            *self._robot.routes(),
-            WebSocketRoute("/ws", self._messages),
+            Route("/", self._page),
+            *self._start.routes(),
             Route("/viser/", _viser_page),
-            WebSocketRoute("/viser", self._viser_socket),
             Mount("/static", StaticFiles(directory=STATIC)),
+            Mount("/", self._of_workspace),
         ]
         guard = Middleware(Guard, names=own_names(self._host), token=self.token, port=self.port)
         return Starlette(routes=routes, middleware=[Middleware(_Headers), guard], lifespan=lifespan)
 
-    async def _messages(self, browser: WebSocket) -> None:
-        def receive(key: int, tab: Tab, text: str) -> None:
-            answer = self._pointed_at(text)
-            if answer is None:
-                self.application.receive(key, text)
-            else:
-                tab.put(json.dumps(answer, allow_nan=False))
+    async def _page(self, request: Request) -> Response:
+        if self._now is None:
+            return await self._start.page(request)
+        # The page's files have no version in their names, so browsers must check them each time.
+        return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
 
-        await self._hub.serve(browser, self.application.last_snapshot, receive)
+    async def _of_workspace(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let what is open answer."""
+        if self._now is not None:
+            await self._now.router(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 1013, "reason": "Nothing is open."})
+        else:
+            answer = PlainTextResponse("Nothing is open; choose a recording.", status_code=409)
+            await answer(scope, receive, send)
 
-    def _pointed_at(self, text: str) -> dict[str, Any] | None:
-        """Answer a question about what is under the pointer; None for any other message."""
-        hover = _hover(text)
-        if isinstance(hover, messages.HoverRay):
-            return self.application.describe_ray(hover)
-        return None if hover is None else self.application.describe(hover)
+    def _current(self) -> str | None:
+        return None if self._now is None else self._now.name
 
-    async def _viser_socket(self, browser: WebSocket) -> None:
-        await relay(browser, self._scene.path)
-
-    async def _grasps(self, _request: Request) -> Response:
-        headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
+    def _open(self, chosen: Chosen) -> None:
+        """Open a place in the stead of what is open; one call at a time."""
+        if self._opener is None or self._loop is None:
+            raise ServerError("This page cannot open anything else; start the program again.")
+        before = self._now
+        if chosen.kind == "camera" and before is not None and before.has_camera:
+            return
+        opened = self._opener(chosen, None if before is None else before.folder)
+        if opened is None:
+            return
         try:
-            grasps = await run_in_threadpool(self.application.grasps)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
-        return JSONResponse(grasps, headers=headers)
+            workspace = _workspace_of(opened)
+        except BaseException:
+            opened.close()
+            raise
+        workspace.start(self._loop)
+        self._now = workspace
+        if before is not None:
+            before.hub.tell(None, {"type": "switched"})
+            before.stop()
 
 
 def _token(host: str) -> str:
@@ -271,11 +266,6 @@ class _Headers:
         await self._app(scope, receive, with_headers)
 
 
-async def _page(_request: Request) -> Response:
-    # The page's files have no version in their names, so browsers must check them each time.
-    return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
-
-
 async def _viser_page(_request: Request) -> Response:
     import viser
 
@@ -283,15 +273,17 @@ async def _viser_page(_request: Request) -> Response:
     return FileResponse(build, headers={"X-Frame-Options": "SAMEORIGIN"})
 
 
-def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
-    # Hover read-outs bypass the queue: they only read the present picture.
-    if '"hover' not in text[:200]:
-        return None
-    try:
-        message = messages.parse(text)
-    except FlatclothError:
-        return None  # the application thread reports it
-    return message if isinstance(message, messages.Hover | messages.HoverRay) else None
+def _workspace(integration: Integration, folder: SessionFolder, **more: Any) -> Workspace:
+    from flatcloth.viewer.server.workspace import Opened
+
+    return _workspace_of(Opened(integration, folder, **more))
+
+
+def _workspace_of(opened: Opened) -> Workspace:
+    # viser loads here, so that the start screen is there before it.
+    from flatcloth.viewer.server.workspace import Workspace
+
+    return Workspace(opened)
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -323,23 +315,17 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 def serve(
-    integration: Integration,
-    folder: SessionFolder,
+    integration: Integration | None = None,
+    folder: SessionFolder | None = None,
     *,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    token: bool = True,
-    player: Player | None = None,
-    fps: float = DEFAULT_FPS,
-    controller: Callable[[SceneView, ClientSink], PageController] | None = None,
-    base_from_camera: Rigid3 | None = None,
     open_url: Callable[[str], None] | None = None,
+    **options: Any,
 ) -> None:
     """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, host, port, token, player, fps, controller, base_from_camera
+    integration, folder, options
         See :class:`PageServer`.
     open_url
         Called with the page's address when it can be opened; by default prints it.
@@ -350,17 +336,7 @@ def serve(
         If the address cannot be bound, or would admit everybody.
     """
     limit_logs()
-    with PageServer(
-        integration,
-        folder,
-        host=host,
-        port=port,
-        token=token,
-        player=player,
-        fps=fps,
-        controller=controller,
-        base_from_camera=base_from_camera,
-    ) as server:
+    with PageServer(integration, folder, **options) as server:
         (open_url or _print_url)(server.url)
         try:
             server.join()

@@ -19,7 +19,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 MAX_PATH_CHARS = 1000
+"""Limits of a request. Chosen: far above what the page sends."""
 MAX_QUERY_CHARS = 2000
+"""See ``MAX_PATH_CHARS``."""
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 _ORIGIN = re.compile(r"null|[a-z][a-z0-9+.-]{0,30}://" + _HOST.pattern)
 _LONG_NUMBER = re.compile(r"\d{16}")

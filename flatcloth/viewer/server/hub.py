@@ -12,6 +12,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 WAITING_LIMIT = 1000
+"""Messages that wait for a page before it is given up. Chosen: it bounds memory."""
 
 
 class Tab:

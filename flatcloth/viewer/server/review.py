@@ -30,7 +30,9 @@ HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
 """Operator pages at the same time: each takes about half a gigabyte."""
 _START_S = 90.0
+"""How long a reviewed recording may take to start. Chosen."""
 _MOST_BODY_BYTES = 10_000
+"""Limit of a request's body. Chosen: far above what the page sends."""
 _LAUNCH = "import sys; from flatcloth.cli import main; sys.exit(main(sys.argv[1:]))"
 _log = logging.getLogger(__name__)
 

@@ -1,0 +1,138 @@
+"""Opening what the start screen offers, with the options of ``view``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flatcloth.commands.common import integration_of, source_options_of
+from flatcloth.commands.export import hand_eye_of
+
+if TYPE_CHECKING:
+    from flatcloth.viewer.places import Chosen
+    from flatcloth.viewer.server.workspace import Opened
+
+
+def opened_recording(options: argparse.Namespace, source: str, session: Path | None = None) -> Opened:
+    """Open a recording with its session; ``session`` is the session's folder, by default its own.
+
+    Raises
+    ------
+    FlatclothError
+        If the recording cannot be read, or its session is in use.
+    """
+    found = _opened(options, source, session, None)
+    assert found is not None
+    return found
+
+
+class Opener:
+    """Opens the places of the start screen with the options that the program was started with."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+
+    def __call__(self, chosen: Chosen, current: Path | None) -> Opened | None:
+        """Open a place; None if its session is ``current``, which is open already."""
+        if chosen.kind == "camera":
+            return opened_camera(self._options, chosen.source)
+        options = argparse.Namespace(**vars(self._options))
+        options.live = False
+        if chosen.header is None:
+            return _opened(options, chosen.source, None, current)
+        options.method = chosen.header.method
+        return _opened(options, chosen.source, chosen.session, current, chosen)
+
+
+def _opened(
+    options: argparse.Namespace,
+    source: str,
+    session: Path | None,
+    current: Path | None,
+    chosen: Chosen | None = None,
+) -> Opened | None:
+    from flatcloth.engine.playing.recording import LivePlayer
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
+    from flatcloth.viewer.server.workspace import Opened
+
+    header = None if chosen is None else chosen.header
+    if session is not None and session == current:
+        return None
+    config = None if header is None else header.effective_config
+    integration = integration_of(source, options.method, source_options_of(options), config)
+    path = session or default_session_folder(integration.recording, options.method, integration.config)
+    if path == current:
+        return None
+    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    try:
+        settle_axis(folder.folder, integration)
+        return Opened(
+            integration,
+            folder,
+            player=LivePlayer(integration) if options.live else None,
+            fps=options.fps or 30.0,
+            base_from_camera=hand_eye_of(options),
+            close=folder.close,
+        )
+    except BaseException:
+        folder.close()
+        raise
+
+
+def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
+    """Open a camera and its capture, for the page.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such camera, or options of the capture are invalid.
+    """
+    from flatcloth.cameras import capture, open_camera
+    from flatcloth.cameras.feed import CameraFeed
+    from flatcloth.engine.integration import Integration
+    from flatcloth.engine.playing.camera import CameraRecording
+    from flatcloth.session.axis_file import settle_axis
+    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.store import SessionFolder
+    from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
+    from flatcloth.viewer.server.workspace import Opened
+
+    settings = CaptureSettings(
+        folder=options.out or Path(f"recording-{datetime.now():%Y%m%d-%H%M%S}"),
+        step_deg=10.0 if options.step is None else options.step,
+        frames=capture.FRAMES if options.frames is None else options.frames,
+        resume=options.resume,
+    )
+    capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
+    with contextlib.ExitStack() as stack:
+        feed = CameraFeed(open_camera(serial, options.align or "depth"))
+        stack.callback(lambda: feed.stop(timeout_s=5.0))
+        integration = Integration(CameraRecording(feed), method=options.method)
+        integration.notes = feed.camera.notes
+        path = options.session or default_session_folder(
+            integration.recording, options.method, integration.config
+        )
+        folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+        stack.callback(folder.close)
+        settle_axis(folder.folder, integration)
+        controller = capture_controller(integration, folder, feed, settings)
+        return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
+
+
+def page_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what the server of the page needs of the options of ``view``."""
+    from flatcloth.viewer.places import Places
+    from flatcloth.viewer.server.guard import is_loopback
+
+    return {
+        "host": options.host,
+        "port": options.port,
+        "token": not options.no_token,
+        "places": Places(options.root, own=is_loopback(options.host)),
+        "opener": Opener(options),
+    }

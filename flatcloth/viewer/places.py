@@ -1,0 +1,194 @@
+"""What the start screen offers: bundled examples, the user's sessions, and what lies below a folder."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.resources import sample_recordings
+from flatcloth.session.header import HEADER, Header, read_header, state_folder
+
+MOST_SESSIONS = 12
+"""Sessions that are listed. Chosen: what a page shows without scrolling."""
+MOST_ENTRIES = 500
+"""Entries of a folder that are looked at. Chosen: it bounds the time of a listing."""
+FILES = (".bag", ".db3", ".mcap")
+"""Recordings that are one file."""
+
+Kind = Literal["example", "session", "folder", "camera"]
+
+
+class PlaceError(FlatclothError):
+    """A place that is not offered; the message gives the remedy."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What is to be opened: a camera, or a recording and perhaps a session on it.
+
+    ``method`` and ``config_of`` are those of the session; None for a new one.
+    """
+
+    kind: Kind
+    source: str = ""
+    session: Path | None = None
+    header: Header | None = None
+
+
+class Places:
+    """The places that a page may open.
+
+    Parameters
+    ----------
+    root : Path, optional
+        Folder below which folders may be opened; without it, none.
+    own : bool
+        Offer the sessions in the user's state folder; not where others can reach the page.
+    """
+
+    def __init__(self, root: Path | None = None, *, own: bool = True) -> None:
+        self._own = own
+        self._root: Path | None = None
+        if root is not None:
+            try:
+                self._root = root.resolve(strict=True)
+            except OSError as error:
+                raise PlaceError(f"--root {root}: {error.strerror}. Name an existing folder.") from error
+            if not self._root.is_dir():
+                raise PlaceError(f"--root {root}: not a folder. Name an existing folder.")
+
+    def plain(self) -> dict[str, Any]:
+        """Return the offer for the page."""
+        return {
+            "examples": [{"name": name} for name in sample_recordings()],
+            "sessions": [_plain_session(folder, header) for folder, header in self._sessions()],
+            "root": None if self._root is None else self._root.name or str(self._root),
+        }
+
+    def listing(self, path: str) -> dict[str, Any]:
+        """Return what can be opened in a folder below the root, and its folders.
+
+        Raises
+        ------
+        PlaceError
+            If the folder is not offered.
+        """
+        folder = self._below(path)
+        if not folder.is_dir():
+            raise PlaceError(f"{path or '.':.200}: not a folder. Choose a folder.")
+        try:
+            entries = [found for found in self._entries(folder)]
+        except OSError as error:
+            raise PlaceError(f"{path or '.':.200}: cannot be read ({error.strerror}).") from error
+        assert self._root is not None
+        here = folder.relative_to(self._root).as_posix()
+        return {"path": "" if here == "." else here, "kind": _kind_of(folder), "entries": entries}
+
+    def chosen(self, kind: Kind, name: str) -> Chosen:
+        """Return what a page has chosen.
+
+        Raises
+        ------
+        PlaceError
+            If it is not offered.
+        """
+        if kind == "camera":
+            return Chosen("camera", name)
+        if kind == "example":
+            source = sample_recordings().get(name)
+            if source is None:
+                raise PlaceError(f"There is no example {name!r:.60}.")
+            return Chosen("example", str(source))
+        if kind == "session":
+            for folder, header in self._sessions():
+                if folder.name == name:
+                    return Chosen("session", header.recording.location, folder, header)
+            raise PlaceError(f"There is no session {name!r:.60} any more.")
+        place = self._below(name)
+        if not (place / HEADER).is_file():
+            return Chosen("folder", str(place))
+        header = read_header(place)
+        return Chosen("session", str(self._allowed(header, name)), place, header)
+
+    def _allowed(self, header: Header, name: str) -> Path:
+        """Return the recording of a session below the root, which its file names: it must be offered too."""
+        location = Path(header.recording.location)
+        try:
+            found = location.resolve(strict=True)
+        except OSError as error:
+            raise PlaceError(f"{name:.200}: its recording {location} is not there any more.") from error
+        offered = {path.resolve() for path in sample_recordings().values()}
+        if found not in offered and not (self._root is not None and found.is_relative_to(self._root)):
+            raise PlaceError(f"{name:.200}: its recording lies outside the folder given with --root.")
+        return found
+
+    def _below(self, path: str) -> Path:
+        if self._root is None:
+            raise PlaceError("No folder is offered; start the program with --root DIR.")
+        if "\0" in path:
+            raise PlaceError("A path with a zero character cannot exist.")
+        try:
+            found = (self._root / path).resolve(strict=True)
+        except (OSError, RuntimeError) as error:
+            raise PlaceError(f"{path:.200}: there is no such folder below {self._root.name}.") from error
+        if not found.is_relative_to(self._root):
+            raise PlaceError(f"{path:.200}: lies outside the folder given with --root.")
+        return found
+
+    def _entries(self, folder: Path) -> Iterator[dict[str, str]]:
+        assert self._root is not None
+        for n, entry in enumerate(sorted(folder.iterdir(), key=lambda e: e.name.lower())):
+            if n >= MOST_ENTRIES:
+                return
+            if entry.name.startswith("."):
+                continue
+            with contextlib.suppress(OSError, RuntimeError):
+                found = entry.resolve(strict=True)
+                kind = _kind_of(found)
+                if kind and found.is_relative_to(self._root):
+                    yield {"name": entry.name, "kind": kind}
+
+    def _sessions(self) -> list[tuple[Path, Header]]:
+        """Return the user's sessions whose recordings are there, the last used first."""
+        if not self._own:
+            return []
+        found = []
+        with contextlib.suppress(OSError):
+            for folder in (state_folder() / "sessions").iterdir():
+                with contextlib.suppress(OSError, FlatclothError):
+                    header = read_header(folder)
+                    if Path(header.recording.location).exists():
+                        found.append((_used_at(folder), folder, header))
+        found.sort(key=lambda item: item[0], reverse=True)
+        return [(folder, header) for _, folder, header in found[:MOST_SESSIONS]]
+
+
+def _kind_of(path: Path) -> str:
+    """Return ``recording``, ``session``, ``file`` or ``folder``; "" for what cannot be opened."""
+    if path.is_dir():
+        if (path / HEADER).is_file():
+            return "session"
+        return "recording" if (path / "recording.json").is_file() else "folder"
+    return "file" if path.is_file() and path.suffix in FILES else ""
+
+
+def _used_at(folder: Path) -> float:
+    journal = folder / "journal.jsonl"
+    return (journal if journal.exists() else folder / HEADER).stat().st_mtime
+
+
+def _plain_session(folder: Path, header: Header) -> dict[str, Any]:
+    used = datetime.fromtimestamp(_used_at(folder), UTC)
+    about = header.recording
+    return {
+        "name": folder.name,
+        "recording": about.name,
+        "views": about.views,
+        "method": header.method,
+        "used": used.isoformat(timespec="seconds"),
+    }

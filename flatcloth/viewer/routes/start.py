@@ -1,0 +1,163 @@
+"""The start screen over HTTP: what can be opened, its pictures, and opening it.
+
+``GET /start/places.json`` returns the offer, ``GET /start/folder.json?path=`` what lies in a folder below the
+root, ``GET /start/picture/{kind}/{name}`` the first image of an example or a session. ``POST /start/open``
+with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers when it is open. Errors are
+``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.resources import static_folder
+from flatcloth.viewer.places import Chosen, Kind, Places
+
+MAX_BODY_BYTES = 4096
+"""Limit of a request's body. Chosen: far above what the page sends."""
+PICTURE_PX = 240
+"""Size of the pictures of recordings. Chosen."""
+PICTURES_KEPT = 64
+"""Pictures that are kept. Chosen for memory."""
+_NEW = {"Cache-Control": "no-store"}
+
+
+class OpenPlace(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The body of ``POST /start/open``; ``name`` is that of the offer, or a path below the root."""
+
+    kind: Kind
+    name: Annotated[str, msgspec.Meta(max_length=1000)] = ""
+
+
+class StartRoutes:
+    """Answers the requests of the start screen.
+
+    Parameters
+    ----------
+    places : Places
+        What may be opened.
+    open_place : callable
+        Opens a place for all tabs; raises ``FlatclothError``.
+    current : callable
+        Returns the name of what is open, None if nothing is.
+    """
+
+    def __init__(
+        self, places: Places, open_place: Callable[[Chosen], None], current: Callable[[], str | None]
+    ) -> None:
+        self._places = places
+        self._open = open_place
+        self._current = current
+        self._opening = threading.Lock()
+        self._lock = threading.Lock()
+        self._pictures: OrderedDict[str, bytes] = OrderedDict()
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes of the start screen."""
+        return [
+            Route("/start", self.page),
+            Route("/start/places.json", self._offer),
+            Route("/start/folder.json", self._folder),
+            Route("/start/picture/{kind}/{name}", self._picture),
+            Route("/start/open", self._take, methods=["POST"]),
+        ]
+
+    async def page(self, _request: Request) -> Response:
+        """Answer with the start screen."""
+        return FileResponse(static_folder() / "start" / "start.html", headers={"Cache-Control": "no-cache"})
+
+    async def _offer(self, _request: Request) -> Response:
+        offer = await run_in_threadpool(self._places.plain)
+        return JSONResponse({**offer, "current": self._current()}, headers=_NEW)
+
+    async def _folder(self, request: Request) -> Response:
+        path = request.query_params.get("path", "")
+        try:
+            return JSONResponse(await run_in_threadpool(self._places.listing, path), headers=_NEW)
+        except FlatclothError as error:
+            return _refused(str(error), 409)
+
+    async def _picture(self, request: Request) -> Response:
+        kind, name = request.path_params["kind"], request.path_params["name"]
+        if kind not in ("example", "session"):
+            return PlainTextResponse("There is no such picture.", status_code=404)
+        try:
+            data = await run_in_threadpool(self._drawn, kind, name)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
+
+    def _drawn(self, kind: Kind, name: str) -> bytes:
+        source = self._places.chosen(kind, name).source
+        with self._lock:
+            if source in self._pictures:
+                return self._pictures[source]
+        data = first_picture(source)
+        with self._lock:
+            self._pictures[source] = data
+            while len(self._pictures) > PICTURES_KEPT:
+                self._pictures.popitem(last=False)
+        return data
+
+    async def _take(self, request: Request) -> Response:
+        try:
+            wanted = msgspec.json.decode(await _body(request), type=OpenPlace)
+        except msgspec.ValidationError as error:
+            return _refused(f"Not understood: {error}.", 400)
+        except (ValueError, RecursionError) as error:
+            return _refused(f"The body is not JSON of what to open ({error}).", 400)
+        if not self._opening.acquire(blocking=False):
+            return _refused("Something else is being opened; wait until it is there.", 429)
+        try:
+            await run_in_threadpool(self._open_place, wanted)
+        except FlatclothError as error:
+            return _refused(str(error), 409)
+        finally:
+            self._opening.release()
+        return JSONResponse({"opened": self._current()})
+
+    def _open_place(self, wanted: OpenPlace) -> None:
+        self._open(self._places.chosen(wanted.kind, wanted.name))
+
+
+def first_picture(source: str) -> bytes:
+    """Return the first color image of a recording as a small JPEG.
+
+    Raises
+    ------
+    FlatclothError
+        If it cannot be read.
+    """
+    import cv2
+
+    from flatcloth.recordings import open_recording
+    from flatcloth.viewer.routes.sources import jpeg
+
+    color = open_recording(source)[0].color
+    scale = PICTURE_PX / max(color.shape[:2])
+    size = (max(1, round(scale * color.shape[1])), max(1, round(scale * color.shape[0])))
+    small: Any = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
+    return jpeg(small)
+
+
+async def _body(request: Request) -> bytes:
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MAX_BODY_BYTES:
+            raise ValueError(f"it is longer than {MAX_BODY_BYTES} bytes")
+    return body
+
+
+def _refused(text: str, status: int) -> Response:
+    return JSONResponse({"error": text}, status_code=status)

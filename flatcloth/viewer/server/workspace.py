@@ -1,0 +1,176 @@
+"""What the page works on at present: one session, live recording or camera, with its scene and its routes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, Router, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
+from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
+from flatcloth.viewer.modes.player import Player
+from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.modes.teaching import TeachingRoutes
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.routes.exports import ExportRoutes
+from flatcloth.viewer.routes.layers import LayerRoutes
+from flatcloth.viewer.routes.robot import RobotRoutes
+from flatcloth.viewer.routes.sources import SourceRoutes
+from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.server.hub import Hub, Tab
+from flatcloth.viewer.server.relay import relay
+
+if TYPE_CHECKING:
+    from flatcloth.engine.integration import Integration
+    from flatcloth.session.store import SessionFolder
+
+
+def _nothing() -> None:
+    """Close nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A source that was opened for the page.
+
+    Parameters
+    ----------
+    integration, folder
+        The session.
+    player : Player, optional
+        For live mode: flattens the played frames.
+    fps : float
+        Initial frames per second in live mode.
+    controller : callable, optional
+        Makes the application of another mode, such as a camera's.
+    base_from_camera : Rigid3, optional
+        Hand-eye transform, for what robots are told (docs/robots.md).
+    close : callable
+        Closes the session and what it reads from.
+    """
+
+    integration: Integration
+    folder: SessionFolder
+    player: Player | None = None
+    fps: float = DEFAULT_FPS
+    controller: Callable[[SceneView, ClientSink], PageController] | None = None
+    base_from_camera: Rigid3 | None = None
+    close: Callable[[], None] = _nothing
+
+
+class Workspace:
+    """Shows an opened source; ``router`` answers the requests about it."""
+
+    def __init__(self, opened: Opened) -> None:
+        integration, folder = opened.integration, opened.folder
+        self._opened = opened
+        self.scene = Scene(integration.axis, integration.recording.intrinsics)
+        self.hub = Hub()
+        self.application: PageController
+        if opened.controller is not None:
+            self.application = opened.controller(self.scene, self.hub)
+        elif opened.player is not None:
+            self.application = LiveApplication(
+                integration, folder, self.scene, self.hub, opened.player, opened.fps
+            )
+        else:
+            self.application = Application(integration, folder, self.scene, self.hub)
+        self.hub.on_leave = self.application.leave
+        self.scene.on_ray = self.application.click_ray
+        self.scene.on_follow = self.application.set_follow
+        if isinstance(self.application, Application):
+            self.scene.offer_clouds(integration)
+            self.scene.offer_axis(self.application.adjust_axis)
+        self._teaching = TeachingRoutes(integration)
+        self._exports = ExportRoutes(integration, folder)
+        self.router = Router(
+            [
+                *LayerRoutes(self.application, integration).routes(),
+                *SourceRoutes(self.application, integration).routes(),
+                Route("/export/grasps.json", self._grasps),
+                Route("/export/{name}", self._exports.serve),
+                Route("/teaching/{part}", self._teaching.serve),
+                *self.application.routes(),
+                *RobotRoutes(self.application, integration, opened.base_from_camera).routes(),
+                WebSocketRoute("/ws", self._messages),
+                WebSocketRoute("/viser", self._viser_socket),
+            ]
+        )
+
+    @property
+    def name(self) -> str:
+        """The name of the recording."""
+        return self._opened.integration.recording.name
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of the session."""
+        return getattr(self._opened.folder, "folder", None)
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether it shows a camera."""
+        return self._opened.controller is not None
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Begin to work, and to answer on this event loop."""
+        self.hub.open(loop)
+        self.application.start()
+
+    def stop(self) -> None:
+        """End its threads, close the scene and the source."""
+        self.application.stop()
+        self._teaching.stop()
+        self._exports.stop()
+        self.scene.stop()
+        self._opened.close()
+
+    async def _messages(self, browser: WebSocket) -> None:
+        def receive(key: int, tab: Tab, text: str) -> None:
+            answer = self._pointed_at(text)
+            if answer is None:
+                self.application.receive(key, text)
+            else:
+                tab.put(json.dumps(answer, allow_nan=False))
+
+        await self.hub.serve(browser, self.application.last_snapshot, receive)
+
+    def _pointed_at(self, text: str) -> dict[str, Any] | None:
+        """Answer a question about what is under the pointer; None for any other message."""
+        hover = _hover(text)
+        if isinstance(hover, messages.HoverRay):
+            return self.application.describe_ray(hover)
+        return None if hover is None else self.application.describe(hover)
+
+    async def _viser_socket(self, browser: WebSocket) -> None:
+        await relay(browser, self.scene.path)
+
+    async def _grasps(self, _request: Request) -> Response:
+        headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
+        try:
+            grasps = await run_in_threadpool(self.application.grasps)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        return JSONResponse(grasps, headers=headers)
+
+
+def _hover(text: str) -> messages.Hover | messages.HoverRay | None:
+    # Hover read-outs bypass the queue: they only read the present picture.
+    if '"hover' not in text[:200]:
+        return None
+    try:
+        message = messages.parse(text)
+    except FlatclothError:
+        return None  # the application thread reports it
+    return message if isinstance(message, messages.Hover | messages.HoverRay) else None

@@ -1,0 +1,120 @@
+// The pairs of cloth that fixed a proposal's place: histograms, and lines on the canvas and in 3D.
+
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { count, number } from "/static/page/format.js";
+import { columns, rows } from "/static/teaching/draw.js";
+import { Plot } from "/static/teaching/plot.js";
+
+const STRETCH = 10; // lines on the canvas are drawn so many times as long: a millimetre would not be seen
+const NEAR_PX = 14;
+const BINS = 24;
+const COLORS = ["#2c7bb6", "#e67e00", "#b3261e"]; // below a third of the limit, below the limit, beyond it
+
+export class ClothPairs {
+  constructor(canvas, sheet) {
+    this.canvas = canvas;
+    this.sheet = sheet;
+    this.pairs = null;
+    this.marked = null; // number of a pair
+  }
+
+  take(pairs) {
+    this.pairs = pairs;
+    this.marked = null;
+  }
+
+  /** What the pairs say, in a line. */
+  get facts() {
+    const { total, median_mm, nine_tenths_mm, beyond_share, limit_mm, apart_median_mm } = this.pairs;
+    return (
+      `${count(total, "pair")} of the same cloth. On the plane half of them lie within ${number(median_mm)} mm, ` +
+      `nine tenths within ${number(nine_tenths_mm)} mm, ${number(100 * beyond_share, 0)} % beyond ` +
+      `${number(limit_mm, 0)} mm; in space half lie within ${number(apart_median_mm)} mm. ` +
+      `Lines on the canvas are drawn ${STRETCH} times as long.`
+    );
+  }
+
+  told(n) {
+    if (n === null) return "";
+    const { residual_mm: off, apart_mm: apart } = this.pairs;
+    return `This pair: ${number(off[n])} mm apart on the plane, ${number(apart[n])} mm in space.`;
+  }
+
+  color(n) {
+    const { residual_mm: off, limit_mm: limit } = this.pairs;
+    return COLORS[off[n] <= limit / 3 ? 0 : off[n] <= limit ? 1 : 2];
+  }
+
+  // --- histograms --------------------------------------------------------------------------------
+
+  drawPlots(rect) {
+    const { residual_mm, apart_mm, limit_mm } = this.pairs;
+    const split = rect.w > 1.3 * rect.h ? columns : rows;
+    const places = split(rect, [1, 1], 6);
+    this.histogram(places[0], residual_mm, limit_mm, "Apart on the plane", "mm");
+    this.histogram(places[1], apart_mm, null, "Apart in space", "mm");
+  }
+
+  histogram(place, values, limit, title, unit) {
+    const { sheet } = this;
+    const inner = sheet.titled(place, title);
+    const sorted = [...values].sort((a, b) => a - b);
+    const most = Math.max(1, sorted[Math.floor(0.98 * (sorted.length - 1))] * 1.3, limit ? limit * 1.15 : 0);
+    const edges = Array.from({ length: BINS + 1 }, (_, i) => (most * i) / BINS);
+    const counts = Array(BINS).fill(0);
+    for (const value of values) counts[Math.min(BINS - 1, Math.floor((value / most) * BINS))] += 1;
+    const plot = new Plot(sheet, inner, {
+      x: [0, most],
+      y: [0, 1.08 * Math.max(...counts)],
+      xLabel: unit,
+      yLabel: "pairs",
+    });
+    const colorAt = (at) => COLORS[limit === null || at <= limit / 3 ? 0 : at <= limit ? 1 : 2];
+    plot.bars(edges, counts, colorAt);
+    if (limit !== null) plot.vertical(limit, sheet.color.limit, "limit", 1.5, [5, 4]);
+    if (this.marked !== null) plot.vertical(values[this.marked], sheet.color.mark, "", 1.5);
+  }
+
+  // --- on the canvas and in 3D -------------------------------------------------------------------
+
+  /** The pair at a place of the plane, null if none is near. */
+  nearest(at) {
+    if (!at || !this.pairs) return null;
+    const here = this.canvas.transform.toPane(at.u_m, at.v_m);
+    let [best, nearest] = [null, NEAR_PX];
+    this.pairs.shape_uv_m.forEach((uv, n) => {
+      const { x, y } = this.canvas.transform.toPane(...uv);
+      const off = Math.hypot(x - here.x, y - here.y);
+      if (off < nearest) [best, nearest] = [n, off];
+    });
+    return best;
+  }
+
+  paint(context) {
+    const { shape_uv_m: from, placed_uv_m: to } = this.pairs;
+    from.forEach((uv, n) => {
+      const end = uv.map((value, i) => value + STRETCH * (to[n][i] - value));
+      const [a, b] = [uv, end].map((place) => this.canvas.transform.toPane(...place));
+      const on = n === this.marked;
+      strokeLine(context, [a, b], this.color(n), on ? 3 : 1.25);
+      this.end(context, a, n, on);
+    });
+  }
+
+  end(context, { x, y }, n, on) {
+    if (on) return drawDot(context, { x, y }, this.color(n), 6);
+    context.fillStyle = this.color(n);
+    context.fillRect(x - 1, y - 1, 2.5, 2.5);
+  }
+
+  paintInSpace(context, place) {
+    const { shape_xyz_m: from, new_xyz_m: to } = this.pairs;
+    from.forEach((point, n) => {
+      const [a, b] = [place(point), place(to[n])];
+      if (!a || !b) return;
+      const on = n === this.marked;
+      strokeLine(context, [a, b], this.color(n), on ? 3 : 1.5);
+      this.end(context, a, n, on);
+    });
+  }
+}

@@ -1,0 +1,180 @@
+"""A whole session from the start screen to the export, as an operator works: by mouse, and by keys alone."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
+from exported_sessions import write_cylinder
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+class ByMouse:
+    """Everything by clicks and drags."""
+
+    def __init__(self, tab):
+        self.tab, self.page = tab, tab.page
+
+    def open(self, name):
+        self.page.get_by_role("button", name=name).first.click()
+
+    def do(self, action):
+        self.page.locator(f"[data-action='{action}']:visible").first.click()
+
+    def press(self, data_id):
+        sheet = "dialog[open] " if self.page.locator("dialog[open]").count() else ""
+        self.page.locator(f"{sheet}[data-id='{data_id}']:visible").first.click()
+
+    def drag_away(self):
+        """Drag the proposal 100 mm across the shape, by cloth that is found under the pointer."""
+        at = self.page.evaluate(
+            """() => { const l = flatcloth.state.layers.overlay, d = l.pixel_size_m, [u, v] = l.origin_uv_m;
+                 const at = (by) => flatcloth.toScreen(u + by + d * l.cols / 2, v + d * l.rows / 2);
+                 return [at(0).x, at(0).y, at(0.1).x - at(0).x]; }"""
+        )
+        x, y, far = at
+        canvas = self.page.locator("#canvas")
+        for dx in range(0, 160, 6):
+            self.page.mouse.move(x - dx, y)
+            if canvas.evaluate("c => c.style.cursor") == "move":
+                break
+        self.page.mouse.down()
+        self.page.mouse.move(x - dx + far, y + 5, steps=5)
+        self.page.mouse.up()
+
+    def reopen(self, view):
+        self.press(f"view-{view}")
+        self.page.locator("#view-card").get_by_role("button", name="Reopen").click()
+
+    def close(self):
+        self.page.locator("dialog[open] .button", has_text="Close").click()
+
+
+class ByKeys(ByMouse):
+    """Everything by keys: those of the actions, Tab and Enter."""
+
+    def to(self, found):
+        """Tab until something has the focus."""
+        for _ in range(150):
+            self.page.keyboard.press("Tab")
+            if self.page.evaluate(f"(() => {{ const e = document.activeElement; return {found}; }})()"):
+                return
+        raise AssertionError(f"Tab never came to {found}")
+
+    def open(self, name):
+        self.to(f"e.textContent.includes('{name}')")
+        self.page.keyboard.press("Enter")
+
+    def do(self, action):
+        key = next(a["keys"][0] for a in self.tab.state()["actions"] if a["name"] == action)
+        *held, last = key.split("+")
+        self.page.keyboard.press("+".join([*held, last.upper() if held and len(last) == 1 else last]))
+
+    def press(self, data_id):
+        self.to(f"e.dataset.id === '{data_id}'")
+        self.page.keyboard.press("Enter")
+
+    def drag_away(self):
+        for _ in range(5):
+            self.page.keyboard.press("Shift+ArrowRight")
+
+    def reopen(self, view):
+        self.do("lowest_score")  # flagged views come first
+        expect(self.page.get_by_role("dialog", name=f"View {view}")).to_be_visible()
+        self.page.keyboard.press("Control+e")
+
+    def close(self):
+        self.page.keyboard.press("Escape")
+
+
+@pytest.fixture
+def program(tmp_path: Path):
+    """The start screen, with two recordings of a cylinder with a floating piece below its root."""
+    for name in ("by-mouse", "by-keys"):
+        write_cylinder(tmp_path / "root" / name, name, slice(112, 128))
+    running = Program(f"--root {tmp_path / 'root'}", None)
+    yield running
+    running.stop()
+
+
+def work_through(tab, hands, name, tmp_path):
+    """Open, accept a bad place knowingly, find and repair it in review, finish, export."""
+    page = tab.page
+    hands.open(name)
+    tab.ready()
+    expect(page.locator("#recording")).to_contain_text(name)
+    assert tab.state()["layers"]["pieces"], "a piece floats"
+    hands.press("floating-B")
+    expect(page.locator("#floating")).to_contain_text("Nothing seen connects it")
+
+    hands.do("step")
+    tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+    hands.drag_away()
+    tab.until("flatcloth.state.pending.score !== null && flatcloth.state.pending.score < 0.75")
+    bad = tab.state()["pending"]["view_index"]
+    hands.do("accept")
+    page.locator(".toast.warning", has_text="Press Accept again").wait_for()
+    assert tab.state()["pending"]
+    hands.do("accept")
+    tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
+    assert tab.state()["views"][bad]["flagged"]
+
+    hands.reopen(bad)
+    tab.until(f"flatcloth.state.pending?.view_index === {bad} && flatcloth.overlayRevision > 0")
+    hands.do("back_to_best")
+    tab.until("flatcloth.state.pending.score >= 0.75")
+    hands.do("accept")
+    tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
+    assert not tab.state()["views"][bad]["flagged"]
+
+    hands.do("auto")
+    tab.until("flatcloth.phase === 'finished' && !flatcloth.state.drawing")
+    expect(page.locator("#result")).to_contain_text("Finished")
+    tab.shoot(f"operator-{name}")
+    with page.expect_download() as download:
+        hands.do("export")
+        hands.press("data.zip")
+    download.value.save_as(tmp_path / f"{name}.zip")
+    with zipfile.ZipFile(io.BytesIO((tmp_path / f"{name}.zip").read_bytes())) as archive:
+        outcome = json.loads(archive.read("outcome.json"))
+        assert {"flattened.npz", "cloud.ply", "floating-1.npz"} <= set(archive.namelist())
+    assert bad in {v["view_index"] for v in outcome["accepted"]}
+    hands.close()
+
+
+def test_a_session_is_worked_through_from_the_start_screen_by_mouse_and_by_keys(open_tab, tmp_path):
+    tab = open_tab(1280, 900)
+    work_through(tab, ByMouse(tab), "by-mouse", tmp_path)
+    tab.page.locator("[data-action=home]").click()
+    tab.page.locator("#back", has_text="by-mouse").wait_for()
+    # What is open changes without another start of the program, and each session is kept.
+    work_through(tab, ByKeys(tab), "by-keys", tmp_path)
+    tab.page.keyboard.press("Shift+H")
+    expect(tab.page.locator("#recent .card")).to_have_count(2)
+    assert tab.findings() == []
+    tab.shoot("start-screen")
+    # A recording that is dropped is told how to import; nothing is sent.
+    tab.page.evaluate(
+        """() => { const files = new DataTransfer(); files.items.add(new File(["x"], "turned one.bag"));
+             document.dispatchEvent(new DragEvent("drop", { dataTransfer: files, cancelable: true })); }"""
+    )
+    told = tab.page.locator("dialog.drop")
+    expect(told).to_contain_text("flatcloth import 'turned one.bag' --out turned-one --step 10")
+    told.get_by_role("button", name="Close").click()
+    # Without a camera the page says what to do.
+    tab.page.locator("#open-camera").click()
+    expect(tab.page.locator("#camera .steps")).to_contain_text("USB 3")
+    assert tab.findings() == []
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("hands", [ByMouse, ByKeys])
+def test_trousers_are_worked_through(open_tab, tmp_path, hands):
+    tab = open_tab(1280, 900)
+    work_through(tab, hands(tab), "trousers-waist-d435", tmp_path)

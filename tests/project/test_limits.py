@@ -1,0 +1,79 @@
+"""What keeps the code readable: sizes of files, functions and packages, and a source beside each constant."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PYTHON = [
+    path for folder in ("flatcloth", "benchmarks", "tests") for path in sorted((ROOT / folder).rglob("*.py"))
+]
+PAGE = sorted((ROOT / "static").rglob("*.js"))
+
+
+def test_no_file_has_more_than_450_lines() -> None:
+    lines = {str(path.relative_to(ROOT)): path.read_text().count("\n") for path in (*PYTHON, *PAGE)}
+    assert {path: count for path, count in lines.items() if count > 450} == {}
+
+
+def test_no_function_has_more_than_80_lines() -> None:
+    long = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path in PYTHON
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (node.end_lineno or node.lineno) - node.lineno >= 80
+    ]
+    assert long == []
+
+
+def test_no_package_has_more_than_15_modules() -> None:
+    modules = [path for path in (ROOT / "flatcloth").rglob("*.py") if path.name != "__init__.py"]
+    count = Counter(str(path.parent.relative_to(ROOT)) for path in (*modules, *PAGE))
+    assert {package: n for package, n in count.items() if n > 15} == {}
+
+
+def numbers_without_a_word(source: str) -> Iterator[str]:
+    """Yield the constants of a module that have no docstring after and no comment on their line."""
+    lines, body = source.splitlines(), ast.parse(source).body
+    for statement, following in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
+            continue
+        targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+        names = [n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name) and n.id.isupper()]
+        inside = list(ast.walk(statement.value))
+        values = [node.value for node in inside if isinstance(node, ast.Constant)]
+        numeric = any(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        if not names or not numeric or any(isinstance(v, str) for v in values):
+            continue
+        told = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
+        if not told and "#" not in lines[(statement.end_lineno or statement.lineno) - 1]:
+            yield names[0]
+
+
+def test_each_constant_says_what_it_is() -> None:
+    """Beside each number stands what it means and its source: paper, datasheet, command, or choice."""
+    found = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in PYTHON
+        if path.is_relative_to(ROOT / "flatcloth")
+        for name in numbers_without_a_word(path.read_text())
+    ]
+    assert found == []
+
+
+def test_the_reader_of_constants_sees_what_it_must() -> None:
+    source = (
+        "A = 1.0\n"
+        "B_M, C_M = 2.0, 3.0\n"
+        '"""Chosen."""\n'
+        "D = 4  # the paper, section 3\n"
+        "E = np.array([5.0])\n"
+        "F: float = -6.0\n"
+        'NAMES = ("x", 1)\n'
+        "small = 7\n"
+    )
+    assert list(numbers_without_a_word(source)) == ["A", "E", "F"]

@@ -1,0 +1,223 @@
+"""The start screen's server: what it offers, what it opens, and what it never opens."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from page_tabs import WAIT_S, Tab, get, post
+from viewer_fakes import CylinderIntegration, MemoryFolder
+
+from flatcloth.core.config import Config
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.resources import sample_recordings
+from flatcloth.recordings import open_recording
+from flatcloth.session.header import default_session_folder
+from flatcloth.session.store import SessionFolder
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.places import Chosen, PlaceError, Places
+from flatcloth.viewer.server.workspace import Opened
+
+SAMPLE = sample_recordings()["shirt-sleeve-clean"]
+
+
+class FakeOpener:
+    """Opens cylinders; what is named ``broken`` fails, and ``slow`` waits."""
+
+    def __init__(self) -> None:
+        self.asked: list[Chosen] = []
+        self.closed: list[str] = []
+        self.gate = threading.Event()
+
+    def __call__(self, chosen: Chosen, current: Path | None) -> Opened | None:
+        self.asked.append(chosen)
+        name = Path(chosen.source).name
+        if name == "broken":
+            raise RecordingError("broken: has no views. Record it again.")
+        if name == "slow":
+            assert self.gate.wait(WAIT_S)
+        return Opened(
+            CylinderIntegration(),
+            MemoryFolder(),
+            close=lambda: self.closed.append(name),  # type: ignore[arg-type]
+        )
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    root = tmp_path / "root"
+    for name in ("a", "b", "broken", "slow", "deep/inside"):
+        (root / name).mkdir(parents=True)
+        (root / name / "recording.json").write_text("{}")
+    (root / "turned.bag").write_bytes(b"")
+    (root / "notes.txt").write_text("")
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "recording.json").write_text("{}")
+    (root / "way-out").symlink_to(tmp_path / "outside")
+    (root / "way-in").symlink_to(root / "a")
+    (root / "loop").symlink_to(root / "loop")
+    return root
+
+
+@pytest.fixture
+def opener() -> FakeOpener:
+    return FakeOpener()
+
+
+@pytest.fixture
+def empty(root: Path, opener: FakeOpener) -> Iterator[PageServer]:
+    """A page on which nothing is open."""
+    with PageServer(port=0, places=Places(root), opener=opener) as running:
+        yield running
+        opener.gate.set()
+
+
+def opened(server: PageServer, kind: str, name: str = "") -> httpx.Response:
+    return post(server, "/start/open", json={"kind": kind, "name": name})
+
+
+def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> None:
+    assert "Recent sessions" in get(empty, "/").text
+    assert get(empty, "/layers/1/color.png").status_code == 409
+    offer = get(empty, "/start/places.json").json()
+    assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
+    assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
+
+
+def test_what_is_chosen_opens_and_another_takes_its_place(empty: PageServer, opener: FakeOpener) -> None:
+    assert opened(empty, "folder", "a").status_code == 200
+    assert "Flattened view" in get(empty, "/").text
+    assert get(empty, "/start/places.json").json()["current"] == "cylinder"
+    with Tab(empty) as tab:
+        tab.ready()
+        assert opened(empty, "folder", "deep/inside").status_code == 200
+        assert tab.until(lambda m: m["type"] == "switched")
+    assert opener.closed == ["a"]
+    with Tab(empty) as tab:
+        tab.ready()
+    empty.stop()
+    assert opener.closed == ["a", "inside"]
+
+
+def test_what_cannot_be_opened_leaves_what_is_open(empty: PageServer, opener: FakeOpener) -> None:
+    assert opened(empty, "folder", "a").status_code == 200
+    answer = opened(empty, "folder", "broken")
+    assert (answer.status_code, answer.json()["error"]) == (409, "broken: has no views. Record it again.")
+    with Tab(empty) as tab:
+        tab.ready()
+    assert opener.closed == []
+
+
+def test_one_is_opened_at_a_time(empty: PageServer, opener: FakeOpener) -> None:
+    answers: list[httpx.Response] = []
+    first = threading.Thread(target=lambda: answers.append(opened(empty, "folder", "slow")))
+    first.start()
+    while not opener.asked:
+        pass
+    assert opened(empty, "folder", "a").status_code == 429
+    opener.gate.set()
+    first.join()
+    assert answers[0].status_code == 200
+
+
+OUTSIDE = ("..", "../outside", "way-out", "way-out/", "/etc", "a/../../outside", "loop", "no", "\0")
+
+
+@pytest.mark.parametrize("path", OUTSIDE)
+def test_nothing_outside_the_root_is_listed_or_opened(
+    empty: PageServer, opener: FakeOpener, path: str
+) -> None:
+    answer = get(empty, "/start/folder.json?path=" + path.replace("\0", "%00"))
+    assert answer.status_code == 409
+    answer = opened(empty, "folder", path)
+    assert (answer.status_code, opener.asked) == (409, [])
+
+
+def test_a_folder_lists_what_can_be_opened_and_no_way_out(empty: PageServer) -> None:
+    listed = get(empty, "/start/folder.json?path=").json()
+    assert {e["name"]: e["kind"] for e in listed["entries"]} == {
+        "a": "recording", "b": "recording", "broken": "recording", "slow": "recording", "deep": "folder",
+        "turned.bag": "file", "way-in": "recording",
+    }  # fmt: skip
+    assert get(empty, "/start/folder.json?path=deep").json()["path"] == "deep"
+
+
+def test_without_a_root_no_folder_is_offered(opener: FakeOpener, tmp_path: Path) -> None:
+    with PageServer(port=0, opener=opener) as server:
+        assert "--root" in opened(server, "folder", str(tmp_path)).json()["error"]
+    with pytest.raises(PlaceError, match="Name an existing folder"):
+        Places(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (b"", "not JSON"),
+        (b"[" * 3000, "Not understood"),
+        (b'{"kind": "planet"}', "Not understood"),
+        (b'{"kind": "folder", "name": 1}', "Not understood"),
+        (b'{"kind": "folder", "path": "a"}', "Not understood"),
+        (b'{"kind": "folder", "name": "' + b"x" * 1001 + b'"}', "Not understood"),
+        (b" " * 5000, "longer than"),
+    ],
+)
+def test_malformed_requests_are_answered_400(empty: PageServer, body: bytes, told: str) -> None:
+    answer = post(empty, "/start/open", content=body)
+    assert answer.status_code == 400
+    assert told in answer.json()["error"]
+
+
+def test_only_the_operator_s_own_page_may_open(empty: PageServer, opener: FakeOpener) -> None:
+    address = f"http://127.0.0.1:{empty.port}"
+    body = json.dumps({"kind": "folder", "name": "a"})
+    for headers in (
+        {},
+        {"Authorization": f"Bearer {empty.token}", "Origin": "http://evil.example"},
+        {"Authorization": f"Bearer {empty.token}", "Host": "evil.example"},
+        {"Authorization": f"Bearer {empty.token}", "Sec-Fetch-Site": "cross-site"},
+    ):
+        assert httpx.post(f"{address}/start/open", content=body, headers=headers).status_code == 403
+        for path in ("/start", "/start/places.json", "/start/folder.json", "/start/picture/example/x"):
+            assert httpx.get(f"{address}{path}", headers=headers).status_code == 403
+    assert get(empty, "/start/open").status_code == 409  # only by POST; nothing else is there
+    assert opener.asked == []
+
+
+def test_examples_and_sessions_have_pictures(empty: PageServer) -> None:
+    picture = get(empty, "/start/picture/example/shirt-sleeve-clean")
+    assert picture.headers["content-type"] == "image/jpeg"
+    assert picture.content[:2] == b"\xff\xd8"
+    assert get(empty, "/start/picture/example/nothing").status_code == 409
+    assert get(empty, "/start/picture/folder/a").status_code == 404
+
+
+def test_sessions_are_offered_where_only_the_user_reaches_the_page(state_home: Path, root: Path) -> None:
+    recording, config = open_recording(str(SAMPLE)), Config()
+    SessionFolder.open(
+        default_session_folder(recording, "robust", config), recording, config, "robust"
+    ).close()
+    (told,) = Places(root).plain()["sessions"]
+    assert (told["recording"], told["views"], told["method"]) == ("shirt-sleeve-clean", 36, "robust")
+    chosen = Places(root).chosen("session", told["name"])
+    assert (Path(chosen.source), chosen.session is not None) == (SAMPLE, True)
+    assert Places(root, own=False).plain()["sessions"] == []
+    with pytest.raises(PlaceError):
+        Places(root, own=False).chosen("session", told["name"])
+
+
+def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, tmp_path: Path) -> None:
+    recording, config = open_recording(str(SAMPLE)), Config()
+    SessionFolder.open(root / "session", recording, config, "robust").close()
+    assert Places(root).chosen("folder", "session").source == str(SAMPLE)  # bundled: offered anyhow
+    header = root / "session" / "session.json"
+    told: dict[str, Any] = json.loads(header.read_text())
+    for elsewhere in (str(tmp_path / "outside"), str(root / "way-out"), str(tmp_path / "gone")):
+        told["recording"]["location"] = elsewhere
+        header.write_text(json.dumps(told))
+        with pytest.raises(PlaceError, match=r"outside the folder|not there any more"):
+            Places(root).chosen("folder", "session")
