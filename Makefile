@@ -27,7 +27,8 @@ PRETTIER := --print-width 118 --object-wrap collapse
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
-demo: $(VENV)/.demo $(VENV)/.libegl $(VENV)/.warm
+# The first time the page says that it waits for the compiler.
+demo: $(VENV)/.demo $(VENV)/.libegl
 	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
@@ -94,7 +95,7 @@ $(VENV)/.bench: pyproject.toml | $(VENV)/.demo
 	@$(PIP_INSTALL) '.[bench]'
 	@touch $@
 
-# Compiled once here, so that the page does not wait for the compiler.
+# Compiled once here, so that tests do not wait for the compiler.
 $(VENV)/.warm: $(shell find flatcloth -name "*.py") | $(VENV)/.python
 	@echo "Compiling the numerics ..."
 	@$(BIN)/python -m flatcloth.engine.warmup

@@ -16,11 +16,11 @@ import numpy as np
 
 from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import sources, unattended
-from flatcloth.engine.garment.recognition import seen_from
+from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
 from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
 from flatcloth.garments import recognition
 from flatcloth.garments.distance import inside_outline
-from flatcloth.garments.evidence import PieceEvidence, evidence_of
+from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
 
 _BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0001)
@@ -55,7 +55,7 @@ def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[
     assert points is not None, f"{source}: no truth/points.json"
     views = seen_from(integration, document)
     times = [time.perf_counter()]
-    evidence = [evidence_of(piece, views) for piece in (canonical.view, *canonical.floating)]
+    evidence = evidence_of_shape(canonical, views)
     times.append(time.perf_counter())
     found = recognition.recognise(canonical.view, evidence)
     times.append(time.perf_counter())

@@ -23,7 +23,7 @@ _LOOK_EVERY_S = 0.3
 
 
 def _end_with(parent: int) -> None:
-    """End when the worker does, also if that was killed: its task is done by another then."""
+    """End when the worker ends, also if it was killed: another worker does its task then."""
     while os.getppid() == parent:
         time.sleep(_LOOK_EVERY_S)
     os._exit(1)
@@ -33,7 +33,7 @@ def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
     def told(share: float, text: str) -> None:
         try:
             progress(share, text)
-        except OSError:  # nobody listens: the worker was killed, and that is no failure of the task
+        except OSError:  # the worker was killed, which is not a failure of the task
             os._exit(1)
 
     return Message(jobs.answer(question, told))

@@ -38,7 +38,7 @@ class Count:
 
     @property
     def done(self) -> int:
-        """Tasks that need nothing any more."""
+        """Number of tasks that are done."""
         return self.before + len(self.rows)
 
     @property
@@ -51,7 +51,7 @@ class Count:
 
 
 Tell = Callable[[Count, Row | None], None]
-"""Told how far the batch is, with each new row, and without one at its beginning."""
+"""Called with the progress and each new row, and without a row at the beginning."""
 
 
 def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
@@ -98,7 +98,7 @@ def run_batch(
     limits : Limits
         Of each task.
     tell : callable
-        Told how far it is.
+        Called with the progress.
     again : bool
         Do also what is done.
 
@@ -165,7 +165,7 @@ def write_results(out: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def owned(out: Path) -> Iterator[None]:
-    """Keep an output to this process: two batches at once would do everything twice.
+    """Keep an output to this process: two batches at once would do all tasks twice.
 
     Raises
     ------

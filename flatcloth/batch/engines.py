@@ -1,6 +1,6 @@
 """What runs tasks at the same time: Dask distributed, or threads of ``concurrent.futures``.
 
-Neither is written here. Each task is a call of :func:`flatcloth.batch.runner.run_task`, which keeps the work
+Each task is a call of :func:`flatcloth.batch.runner.run_task`, which keeps the work
 itself in a process of its own, so threads are enough where Dask is not installed.
 """
 
@@ -139,7 +139,7 @@ class _Dask:
         return f"{threads} at the same time on {where}; dashboard: {self._client.dashboard_link}"
 
     def _check_workers(self, out: str) -> None:
-        """Complain about workers that have another flatcloth, or do not see the output."""
+        """Raise an error if workers have another flatcloth, or do not see the output."""
         try:
             seen = self._client.run(_worker_sees, out)
         except Exception as error:
@@ -169,7 +169,7 @@ class _Dask:
         futures = {submit(run_task, q, limits, pure=False, priority=-n): n for n, q in enumerate(questions)}
         numbers = {future.key: n for future, n in futures.items()}
         waiting = self._as_completed(list(futures), with_results=True, raise_errors=False)
-        futures.clear()  # what is done is let go of: a worker that dies must not be asked for it again
+        futures.clear()  # Results are released, so that a worker that dies is not asked for them again.
         for future, result in waiting:
             number = numbers[future.key]
             if future.status == "finished":
@@ -181,5 +181,5 @@ class _Dask:
 
 
 def _worker_sees(out: str) -> bool:
-    """Say whether this worker can write to the output."""
+    """Return whether this worker can write to the output."""
     return os.path.isdir(out) and os.access(out, os.W_OK)

@@ -34,7 +34,7 @@ def evaluate_one(
     pictures : Path, optional
         Folder for a picture of the result beside its truth.
     progress : callable
-        Told how far the work is.
+        Called with the progress.
 
     Raises
     ------

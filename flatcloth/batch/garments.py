@@ -1,4 +1,4 @@
-"""What the table tells of the garment: kind and dimensions, where a result has them (``garment.json``)."""
+"""The table's columns of the garment: kind and dimensions, where a result has them (``garment.json``)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FORMAT = "flatcloth-garment/1"
 
 
 def garment_columns(folder: Path) -> dict[str, Any]:
-    """Return the garment's columns of a result's folder; none if it tells no garment."""
+    """Return the garment's columns of a result's folder; none if no garment was recognised."""
     try:
         found = json.loads(read_plain(folder / FILE))
         if found["format"] != FORMAT:

@@ -1,4 +1,4 @@
-"""What a task's process does: one recording, from its source to its row."""
+"""The work of a task's process: one recording, from its source to its row."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from flatcloth.recordings import open_recording
 ERROR_FILE = "error.txt"
 SUPERSEDED = ".superseded"
 _LOCK_WAIT_S = 15.0
-"""The process of a worker that was killed lets go of its session within a second."""
+"""The process of a worker that was killed closes its session within a second."""
 
 
 def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) ->
 
 
 def _patiently(integration: Integration, folder: Path, stages: Stages, progress: Progress) -> Integrated:
-    """Integrate; wait for a session that another process is just letting go of."""
+    """Integrate; wait for a session that another process is about to close."""
     until = time.monotonic() + _LOCK_WAIT_S
     while True:
         try:
@@ -128,7 +128,7 @@ def _patiently(integration: Integration, folder: Path, stages: Stages, progress:
 
 
 def _told(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:
-    """Return the columns that an outcome tells."""
+    """Return the columns of an outcome."""
     scores = [a["score"] for a in outcome["accepted"] if a["score"] is not None]
     cameras = outcome.get("cameras", {})
     turned = [abs(view["turned_deg"]) for view in cameras.get("views", ())]
@@ -238,6 +238,6 @@ def _status_mb(name: str) -> float | None:
 
 
 def _give_back_memory() -> None:
-    """Let the C library return free memory to the system, so that a process does not grow over many tasks."""
+    """Make the C library return free memory to the system: a process then does not grow over many tasks."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

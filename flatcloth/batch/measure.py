@@ -1,4 +1,4 @@
-"""What the table tells of a result beyond its report: how much of the cloth it covers, and a thumbnail."""
+"""What the table has of a result besides its report: an estimate of its coverage, and a thumbnail."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ THUMBNAIL_PX = 96
 _CELL_M = 0.005
 """Cell of the thinned cloud. Chosen: about the distance of the nodes."""
 _NEAR_M = 0.012
-"""Two cells and what a swing or a turn that is not exact moves the cloth by."""
+"""Two cells, and the movement of cloth by a swing or an inexact turn."""
 _EVERY_PX = 4
 """Step of the thinning. Chosen."""
 

@@ -72,7 +72,7 @@ def report_html(out: Path, *, served: bool) -> str:
         "title": escape(f"{out.resolve().name} \u00b7 flatcloth batch"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
-        # No text can end the element that it stands in.
+        # So that no text can end the element that contains it.
         "data": json.dumps(_data(rows, out, served), allow_nan=False).replace("<", "\\u003c"),
         "script": script,
     }
@@ -156,7 +156,7 @@ def view_arguments(row: Mapping[str, Any], out: Path) -> list[str]:
 
 
 def _edited(folder: Path) -> bool:
-    """Say whether an operator has decided something since the result was made."""
+    """Return whether an operator has decided something since the result was made."""
     try:
         made = (folder / ROW_FILE).stat().st_mtime
         return (folder / "journal.jsonl").stat().st_mtime > made + 1.0

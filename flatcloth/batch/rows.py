@@ -1,4 +1,4 @@
-"""A row of the results: what is told of each recording, and the files that keep it."""
+"""A row of the results for each recording, and the files that keep it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HUNG = "hung"
 MEMORY = "out of memory"
 OUTCOMES = (DONE, FAILED, CRASHED, HUNG, MEMORY)
 LASTING = (DONE, FAILED)
-"""What comes out the same again; the others are tried anew by the next run."""
+"""Outcomes that would be the same again; tasks with others are repeated by the next run."""
 
 Kind = Literal["text", "number", "count", "flag"]
 
@@ -82,7 +82,7 @@ COLUMNS = (
 
 
 def read_row(folder: Path) -> dict[str, Any] | None:
-    """Return the row that a result's folder keeps; None if it keeps none, or a damaged one."""
+    """Return the row in a result's folder; None if there is none, or it is damaged."""
     try:
         row = json.loads(read_plain(folder / ROW_FILE))
     except (OSError, ValueError, RecursionError):
@@ -111,7 +111,7 @@ def write_row(row: Mapping[str, Any], folder: Path) -> None:
 
 
 def rows_in(out: Path) -> list[dict[str, Any]]:
-    """Return the rows that the folders of an output keep, by name."""
+    """Return the rows in the folders of an output, by name."""
     folders = sorted(file.parent for file in out.glob(f"*/{ROW_FILE}"))
     return [row for folder in folders if (row := read_row(folder)) is not None]
 

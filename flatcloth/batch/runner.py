@@ -1,4 +1,4 @@
-"""What a worker calls for a task: it hands the question to a process of its own, within limits."""
+"""The call of a worker for a task: it sends the question to a separate process, within limits."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ start_children, stop_children = _children.start, _children.stop
 
 
 def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
-    """Answer a question in a process of its own; what becomes of that process is told, not raised.
+    """Answer a question in a process of its own; the end of that process is returned, not raised.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What is to be done: a task for each recording of the sources, and how it is recognised once it is done."""
+"""Tasks: one for each recording of the sources, and the hash by which a finished one is recognised."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def tasks_of(sources: Sequence[str], method: str, options: SourceOptions, out: P
         Recordings, globs of them, folders of them, manifests (CSV or JSON lines), data sets of a known
         layout, or names of bundled recordings.
     method : str
-        For those whose manifest does not say.
+        For those whose manifest names none.
     options : SourceOptions
         What was said for all; a manifest's row counts before it.
     out : Path
@@ -208,7 +208,7 @@ def _named(tasks: Iterable[Task], out: Path) -> list[Task]:
 
 
 def _proposed(source: str) -> str:
-    """Return the last parts of a path that tell it: numbered folders alone tell nothing."""
+    """Return the last parts of a path that identify it; folders that are only numbered do not."""
     parts = Path(source).parts
     last = len(parts) - 1
     while last > 1 and all(part.isdigit() for part in parts[last:]) and len(parts) - last < 4:
@@ -249,7 +249,8 @@ def files_of(task: Task) -> list[Path]:
 def quick_signature(task: Task, settings: Mapping[str, Any]) -> str:
     """Return a hash of a task's options and settings, and of its files' names, sizes and times.
 
-    Reads no file: 0.2 ms for 100 files. Unchanged, the task is the same; changed, it may still be.
+    Reads no file: 0.2 ms for 100 files. If it is unchanged, the task is the same; if it has changed,
+    the task may still be the same.
     """
     digest = _begun(task, settings)
     for file in files_of(task):

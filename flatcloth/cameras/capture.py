@@ -16,13 +16,15 @@ from flatcloth.recordings.film.angles import SAME_VIEW_DEG
 from flatcloth.recordings.film.stillness import STILL_PX_S
 
 FRAMES = 10
-"""Frames averaged for a view; fewer than 8 leave noise in the depth that averaging would remove."""
+"""Frames averaged for a view; fewer than 8 leave noise in the depth that averaging would remove. Set by
+hand."""
 LEAST_FRAMES = 8
 """Frames of a view at least: fewer do not average the noise. Chosen."""
 HOLD_S = 0.7
-"""How long the item must be still before frames are taken: cloth pauses at the end of a swing."""
+"""How long the item must be still before frames are taken: cloth pauses at the end of a swing. Set by
+hand."""
 MOVING_PX_S = 3.0 * STILL_PX_S
-"""Above this speed the item is being turned, or swings."""
+"""Above this speed the item is being turned, or swings. Set by hand."""
 TURN_S = 0.2
 """An item that moves for this long is being turned. Chosen: longer than a shake."""
 

@@ -13,7 +13,8 @@ from flatcloth.recordings.realsense.frames import FrameFilter, apart_s
 from flatcloth.recordings.realsense.library import load_realsense
 
 _MODES = ((848, 480, 30), (640, 480, 30), (640, 480, 15), (480, 270, 15))
-"""Width, height and rate of both streams, in order of preference; USB 2 does not carry all of them."""
+"""Width, height and rate of both streams, in order of preference; USB 2 does not carry all of them. Set by
+hand."""
 _SILENCE_S = 5.0
 """A camera without a frame for this long is reported as lost. Chosen: it sends 30 in a second."""
 _REMEDY = "Connect a RealSense camera to a USB 3 port, or give a recorded file: --camera FILE.db3."

@@ -55,6 +55,7 @@ def _opened(
     chosen: Chosen | None = None,
 ) -> Opened | None:
     from flatcloth.engine.playing.recording import LivePlayer
+    from flatcloth.engine.warmup import compile_beside
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
@@ -71,6 +72,7 @@ def _opened(
     folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
         settle_axis(folder.folder, integration)
+        compile_beside()
         return Opened(
             integration,
             folder,

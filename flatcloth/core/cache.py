@@ -16,14 +16,14 @@ from flatcloth.core.errors import FlatclothError
 T = TypeVar("T")
 
 _FIXED_BYTES = 200
-"""Of an object itself, about; the arrays are what counts."""
+"""Approximate size of an object without its arrays."""
 
 
 def size_in_bytes(value: object) -> int:
     """Return about how much memory a value keeps alive: its arrays, each counted once.
 
-    Looks into attributes, mappings and sequences. An array that is a part of another keeps all of
-    that other alive, and counts so.
+    Looks into attributes, mappings and sequences. A view of an array counts as the whole array, which it
+    keeps in memory.
     """
     total, seen, waiting = 0, set[int](), [value]
     while waiting:
@@ -49,7 +49,7 @@ def size_in_bytes(value: object) -> int:
 
 @dataclass
 class _Making(Generic[T]):
-    """A value that a thread is at; ``value`` is a list of it once it is made, empty if that failed."""
+    """A value that a thread is computing; ``value`` is a list of it once it is made, empty if that failed."""
 
     done: threading.Event = field(default_factory=threading.Event)
     value: list[T] = field(default_factory=list)
@@ -82,8 +82,8 @@ class Cache(Generic[T]):
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value, made if need be.
 
-        It is made outside the lock, so that nobody waits for the work on another value; who wants the
-        same value at the same time waits for it, and makes it himself if that fails.
+        It is computed outside the lock, so that other values are not delayed. A thread that asks for the same
+        value meanwhile waits for it, and computes it itself if that fails.
         """
         with self._lock:
             if key in self._values:
@@ -127,7 +127,7 @@ class Cache(Generic[T]):
             return self._values[key][0]
 
     def __contains__(self, key: Hashable) -> bool:
-        """Say whether a value is kept now; asking does not count as using."""
+        """Return whether a value is kept now; this does not count as a use."""
         with self._lock:
             return key in self._values
 
@@ -141,12 +141,12 @@ class Cache(Generic[T]):
 
 
 class ReadAhead:
-    """Makes values that will soon be asked for, on a thread of its own; errors are left to who asks.
+    """Makes values that will soon be asked for, on a thread of its own; errors are left to later requests.
 
     Parameters
     ----------
     make : callable
-        Makes and remembers the value of a key, so that who asks for it later finds it.
+        Makes and remembers the value of a key, so that it is found later.
     """
 
     def __init__(self, make: Callable[[Any], object]) -> None:
@@ -156,7 +156,7 @@ class ReadAhead:
         self._running = False
 
     def want(self, keys: Iterable[Any]) -> None:
-        """Say what is likely to be asked for, the likeliest first; what was wanted before is dropped."""
+        """Set the keys that are likely to be asked for, the likeliest first; earlier ones are dropped."""
         with self._changed:
             self._wanted = list(keys)
             if self._wanted and not self._running:
@@ -177,5 +177,5 @@ class ReadAhead:
                     self._changed.notify_all()
                     return
                 key = self._wanted.pop(0)
-            with contextlib.suppress(FlatclothError):  # whoever asks for it is told
+            with contextlib.suppress(FlatclothError):  # raised again when the value is asked for
                 self._make(key)

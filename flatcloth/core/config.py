@@ -44,7 +44,7 @@ class FlatteningConfig:
     Set by hand, compared by ``flatcloth evaluate``; the method ``paper`` never cuts.
     """
     max_folded_share: float = 0.03
-    """Largest share of a component that may lie mirrored or on itself; with more it is not proposed.
+    """Largest share of a component that may lie mirrored or on itself; a component with more is not proposed.
 
     Set by hand, compared by ``flatcloth evaluate``.
     """
@@ -191,7 +191,7 @@ def _check_names(kind: type, values: Any, where: str) -> None:
 
 
 def _whole(value: Any) -> Any:
-    """Write whole numbers as such, whatever wrote them; what is empty or not finite fits nowhere."""
+    """Write whole numbers as such, whatever wrote them; empty and infinite values are errors."""
     if isinstance(value, Mapping):
         return {name: _whole(v) for name, v in value.items()}
     if isinstance(value, list | tuple):

@@ -27,7 +27,8 @@ LEAST_STRAIN = 0.04
 LEAST_OFF_M = 0.0005
 """... and by this much. Chosen: below it is the rounding of a D435 (1 mm units), averaged."""
 MOST_EDGES = 400
-"""Smallest strain and change of length of a strained edge; at most this many are reported, worst first."""
+"""Smallest strain and change of length of a strained edge; at most this many are reported, worst first. Set
+by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ TRIM_SHARE = 0.10
 FAR_M = 0.020
 """A pixel farther than this from its true place is wrong. Chosen: about a gripper's finger."""
 FIRM_M = 0.010
-"""A pixel with a smaller standard deviation is called reliable."""
+"""A pixel with a smaller standard deviation is called reliable. Set by hand."""
 PAIR_RANGE_M = (0.020, 0.200)
 """Distances of the pixel pairs whose error is measured. Chosen: within a patch, to half a garment."""
 PAIRS = 200_000

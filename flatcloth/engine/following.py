@@ -19,7 +19,7 @@ from flatcloth.methods.base import Alignment, AlignmentScore, ComponentPlacement
 from flatcloth.session.machine import Document, Followed, Side
 
 _MOST_LOSS = 0.1
-"""A larger decrease of the score is reported to the operator."""
+"""A larger decrease of the score is reported to the operator. Set by hand."""
 _GAP_M = 0.02
 """Gap between the components that are laid side by side. Chosen."""
 

@@ -13,7 +13,7 @@ from flatcloth.methods.base import AlignmentScore, Method
 from flatcloth.session.machine import Document
 
 _LEAST_SPREAD_M = 0.001
-"""Points closer together than this do not determine a rotation."""
+"""Points closer together than this do not determine a rotation. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 
 NEAR_M = 0.015
 """Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
-twice (methods/robust/scoring.py)."""
+twice (methods/robust/scoring.py). Set by hand."""
 LEAST_M2 = 2e-4
-"""Less cloth left out is not told."""
+"""Less cloth left out is not told. Set by hand."""
 _LAST_VIEWS = 6
-"""Of so many views what was expected is compared with what came; earlier ones say little of another view."""
+"""Of so many views what was expected is compared with what came; earlier ones say little of another view. Set
+by hand."""
 
 _APART_DEG = 30.0
-"""Views nearer than this show much the same cloth, as the planner assumes (next_best_view)."""
+"""Views nearer than this show much the same cloth, as the planner assumes (next_best_view). Set by hand."""
 
 STEEP = "seen too steeply, or in parts too small to be flattened"
 FOLDED = "folded in its flattened view"
@@ -102,7 +103,13 @@ class Areas:
 
     def compute(self, document: Document, order: int) -> None:
         """Compute the area after one view; the start view has order 0."""
-        canonical = self.integration.canonical(_before(document, order))
+        self._keep(document, order, self.integration.canonical(_before(document, order)))
+
+    def note(self, document: Document, canonical: Canonical) -> None:
+        """Take the area of a document's shape, which is known."""
+        self._keep(document, len(document.accepted), canonical)
+
+    def _keep(self, document: Document, order: int, canonical: Canonical) -> None:
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         self._known[_key(document, order)] = canonical.view.area_m2 + floating_m2
 

@@ -36,8 +36,8 @@ class MaskedRecording:
 
     Notes
     -----
-    It says of itself what the recording says, ``has_masks`` included, so that a session folder knows it
-    for the same recording; ``segmentation`` tells it apart.
+    Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
+    for the same recording; ``segmentation`` distinguishes them.
     """
 
     def __init__(self, recording: Recording, segmentation: Segmentation) -> None:
@@ -74,12 +74,12 @@ class MaskedRecording:
 
     @property
     def rotation_axis(self) -> RotationAxis | None:
-        """The turning axis in the camera frame; None if the recording does not tell."""
+        """The turning axis in the camera frame; None if it is not recorded."""
         return self._recording.rotation_axis
 
     @property
     def held_point_m(self) -> Float64 | None:
-        """The point (3,) where the item is held, camera frame; None if the recording does not tell."""
+        """The point (3,) where the item is held, camera frame; None if it is not recorded."""
         return self._recording.held_point_m
 
     @property

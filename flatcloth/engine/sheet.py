@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from flatcloth.session.document import Document
 
 GAP_M = 0.04
-"""Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth."""
+"""Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth. Set by
+hand."""
 _NEAR_M = 1.0
-"""A piece whose middle is nearer to the shape than this lies where it would belong."""
+"""A piece whose middle is nearer to the shape than this lies where it would belong. Set by hand."""
 
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment: no view connects it, its edges fit the outline."

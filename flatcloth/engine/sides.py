@@ -7,7 +7,6 @@ document's strokes, and which views changed since the masks that are in force.
 from __future__ import annotations
 
 import threading
-import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -19,7 +18,7 @@ from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
 SOLUTIONS_KEPT = 8
-"""Undo and redo of the last strokes need no new solution."""
+"""Undo and redo of the last strokes need no new solution. Set by hand."""
 
 
 class Sides:
@@ -28,7 +27,7 @@ class Sides:
     Parameters
     ----------
     observe : callable
-        Looks at all views once (seconds) and returns a solver; is told a progress.
+        Looks at all views once (seconds) and returns a solver; is given a progress.
     n_views : int
         Number of views of the recording.
     """
@@ -67,12 +66,11 @@ class Sides:
 
 
 class Masks:
-    """A segmentation of a recording, with a key for each view that tells whether its mask is another."""
+    """A segmentation of a recording, with a key for each view that changes with its mask."""
 
     def __init__(self, segmentation: Segmentation, n_views: int) -> None:
         self.segmentation = segmentation
-        found = [segmentation.mask(view) for view in range(n_views)]
-        self.keys = tuple(0 if mask is None else zlib.crc32(np.packbits(mask).tobytes()) for mask in found)
+        self.keys = tuple(segmentation.mask_key(view) for view in range(n_views))
 
     def of(self, view_index: int, shape: tuple[int, int]) -> Bool:
         """Return the mask (H, W) of a view."""

@@ -44,10 +44,10 @@ INTERVALS_PX = (4, 40)
 Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
 """Range of A_w in the page. Chosen: beyond it nothing or everything is measured."""
 OVERLAP_AREAS_M2 = (0.0001, 1.0)
-"""Ranges of the parameters; outside them the method shows nothing useful."""
+"""Ranges of the parameters; outside them the method shows nothing useful. Set by hand."""
 
 KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
-"""Origin of a pixel of the renewed view: seen by one of the two views only, or by both."""
+"""Origin of a pixel of the renewed view: seen by one of the two views only, or by both. By definition."""
 
 _INTERVALS_KEPT = 6
 """How many results are kept, for going back and forth. Chosen for memory."""

@@ -97,8 +97,8 @@ class RecordedViews:
         No other thread may compute meanwhile.
         """
         self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 48 * _MIB)
-        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 160 * _MIB)
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 32 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 112 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None

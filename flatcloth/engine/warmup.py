@@ -1,15 +1,24 @@
 """Compile the numerical kernels in advance, so that the first start is as fast as later ones.
 
 ``python -m flatcloth.engine.warmup`` runs the whole method on two small synthetic views; numba caches
-the compiled code beside the sources.
+the compiled code beside the sources. Where that was not done, the page opens all the same: a second process
+compiles (:func:`compile_beside`), and progress texts say so (:func:`is_compiled`).
 """
 
 from __future__ import annotations
+
+import atexit
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.engine.integration import Integration
+from flatcloth.flattening.sampling import path_on_surface
+from flatcloth.methods.robust.compositing import _composite
 from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
 
 
@@ -61,6 +70,38 @@ def warm_up() -> None:
             state = apply(state, integration.answer(state.document, state.request))
     state = apply(state, Accept(1))
     integration.canonical(state.document)
+
+
+def is_compiled() -> bool:
+    """Return whether an early and the last kernel of an integration are compiled and kept on disk."""
+    return all(_is_kept(kernel) for kernel in (path_on_surface, _composite))
+
+
+def _is_kept(kernel: Any) -> bool:
+    source = Path(kernel.py_func.__code__.co_filename)
+    kept = Path(kernel.stats.cache_path).glob(f"{source.stem}.{kernel.py_func.__qualname__}-*.nbi")
+    changed_s = source.stat().st_mtime
+    return any(index.stat().st_mtime >= changed_s for index in kept)
+
+
+def compile_beside() -> subprocess.Popen[bytes] | None:
+    """Compile all kernels in a process of its own, if they are not compiled yet; it ends with this one.
+
+    What it has compiled this process reads from disk, and the other way round: the first view is flattened
+    here while the other process goes on to the kernels of placing and merging.
+    """
+    if is_compiled():
+        return None
+    # In a session of its own it does not hear Ctrl-C, and is ended here.
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        cwd=Path(__file__).parents[2],  # a checkout need not be installed
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    atexit.register(process.terminate)
+    return process
 
 
 if __name__ == "__main__":

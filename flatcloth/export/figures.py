@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
+from flatcloth.core.types import Floats
 from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on, sheet_of
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.session import OpenedSession
+from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.methods.base import SidePlan
 from flatcloth.rendering.charts import (
@@ -88,6 +90,7 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
 def all_figures(session: OpenedSession) -> Iterator[Figure]:
     """Yield all figures."""
     yield from maps(session)
+    yield from garment(session)
     yield growth(session)
     yield energy(session)
     yield from curves(session)
@@ -141,6 +144,44 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
         )
 
 
+def garment(session: OpenedSession) -> Iterator[Figure]:
+    """Yield the outline and the named points over the shape; none if it is no known garment."""
+    known = session.garment
+    if isinstance(known, str) or known.found.kind == NONE:
+        return
+    found, view = known.found, session.growth.view
+    points = {name: point.uv_m for name, point in found.points.items()}
+    # The outline reaches beyond the cloth that was seen.
+    picture = widened(
+        cropped(rgba(view, "color", session.integration.axis, len(session.integration.recording)), view),
+        np.concatenate([found.outline_uv_m, *(uv[None] for uv in points.values())]),
+    )
+    seen = [(*uv.tolist(), name) for name, uv in points.items() if found.points[name].pixel is not None]
+    predicted = [(*uv.tolist(), name) for name, uv in points.items() if found.points[name].pixel is None]
+    words = found.kind.replace("_", " ")
+    share = "set by hand" if found.by_hand else f"{found.probabilities[found.kind]:.0%}"
+    about = f"{words}, {share}"
+    yield Figure(
+        name="garment",
+        caption=f"Garment: {about}; {len(seen)} of {len(points)} named points seen, rings are predicted.",
+        drawing=map_drawing(
+            picture, "Garment", about, marks=seen, rings=predicted, outline=found.outline_uv_m
+        ),
+    )
+
+
+def widened(picture: PlanePicture, places_m: Floats) -> PlanePicture:
+    """Return a picture with an empty rim that holds places (N, 2) of the plane, and 3 cm more."""
+    size, origin = picture.pixel_size_m, np.asarray(picture.origin_uv_m)
+    rows, cols = picture.rgba.shape[:2]
+    low = np.ceil(np.maximum(origin - places_m.min(axis=0) + 0.03, 0.0) / size - 1e-6).astype(int)
+    end = origin + size * np.array([cols, rows])
+    high = np.ceil(np.maximum(places_m.max(axis=0) + 0.03 - end, 0.0) / size - 1e-6).astype(int)
+    rgba_wide = np.pad(picture.rgba, ((low[1], high[1]), (low[0], high[0]), (0, 0)))
+    u_m, v_m = (origin - size * low).tolist()
+    return replace(picture, rgba=rgba_wide, origin_uv_m=(u_m, v_m))
+
+
 def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:
     """Return the picks that lie on the shape: u, v (m) and number."""
     view = session.growth.view
@@ -162,10 +203,13 @@ def map_drawing(
     legend_width: float = 150.0,
     marks: Sequence[tuple[float, float, str]] = (),
     pieces: Sequence[SheetPiece] = (),
+    rings: Sequence[tuple[float, float, str]] = (),
+    outline: Floats | None = None,
 ) -> Drawing:
     """Return a picture of the plane with a title, a scale bar and a legend on the right.
 
-    ``marks`` are points (u, v in m) with a short label each; floating ``pieces`` are named where they lie.
+    ``marks`` are points (u, v in m) with a short label each, ``rings`` such points that were not seen;
+    floating ``pieces`` are named where they lie; ``outline`` (N, 2) is a closed line.
     """
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
@@ -192,10 +236,16 @@ def map_drawing(
             "#" + bytes(piece_color(n).tolist()).hex(),
             bold=True,
         )
-    for u_m, v_m, label in marks:
+    if outline is not None:
+        line = np.array([place(uv) for uv in (*outline.tolist(), outline[0].tolist())])
+        drawing.line(line, PAPER, 3.5)
+        drawing.line(line, BLUE, 1.8)
+    for u_m, v_m, label in (*marks, *rings):
         x, y = place((u_m, v_m))
         drawing.dot(x, y, 6.5, PAPER)
         drawing.dot(x, y, 5.0, PINK)
+        if (u_m, v_m, label) in rings:
+            drawing.dot(x, y, 3.0, PAPER)
         drawing.box(x + 8, y - 8, text_width(label, SIZE) + 6, 16, PAPER, 0.85)
         drawing.text(x + 11, y + 4.5, label, SIZE, PINK, bold=True)
     if explain is not None:

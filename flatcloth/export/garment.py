@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.core.types import FlattenedView, Float64, Rigid2, finite
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.garments.recognition import NONE
+from flatcloth.garments.recognition import NONE, Recognition
 
 FORMAT = "flatcloth-garment/1"
 
@@ -119,6 +119,42 @@ def _matrix(motion: Rigid2, shape: FlattenedView, own: FlattenedView) -> list[li
     matrix = np.eye(3)
     matrix[:2, 0], matrix[:2, 1], matrix[:2, 2] = columns[1] - columns[0], columns[2] - columns[0], shift
     return [[round(float(x), 7) for x in row] for row in matrix]
+
+
+def summary(known: KnownGarment) -> dict[str, Any]:
+    """Return what is known of a garment, for the pages: kinds, dimensions, outline and named points."""
+    found = known.found
+    return {
+        "kind": None if found.kind == NONE else found.kind,
+        "likeliest": found.fit.kind.name,
+        "by_hand": found.by_hand is not None,
+        "probabilities": _sorted(found.probabilities),
+        "dimensions": [
+            {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
+            for name, d in found.dimensions.items()
+        ],
+        **drawn(found, known),
+    }
+
+
+def drawn(found: Recognition, known: KnownGarment) -> dict[str, Any]:
+    """Return what is drawn: the outline and the named points."""
+    return {
+        "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
+        "points": [
+            {
+                "name": name,
+                "uv_m": np.round(point.uv_m, 5).tolist(),
+                "std_mm": 1e3 * point.std_m,
+                "seen": point.pixel is not None,
+                "held": name in found.held,
+                "xyz_m": None
+                if point.pixel is None
+                else [finite(x) for x in known.cloth_of(point).xyz_m[point.pixel].tolist()],
+            }
+            for name, point in found.points.items()
+        ],
+    }
 
 
 def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:

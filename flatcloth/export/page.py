@@ -20,6 +20,7 @@ from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.export.bundle import bundle
 from flatcloth.export.figures import verdict_text, words_of
+from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
@@ -64,7 +65,7 @@ class _Parcel:
         return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
 
 
-_STYLES = "page/page.css", "canvas/canvas.css", "offline/offline.css"
+_STYLES = "page/page.css", "canvas/canvas.css", "garment/garment.css", "offline/offline.css"
 
 
 def page(session: OpenedSession) -> str:
@@ -160,6 +161,9 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
         "steps": _steps(growth, axis),
         "decisions": _decisions(session),
         "picks": [_pick(session, pick) for pick in history.picks],
+        "garment": {"text": session.garment, "found": None}
+        if isinstance(session.garment, str)
+        else {"text": "", "found": summary(session.garment)},
         "layers": _layers(session, parcel, window),
         "arrays": parcel.arrays,
     }

@@ -16,9 +16,11 @@ from flatcloth.engine.sheet import Sheet
 from flatcloth.export import figures
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
+from flatcloth.export.garment import summary
 from flatcloth.export.history import SKIPPED, VERDICTS, Decision
 from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, overridden
 from flatcloth.export.session import OpenedSession
+from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose, grasp_pose
 from flatcloth.rendering.drawing import Drawing, data_url, png_of
 
@@ -32,6 +34,7 @@ def report(session: OpenedSession) -> str:
         *_head(session),
         *_settings(history.config),
         *_decisions(session),
+        *_garment(session),
         *_picks(session),
         *_figures(session),
     ]
@@ -164,6 +167,39 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
         draw_curves(drawing, curves, config, (28.0, 70.0, 78.0), side)
         yield f"<figure>{drawing.svg(paper=None)}<figcaption>h(u) and A_z(u) {of}</figcaption></figure>"
     yield "</div></section>"
+
+
+def _garment(session: OpenedSession) -> Iterable[str]:
+    known = session.garment
+    yield "<h2>Garment</h2>"
+    if isinstance(known, str):
+        yield f"<p>{escape(known)}</p>"
+        return
+    told = summary(known)
+    shares = ", ".join(
+        f"{_words(name)} {share:.0%}" for name, share in told["probabilities"] if share >= 0.005
+    )
+    kind = _words(told["kind"] or NONE) + (", set by hand" if told["by_hand"] else "")
+    yield f"<p>{escape(kind)}. By the evidence: {escape(shares)}.</p>"
+    if told["kind"] is None:
+        return
+    yield from (_figure(figure, "hero") for figure in figures.garment(session))
+    sizes = [(_words(d["name"]), f"{d['mm']:.0f} \u00b1 {d['std_mm']:.0f} mm") for d in told["dimensions"]]
+    yield _table(("dimension", "flat, one standard deviation"), sizes)
+    rows = [
+        (
+            _words(point["name"]),
+            "held by hand" if point["held"] else "seen" if point["seen"] else "predicted",
+            f"{point['std_mm']:.0f} mm",
+            _vector_mm(np.array(point["xyz_m"])) if point["seen"] else "\u2013",
+        )
+        for point in told["points"]
+    ]
+    yield _table(("named point", "how", "known to", "x y z (mm), object frame"), rows)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _picks(session: OpenedSession) -> Iterable[str]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Progress, no_progress
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import earlier_scores
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
@@ -41,6 +42,11 @@ class OpenedSession:
     def growth(self) -> Growth:
         """The shape and its growth."""
         return grow(self.integration, self.history, self.progress)
+
+    @cached_property
+    def garment(self) -> KnownGarment | str:
+        """What is known of the garment, or why nothing can be said of it."""
+        return GarmentService(self.integration).known(self.history.document)
 
     @property
     def view(self) -> FlattenedView:

@@ -29,9 +29,10 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
 MAJORISATIONS = 6
-"""Majorisation steps at each interval, before the Gauss-Newton steps."""
+"""Majorisation steps at each interval, before the Gauss-Newton steps. Set by hand."""
 ENERGY_TOLERANCE = 2e-3
-"""The minimisation ends when a step promises to lower the energy by a smaller share than this."""
+"""The minimisation ends when a step promises to lower the energy by a smaller share than this. Set by
+hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +182,7 @@ def flatten(
 
 
 _SAME_CLOTH_M = 0.008
-"""A point of another view, turned back, shows the same cloth if it lies within this distance."""
+"""A point of another view, turned back, shows the same cloth if it lies within this distance. Set by hand."""
 
 
 def _too_small(surface: Surface) -> str:

@@ -38,16 +38,16 @@ traffic."""
 _MAX_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
-"""Majorisations after each Gauss-Newton step."""
+"""Majorisations after each Gauss-Newton step. Set by hand."""
 _WIDE_BAND = 24
-"""From this bandwidth on, conjugate gradients are tried before a factorisation."""
+"""From this bandwidth on, conjugate gradients are tried before a factorisation. Set by hand."""
 _MOST_CG_STEPS = 9
 """Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
 """Range of the Levenberg-Marquardt damping, as a share of the diagonal. Chosen: from none to a gradient
 step."""
 _EXACT_M2 = 1e-14
-"""Below this H per pair the lengths count as met exactly."""
+"""Below this H per pair the lengths count as met exactly. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame
 
 STEP_RIGHT, STEP_DOWN = 1, 2
-"""Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer."""
+"""Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
+definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
 
 

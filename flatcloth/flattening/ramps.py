@@ -17,15 +17,15 @@ from numba import njit
 from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
 
 _RAMP_HALF_WIDTH_PX = 4
-"""Half the width of the slopes by which a stereo sensor joins two layers."""
+"""Half the width of the slopes by which a stereo sensor joins two layers. Set by hand."""
 _RAMP_HEIGHT_M = 0.010
-"""A ramp rises by at least this more than the surface beside it explains."""
+"""A ramp rises by at least this more than the surface beside it explains. Set by hand."""
 _RAMP_SLOPE = 1.5
-"""A ramp's middle is at least this steep (depth over width)."""
+"""A ramp's middle is at least this steep (depth over width). Set by hand."""
 _RAMP_LENGTH_PX = 8
-"""A ramp is at least this long; shorter ones are noise."""
+"""A ramp is at least this long; shorter ones are noise. Set by hand."""
 _WEAK_RAMP_SHARE = 0.7
-"""Where a ramp goes on with this share of its least height and slope, it is still one."""
+"""Where a ramp goes on with this share of its least height and slope, it is still one. Set by hand."""
 
 
 def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:

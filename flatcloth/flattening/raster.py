@@ -203,7 +203,8 @@ BLOCK_TRIANGLES = (
     ((0, 1), (1, 1), (0, 0)),
     ((1, 0), (0, 0), (1, 1)),
 )
-"""The triangles of a block of 2 x 2 pixels, (row, col) of their corners clockwise. The first two fill it."""
+"""The triangles of a block of 2 x 2 pixels, (row, col) of their corners clockwise. The first two fill it. By
+definition."""
 
 
 @njit(cache=True, nogil=True)

@@ -19,11 +19,11 @@ from flatcloth.flattening.patches import fit_patches, normals_from_fit
 from flatcloth.flattening.surface import Surface
 
 _FIT_RADIUS_PX = 6
-"""Radius of the local quadratic fit of depth at each sample."""
+"""Radius of the local quadratic fit of depth at each sample. Set by hand."""
 _NOISY_FIT_RADIUS_PX = 12
-"""Radius of that fit where the depth is noisy."""
+"""Radius of that fit where the depth is noisy. Set by hand."""
 MAX_CHORD_SLOPE = 0.35
-"""Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped."""
+"""Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,15 +24,15 @@ from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, norm
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 
 _NORMAL_WINDOW_PX = 3
-"""Half width of the window in which a plane is fitted for each normal."""
+"""Half width of the window in which a plane is fitted for each normal. Set by hand."""
 _NOISY_DEPTH_M = 0.0003
-"""Depth that scatters more than this about its local planes (median) is noisy."""
+"""Depth that scatters more than this about its local planes (median) is noisy. Set by hand."""
 _MAX_DROPOUT_PX = 150
-"""Holes of at most this many pixels inside the mask are bridged."""
+"""Holes of at most this many pixels inside the mask are bridged. Set by hand."""
 _MIN_ITEM_AREA_M2 = 0.01
-"""Without masks: a region smaller than this is not taken for the item."""
+"""Without masks: a region smaller than this is not taken for the item. Set by hand."""
 _ITEM_DEPTH_EXTENT_M = 0.25
-"""Without masks: regions of the item lie within this distance of its nearest one."""
+"""Without masks: regions of the item lie within this distance of its nearest one. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What an operator decides about a garment, applied: kind, held points, pieces placed; places tied to cloth.
+"""Application of an operator's decisions to a recognised garment: kind, held points, placed pieces.
 
 The plane of the shape may change when views are added. So a place is kept with points of the cloth near
 it, and found again by where these points lie then.
@@ -18,11 +18,18 @@ from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.placing import place_piece
-from flatcloth.garments.recognition import Recognition, dimensions_of, held_fit, pixel_near, points_of
+from flatcloth.garments.recognition import (
+    SEEN_STD_M,
+    Recognition,
+    dimensions_of,
+    held_fit,
+    pixel_near,
+    points_of,
+)
 from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
-"""Of a point that was put in its place by hand: two pixels of the flattened view."""
+"""Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
 _SAME_M = 0.015
 """A point of cloth found again: joint registration moves measured points by less."""
 _NEAR_M = 0.05
@@ -63,7 +70,7 @@ def decided(
     kind : str or None
         The kind set by hand.
     pulls : sequence of Pull
-        Named points held by hand; those that the kind has not are left out.
+        Named points held by hand; those that the kind does not have are left out.
     with_pieces : bool
         Whether floating pieces are placed anew on the changed outline: takes a second.
     """
@@ -99,7 +106,7 @@ def with_placed_cloth(
     for name, point in found.points.items():
         for index, motion in pieces.shape_from_piece.items():
             pixel = pixel_near(motion.inverse().apply(point.uv_m), floating[index])
-            if points[name].pixel is None and pixel is not None:
+            if points[name].pixel is None and pixel is not None and point.std_m <= SEEN_STD_M:
                 points[name] = replace(point, pixel=pixel, piece=index)
     return replace(found, points=points)
 

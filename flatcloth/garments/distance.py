@@ -10,7 +10,7 @@ from numba import njit
 from flatcloth.core.types import Bool, Float64, Int64
 
 _AGAINST_M2 = 0.05**2
-"""A side that faces another way than the edge is taken only if all others are 5 cm farther."""
+"""A side that faces away from the edge's normal is taken only if all others are 5 cm farther. Set by hand."""
 _CORNER_SPAN = 1e-9
 """A segment of a smaller squared length (m^2) is a point. Chosen: far below a pixel."""
 
@@ -141,7 +141,7 @@ def cost_of_poses(
 
 @njit(cache=True, nogil=True)
 def inside_outline(q: Float64, outline: Float64) -> Bool:
-    """Tell which places (N, 2) lie inside the outline."""
+    """Return which places (N, 2) lie inside the outline."""
     found = np.zeros(len(q), dtype=np.bool_)
     count = len(outline)
     for i in range(len(q)):

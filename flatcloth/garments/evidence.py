@@ -1,6 +1,6 @@
-"""What a flattened piece says of the outline: where the cloth truly ends, and where there is cloth.
+"""Evidence of a flattened piece about the outline: true edges of the cloth, and places with cloth.
 
-The border of a piece is of two sorts. At a *true edge* some view saw the surface end while it still
+The border of a piece has two kinds of places. At a *true edge* some view saw the surface end while it still
 faced the camera: a step outwards along the surface meets far background, or cloth well behind, or
 cloth of the other side of the item that goes on from here (the mask of the side of interest ends).
 Elsewhere the cloth was *not seen further*: it is hidden by cloth in front, grazing, or outside the
@@ -17,13 +17,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 
 LEAST_AREA_M2 = 0.012
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth says nothing of a kind."""
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart.
+Set by hand."""
 _SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
@@ -34,12 +36,19 @@ _STEP_M = 0.001
 _FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
 _FACING_COS = math.cos(math.radians(62.0))
-"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees)."""
+"""At a steeper incidence a fold's silhouette looks like an edge (the surface ends at 75 degrees). Set by
+hand."""
 _SAME_M = 0.006
 """Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
 _PATCH_M = 0.014
 """Radius of the patch that gives the local plane of the cloth. Chosen: a smaller one is noisy, a larger one
 bends."""
+_BEYOND_M = (0.004, 0.012, _FARTHEST_M)
+"""Steps outwards at which another piece is looked for. Chosen."""
+_SAME_PLACE_M = 0.008
+"""Cloth of another piece this near is the same surface. Chosen: above ``_SAME_M``, below a fold's width."""
+_SAME_FACING_COS = math.cos(math.radians(60.0))
+"""... if it faces the same way. Chosen: the other layer of a fold faces away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +68,7 @@ class SeenFrom:
 
 @dataclass(frozen=True, kw_only=True)
 class PieceEvidence:
-    """What one piece says, in its own plane (u, v), metres.
+    """Evidence of one piece, in its own plane (u, v), metres.
 
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
     standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge;
@@ -113,8 +122,10 @@ class PieceEvidence:
         )
 
 
-def evidence_of(piece: FlattenedView, seen_from: Sequence[SeenFrom]) -> PieceEvidence:
-    """Return what a piece says of the outline.
+def evidence_of(
+    piece: FlattenedView, seen_from: Sequence[SeenFrom], others: Sequence[FlattenedView] = ()
+) -> PieceEvidence:
+    """Return the evidence of a piece about the outline.
 
     Parameters
     ----------
@@ -122,6 +133,9 @@ def evidence_of(piece: FlattenedView, seen_from: Sequence[SeenFrom]) -> PieceEvi
         The canonical view, or a floating piece in a plane of its own.
     seen_from : sequence of SeenFrom
         The views it was made of.
+    others : sequence of FlattenedView
+        The other pieces of the shape: where their cloth goes on beyond the border, in space, the shape was
+        taken apart by the method, and the cloth does not end.
 
     Raises
     ------
@@ -136,7 +150,7 @@ def evidence_of(piece: FlattenedView, seen_from: Sequence[SeenFrom]) -> PieceEvi
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
     border_rc, outward, hole = _border(solid, piece.pixel_size_m)
     border_uv = piece.uv_from_rc(border_rc)
-    at, free, known = _ends(piece, border_rc, outward, seen_from)
+    at, free, known = _ends(piece, border_rc, outward, seen_from, others)
     nearest = np.rint(border_rc).astype(int)
     edge_std = np.zeros(len(border_rc))
     if std is not None and len(border_rc):
@@ -230,9 +244,13 @@ def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray
 
 
 def _ends(
-    piece: FlattenedView, border_rc: Float64, outward: Float64, seen_from: Sequence[SeenFrom]
+    piece: FlattenedView,
+    border_rc: Float64,
+    outward: Float64,
+    seen_from: Sequence[SeenFrom],
+    others: Sequence[FlattenedView],
 ) -> tuple[Float64, Bool, Bool]:
-    """Tell where the cloth ends beyond each place of the border.
+    """Return where the cloth ends beyond each place of the border.
 
     Returns
     -------
@@ -256,9 +274,26 @@ def _ends(
         went_on += weight * goes_on
         moved += stops * np.nan_to_num(at)
         behind += stops * is_free
-    known = _in_runs((ended > 0.15) & (ended > 1.2 * went_on), border_rc * piece.pixel_size_m)
+    stops_here = (ended > 0.15) & (ended > 1.2 * went_on) & ~_goes_on_in(others, start, normal, along)
+    known = _in_runs(stops_here, border_rc * piece.pixel_size_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         return moved / ended, behind > 0.5 * ended, known
+
+
+def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64, along: Float64) -> Bool:
+    """Tell where other pieces have cloth right beyond places of a border (K, 3), facing as it does."""
+    points = [other.xyz_m[other.valid] for other in others]
+    if not points or not len(np.concatenate(points)) or not len(start):
+        return np.zeros(len(start), dtype=np.bool_)
+    normals = np.concatenate([other.normal[other.valid] for other in others])
+    tree = cKDTree(np.concatenate(points))
+    found = np.zeros(len(start), dtype=np.bool_)
+    for step_m in _BEYOND_M:
+        off, nearest = tree.query(start + step_m * along, distance_upper_bound=_SAME_PLACE_M)
+        near = np.isfinite(off)
+        facing = (normals[nearest[near]] * normal[near]).sum(axis=1)
+        found[near] |= facing > _SAME_FACING_COS
+    return found
 
 
 def _in_runs(known: Bool, places_m: Float64) -> Bool:
@@ -313,7 +348,7 @@ def _tangents(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Bool]:
-    """Tell for one view how well it sees each place of the border, and how it goes on from there.
+    """Return how well one view sees each place of the border, and whether the cloth continues there.
 
     Returns
     -------

@@ -27,7 +27,7 @@ _CROSSING_SLACK_M = 0.006
 """Depth inside seen cloth at which an outline does not count as crossing it. Chosen: less than
 ``EDGE_STD_M``."""
 _CROSSING_WEIGHT = 0.25
-"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart."""
+"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart. Set by hand."""
 _EDGE_BOUND = 3.0
 """Standard deviations at which an edge has half of its largest cost (Geman and McClure). Chosen: the usual
 3."""
@@ -42,7 +42,7 @@ _SHIFTS = 5
 _COARSE_POINTS = 70
 """Edges, and points inside, of the coarse search. Chosen: fewer rank the starts worse, more cost time."""
 _ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
-"""Factors on the standard deviations and how many steps are taken with each."""
+"""Factors on the standard deviations and how many steps are taken with each. Set by hand."""
 _POSE_STD = (3.0, 1.0, 1.0)
 """Prior standard deviations of a pose: turn (rad), and shift (m). Chosen to leave it free."""
 
@@ -53,7 +53,8 @@ class Fit:
 
     ``parameters`` (P,); ``garment_from_piece`` one motion a piece, the main one first; ``energy`` E;
     ``log_evidence`` of this optimum (Laplace); ``covariance`` (P + 3 n,) squared, parameters first, then
-    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1.
+    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1. ``others`` are
+    further optima of the same kind, with their evidence below that of this one.
     """
 
     kind: Kind
@@ -63,6 +64,7 @@ class Fit:
     log_evidence: float
     covariance: Float64
     edge_cost: float
+    others: tuple[tuple[float, Fit], ...] = ()
 
     @property
     def outline(self) -> Float64:
@@ -81,7 +83,7 @@ class Pull:
 
 
 def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, Rigid2]]:
-    """Return parameters and poses to begin from, the most promising first, each far from the others."""
+    """Return initial parameters and poses, the lowest cost first, each far from the others."""
     edges = _thinned(len(piece.edge_uv_m), _COARSE_POINTS)
     insides = piece.inside_uv_m[_thinned(len(piece.inside_uv_m), _COARSE_POINTS)]
     middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
@@ -192,7 +194,7 @@ class _Problem:
         outside(q, outline, found.side, found.share, found.away, found.distance)
         std = widened * np.hypot(INSIDE_STD_M, piece.inside_std_m)
         z = found.distance / std
-        # Huber's cost: cloth far outside must not be forgotten.
+        # Huber's cost: cloth far outside keeps its influence.
         far = np.maximum(z, _INSIDE_BOUND)
         cost = np.where(z <= _INSIDE_BOUND, 0.5 * z * z, _INSIDE_BOUND * (z - 0.5 * _INSIDE_BOUND))
         _add(
@@ -251,7 +253,7 @@ def _add(
     found: _Found, arm: Float64, slope: Float64, at: int, pull: Float64, weight: Float64, std: Float64,
     gradient: Float64, matrix: Float64,
 ) -> None:  # fmt: skip
-    """Add what distances say to the normal equations; ``arm`` (N, 2) are the places turned, not shifted."""
+    """Add the terms of the distances to the normal equations; ``arm`` (N, 2): places, turned only."""
     chosen = np.flatnonzero((weight > 1e-4) & (found.away != 0).any(axis=1))
     if not chosen.size:
         return

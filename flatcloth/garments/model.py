@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64
 
 CURVE_STEPS = 6
-"""Straight pieces that a curved stretch is drawn with."""
+"""Straight pieces that a curved stretch is drawn with. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Floating pieces laid on a fitted outline: what nothing seen connects, the garment may place.
+"""Placement of floating pieces by the fitted outline of the garment.
 
 A place is rated by the outline as the main piece is, and by two facts more: a piece of cloth lies
 at one place of the plane only, so pieces must not lie on each other; and cloth does not stretch, so two
@@ -17,7 +17,7 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Fit, refine
 
 LEAST_AREA_M2 = 0.006
-"""Smaller pieces have too little border to be placed."""
+"""Smaller pieces have too little border to be placed. Set by hand."""
 _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
 """Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
 for speed."""
@@ -31,7 +31,7 @@ _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 _PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
 """Weights of contradicting distances, and of cloth laid on cloth, against the edges. Chosen; not fitted."""
 _TEMPERATURE = 3.0
-"""Evidence is told too surely, since its errors are alike: measured as in ``recognition``."""
+"""Divisor of differences in evidence, whose errors are correlated; as in ``recognition``. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
         if other_energy > energy and (apart > 0.03 or turned > 0.1):
             total += np.exp(-(other_energy - energy) / _TEMPERATURE)
     own = max(float(piece.edge_weight * len(piece.edge_uv_m)), 1.0)
-    # A place whose edges do not fit is none, however much worse the others are.
+    # A place whose edges do not fit is rejected, even if all others fit worse.
     misfit = np.exp(-2.0 * max((energy - fit.energy) / own - 1.0, 0.0))
     return Placed(
         index=index,

@@ -1,8 +1,8 @@
-"""Which garment a shape is: every kind fitted, compared by evidence, its dimensions and named points.
+"""Recognition of a garment: all kinds are fitted and compared by evidence; dimensions and named points.
 
 Kinds are compared by the Laplace approximation of their evidence (MacKay 2003, chapter 27), so that a
-kind with more freedom needs to explain more. Errors of the evidence are alike over some
-centimetres, which makes it surer than it is: differences count by ``1 / TEMPERATURE``.
+kind with more freedom needs to explain more. Errors of the evidence are correlated over some centimetres, so
+differences are divided by ``TEMPERATURE``.
 """
 
 from __future__ import annotations
@@ -25,22 +25,27 @@ from flatcloth.garments.registry import known_kinds
 
 NONE = "none of these"
 TEMPERATURE = 3.0
-"""Adjacent evidence is alike over more than an edge's extent; see the reliability in docs/garments.md."""
+"""Errors of neighbouring evidence are correlated; see the reliability in docs/garments.md."""
 MISFIT, MISFIT_STD = 0.135, 0.016
-"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns."""
+"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns:
+``python -m benchmarks garments`` measures both, with each garment left out too."""
 HOLE_M = 0.10
-"""Length of true edges round holes that makes an unknown garment e times as likely."""
+"""Length of true edges round holes that makes an unknown garment e times as likely. Set by hand."""
 LEAST_EDGES = 40
-"""True edges (24 cm of them) without which nothing is said."""
+"""With fewer true edges (24 cm) no kind is given. Set by hand."""
 SURE = 0.90
 """Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
 reliability."""
 POINT_STD_M = 0.012
-"""Of a named point beyond what the fit knows: patterns and flattened cloth differ by 3 to 8 mm."""
+"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Set by
+hand."""
 SEEN_M = 0.015
 """A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
+SEEN_STD_M = 2 * SEEN_M
+"""A named point whose place is known worse than this is predicted, whatever cloth lies there. Chosen."""
 FOLLOWED_M = 0.09
-"""True edges this near to a named point tell where it is: about the width of a cuff or a strap."""
+"""True edges this near to a named point tell where it is: about the width of a cuff or a strap. Set by
+hand."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 """A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
 are."""
@@ -109,7 +114,7 @@ class Recognition:
 
 
 def is_sure(piece: Placed) -> bool:
-    """Tell whether a piece may be placed without being asked about."""
+    """Return whether a piece may be placed without asking the operator."""
     return piece.probability >= PLACED_PROBABILITY and piece.std_m <= PLACED_STD_M
 
 
@@ -139,7 +144,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
             f"Only {100 * 0.006 * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
             "a garment is not recognised by so few. Add views that face its edges."
         )
-    fits = fits_of(main)
+    fits = _with_witnesses(fits_of(main), evidence[1:])
     placed: dict[str, list[Placed]] = {}
     gains: dict[str, float] = {}
     for fit in fits:
@@ -160,6 +165,18 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
         points=points_of(best, shape, main),
         pieces=tuple(placed[best.kind.name]),
     )
+
+
+def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fit]:
+    """Return the fits with the evidence of the other large pieces added, the most probable first.
+
+    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies.
+    """
+    for piece in others:
+        if piece.area_m2 >= LEAST_AREA_M2 and len(piece.edge_uv_m) >= LEAST_EDGES:
+            own = {fit.kind.name: fit.log_evidence for fit in fits_of(piece)}
+            fits = [replace(fit, log_evidence=fit.log_evidence + own[fit.kind.name]) for fit in fits]
+    return sorted(fits, key=lambda f: -f.log_evidence)
 
 
 def fits_of(main: PieceEvidence) -> list[Fit]:
@@ -197,7 +214,8 @@ def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
         refine(kind, (main,), f.parameters, f.garment_from_piece, annealed=((1.0, 12),))
         for f in first[:_FINISHED]
     ]
-    return max(last, key=lambda f: f.log_evidence)
+    best = max(last, key=lambda f: f.log_evidence)
+    return replace(best, others=tuple((f.log_evidence - first[0].log_evidence, f) for f in first))
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
@@ -247,7 +265,7 @@ def points_of(
 ) -> dict[str, Point]:
     """Return the named points of a fit on the plane of the shape; ``held`` are given (place, std) by hand.
 
-    Cloth is never quite symmetric: a point whose true edges were seen follows them.
+    Cloth is not exactly symmetric: a point whose true edges were seen follows them.
     """
     count = len(fit.kind.parameters)
     pose = fit.garment_from_piece[0]
@@ -265,12 +283,37 @@ def points_of(
     variance = np.einsum("kp,pq,kq->k", slope, joint, slope)
     outline_uv = pose.inverse().apply(fit.outline)
     points: dict[str, Point] = {}
+    doubt = _doubt_of(fit, value.reshape(-1, 2)) if not held else np.zeros(len(names))
     for n, name in enumerate(names):
         own = np.s_[2 * n : 2 * n + 2]
         point_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
-        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape))
+        std = math.hypot(std, math.sqrt(doubt[n]))  # the edges nearby do not tell which optimum is right
+        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape) if std <= SEEN_STD_M else None)
     return points
+
+
+def _doubt_of(fit: Fit, places: Float64) -> Float64:
+    """Return the variance (N,) of named points at ``places`` (N, 2) by the other optima of the same kind.
+
+    That of the mixture of all optima by their evidence, about the best one; none if that is sure. The
+    corners of a towel have no order, so that its optima differ by their names only.
+    """
+    if fit.kind.corners is not None:
+        return np.zeros(len(places))
+    total, variance, known = 1.0, np.zeros(len(places)), [places]
+    for below, other in fit.others:
+        share = math.exp(min(below, 0.0) / TEMPERATURE)
+        named = np.stack([place[:, 0] for place in other.kind.named(other.parameters[:, None]).values()])
+        there = other.garment_from_piece[0].inverse().apply(named)
+        # Several starts lead to the same optimum.
+        if share > 1e-3 and all(np.abs(there - each).max() > FOLLOWED_M for each in known):
+            known.append(there)
+            total += share
+            variance += share * np.square(there - places).sum(axis=1) / 2
+    sure = 1.0 / total >= SURE
+    found: Float64 = np.zeros(len(places)) if sure else variance / total
+    return found
 
 
 def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:

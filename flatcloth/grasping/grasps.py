@@ -14,13 +14,13 @@ from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.grasping.surroundings import TangentMap, nearest_outline, tangent_map
 
 OPENING_M = 0.04
-"""Default distance of the fingers."""
+"""Default distance of the fingers. Set by hand."""
 
 OPENING_RANGE_M = (0.005, 0.30)
-"""Range of openings of a gripper for cloth."""
+"""Range of openings of a gripper for cloth. Set by hand."""
 
 LOST_AT_M = 0.010
-"""A point farther than this from the shape is no longer on it, because its view was removed."""
+"""A point farther than this from the shape is no longer on it, because its view was removed. Set by hand."""
 
 _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 """Lengths of the drawn gripper: fingers, stem, and the mark of its axis. Chosen for looks."""

@@ -17,9 +17,9 @@ FORMAT = "flatcloth-hand-eye/1"
 KEY = "base_from_camera"
 
 _TOLERANCE = 1e-3
-"""Rotations written with few digits are corrected within this tolerance; others are refused."""
+"""Rotations written with few digits are corrected within this tolerance; others are refused. Set by hand."""
 _FURTHEST_M = 20.0
-"""Largest distance of a camera from its robot; larger numbers are probably millimetres."""
+"""Largest distance of a camera from its robot; larger numbers are probably millimetres. Set by hand."""
 
 
 _Row = tuple[Finite, Finite, Finite, Finite]

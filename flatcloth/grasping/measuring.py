@@ -16,9 +16,9 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, Uint8
 from flatcloth.flattening.resampling import sample
 
 _BRIDGED_PX = 2
-"""Gaps up to this width count as cloth."""
+"""Gaps up to this width count as cloth. Set by hand."""
 _GRID_CELLS = 200
-"""Detours are searched on a grid with this many cells per side."""
+"""Detours are searched on a grid with this many cells per side. Set by hand."""
 _SMOOTHING_M = 0.022
 """Depth noise would lengthen the path through the measured points; it is fitted over this length."""
 

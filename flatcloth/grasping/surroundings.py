@@ -11,7 +11,7 @@ from scipy import ndimage
 from flatcloth.core.types import Bool, FlattenedView, Float64
 
 _OUTLINE_REACH_M = 0.015
-"""The outline's direction is fitted to its part within this distance."""
+"""The outline's direction is fitted to its part within this distance. Set by hand."""
 _PATCH_RADIUS_M = 0.008
 """Radius of the patch that gives the normal at a grasp. Chosen: about a finger's width."""
 _LAYER_GAP_M = 0.010

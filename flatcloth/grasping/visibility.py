@@ -11,9 +11,10 @@ from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Floats, Intrinsics, RgbdFrame, RotationAxis
 
 WINDOW_PX = 2
-"""Radius of the search around a point's pixel: at an outline, that pixel may show the background."""
+"""Radius of the search around a point's pixel: at an outline, that pixel may show the background. Set by
+hand."""
 AGREES_M = 0.012
-"""A depth this close to a point's is its measurement; covers depth noise and the axis' error."""
+"""A depth this close to a point's is its measurement; covers depth noise and the axis' error. Set by hand."""
 GRAZING_COS = 0.15
 """Surface seen at a smaller cosine of incidence is hardly measured."""
 

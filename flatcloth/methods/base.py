@@ -276,6 +276,18 @@ class ClothPairs:
         return apart
 
 
+@dataclass(frozen=True, kw_only=True)
+class BroughtPiece:
+    """A floating piece that comes to the shape with a component of it that the operator placed there.
+
+    ``center_uv_m`` (2,) is where it lies on the plane now, ``target_from_piece`` leads from there to where
+    it goes.
+    """
+
+    center_uv_m: Float64
+    target_from_piece: Rigid2
+
+
 class Views(Protocol):
     """The single views of a recording, the input of methods."""
 
@@ -383,6 +395,10 @@ class Method(Protocol):
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the cloth that a component and the shape have in common; None if the method finds none."""
+        return None
+
+    def brought(self, document: Document) -> BroughtPiece | None:
+        """Return the floating piece that the pending view brings along as it lies; None if there is none."""
         return None
 
     def cameras(self, document: Document) -> Registered | None:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from flatcloth.session.document import Document, Side
 
 LEAST_COMPONENT_SHARE = 0.2
-"""Of a view's components, those with at least this share of the largest one's area are placed."""
+"""Of a view's components, those with at least this share of the largest one's area are placed. Set by
+hand."""
 
 
 def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:

@@ -28,7 +28,7 @@ from flatcloth.registration.view_features import ViewFeatures
 T = TypeVar("T")
 
 TOP_M = 0.010
-"""The held point is the mean of the item's uppermost part of this height."""
+"""The held point is the mean of the item's uppermost part of this height. Set by hand."""
 
 _VIEWS_FOR_HELD_POINT = 6
 """Views that are looked at for the top. Chosen: 60 degrees apart; more cost reading."""
@@ -37,7 +37,7 @@ _BLOCKS_FOR_HELD_POINT = 250_000
 _THREADS = 2
 """Views read at a time. Chosen for two cores; more need more memory."""
 _AROUND_M = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.08), (-0.08, 0.0, 0.04), (0.08, 0.0, 0.04)])
-"""Start points of the axis: the visible surface lies in front of the axis."""
+"""Start points of the axis: the visible surface lies in front of the axis. Set by hand."""
 _TOP_QUANTILE = 0.75
 """Share of the views whose top is not above the item's. Chosen: a quarter may contain outliers."""
 

@@ -40,15 +40,15 @@ _LOOSE_TURN_DEG = 0.4
 _LOOSE_AXIS_M = 0.0025
 """... axis, ..."""
 _LOOSE_SWING_DEG = 0.5
-"""... or swing exceed these limits."""
+"""... or swing exceed these limits. Set by hand."""
 MOST_APART_DEG = 65.0
-"""Views with directions farther apart than this share little cloth."""
+"""Views with directions farther apart than this share little cloth. Set by hand."""
 _MOST_PARTNERS = 6
-"""Most views that a view is compared with."""
+"""Most views that a view is compared with. Set by hand."""
 _REFITS = 3
 """How often pairs are registered again after a view was added, ..."""
 _REFIT_FATTENING_PX = 0.15
-"""... if the fattening has changed by more than this."""
+"""... if the fattening has changed by more than this. Set by hand."""
 
 __all__ = [
     "Registered",
@@ -66,7 +66,8 @@ _LEAST_CHANCE = 1e-3
 _STEPS = 3
 """Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
 _FREEDOM = 6.0
-"""Degrees of freedom of Student's t, which limits the weight of a pair that contradicts the others."""
+"""Degrees of freedom of Student's t, which limits the weight of a pair that contradicts the others. Set by
+hand."""
 _RIDGE = 1e-6 * np.eye(UNKNOWNS)
 """Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
 

@@ -20,34 +20,35 @@ from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, Vie
 _SEARCH_RADIUS_M = 0.02
 """Points farther from the other surface than this are not paired; the radius decreases each round, ..."""
 _LEAST_SEARCH_RADIUS_M = 0.005
-"""... down to this."""
+"""... down to this. Set by hand."""
 _ROUNDS = 6
 """Rounds with half of the points to register a pair of views, ..."""
 _FINE_ROUNDS = 3
-"""... and with all points; only these to register a pair again."""
+"""... and with all points; only these to register a pair again. Set by hand."""
 LEAST_POINTS = 60
-"""Views with fewer points in common, counted both ways, are not compared."""
+"""Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _MOST_SURPRISE = 40.0
-"""A motion less probable beforehand than this (chi-square of 6) is rejected."""
+"""A motion less probable beforehand than this (chi-square of 6) is rejected. Set by hand."""
 _DISTANCE_STD_M = 0.0003
-"""Standard deviation of the distance of equal cloth in two views, without noise."""
+"""Standard deviation of the distance of equal cloth in two views, without noise. Set by hand."""
 _SHADING_STD = 0.15
-"""Relative deviation of the brightness between views, because folds are shaded by the lamp."""
+"""Relative deviation of the brightness between views, because folds are shaded by the lamp. Set by hand."""
 _NOISE_INFLATION = 2.0
-"""Factor on the estimated variance of the correlated errors."""
+"""Factor on the estimated variance of the correlated errors. Set by hand."""
 _PART_STD_M = 0.0001
 """Standard deviation of systematic errors of a block of the image, ..."""
 _PART_NOISE = 0.4
-"""... plus this share of the noise."""
+"""... plus this share of the noise. Set by hand."""
 
 _SEARCH_RADIUS_SHRINKS = 0.75
 """Factor on the search radius each round. Chosen: reaches the least radius in five rounds."""
 _STILL = 2e-5
-"""A smaller step (rad, m) counts as zero."""
+"""A smaller step (rad, m) counts as zero. Set by hand."""
 _LEAST_TEXTURE_SPREAD = 1e-3
 """Least typical difference of logarithmic texture, so that exact views keep finite weights. Chosen."""
 _SAME_SCALE = 1e-3
-"""Directions with less than this share of the best one's information do not count for the weight."""
+"""Directions with less than this share of the best one's information do not count for the weight. Set by
+hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,8 @@ from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 
 COMMON, OWN = 5, 3
-"""Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view."""
+"""Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view. By
+definition."""
 
 
 @dataclass(frozen=True, kw_only=True)

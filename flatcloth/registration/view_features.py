@@ -20,24 +20,26 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, Transforms, accumulate
 
 POINTS_PER_VIEW = 1200
-"""Approximate number of compared points of a view."""
+"""Approximate number of compared points of a view. Set by hand."""
 _NORMAL_SMOOTHING_PX = 2.0
-"""Smoothing of the normals where the depth is noisy."""
+"""Smoothing of the normals where the depth is noisy. Set by hand."""
 _TEXTURE_SIZE_M = 0.007
-"""Texture is the color minus its mean over this size."""
+"""Texture is the color minus its mean over this size. Set by hand."""
 _BLOCK_SIZE_M = 0.080
-"""Errors count as independent only beyond this size."""
+"""Errors count as independent only beyond this size. Set by hand."""
 
 CHANNELS = 3
-"""Channels of texture: brightness and two color differences, logarithmic, without their local means."""
+"""Channels of texture: brightness and two color differences, logarithmic, without their local means. By
+definition."""
 TERMS = 1 + CHANNELS
-"""Terms of the comparison: the distance, and the channels."""
+"""Terms of the comparison: the distance, and the channels. By definition."""
 UNKNOWNS = 7
-"""The motion of one view against the other (rotation about x, y, z; shift), and the fattening."""
+"""The motion of one view against the other (rotation about x, y, z; shift), and the fattening. By
+definition."""
 _DARKEST = 8
 """Darker values count as this one, because their logarithm is noise. Chosen."""
 _LEAST_FACING = 1e-3
-"""Least distance (m) of a plane from the camera, against division by zero."""
+"""Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,6 +51,21 @@ def side_rgba(
     return _placed(image, offset_rc, shape, OUTSIDE_RGBA)
 
 
+def small_side_rgba(
+    side: NDArray[np.int8], certainty: Float32, shape: tuple[int, int], *, doubt: bool = False
+) -> Uint8:
+    """Draw labels (h, w) in a smaller picture of this shape, clear off the item; see :func:`side_rgba`.
+
+    With ``doubt`` it draws how certain they are, as :func:`certainty_rgba` does.
+    """
+    rows, cols = ((np.arange(n) + 0.5) * size // n for n, size in zip(shape, side.shape, strict=True))
+    at = np.ix_(rows.astype(np.intp), cols.astype(np.intp))
+    draw = certainty_rgba if doubt else side_rgba
+    image = draw(side[at], certainty[at], (0, 0), shape)
+    image[side[at] == 2] = 0
+    return image
+
+
 def certainty_rgba(
     side: NDArray[np.int8], certainty: Float32, offset_rc: tuple[int, int], shape: tuple[int, int]
 ) -> Uint8:

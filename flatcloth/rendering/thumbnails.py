@@ -76,6 +76,12 @@ def jpeg_thumbnail(color: Uint8, where: Bool) -> bytes:
     return bytes(cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
 
 
+def small_shape(rows: int, cols: int) -> tuple[int, int]:
+    """Return rows and columns of a picture made to fit ``SMALL_PX``."""
+    scale = min(SMALL_PX[0] / cols, SMALL_PX[1] / rows, 1.0)
+    return max(1, round(rows * scale)), max(1, round(cols * scale))
+
+
 def picture_thumbnail(view: FlattenedView | None) -> Uint8:
     """Return a flattened view (h, w, 4) uint8, of at most ``SMALL_PX``; without a view one clear pixel."""
     if view is None or not view.valid.any():
@@ -98,7 +104,5 @@ def _box(where: Bool) -> tuple[slice, slice]:
 
 
 def _fitted(image: Uint8) -> Uint8:
-    rows, cols = image.shape[:2]
-    scale = min(1.0, SMALL_PX[0] / cols, SMALL_PX[1] / rows)
-    size = max(1, round(scale * cols)), max(1, round(scale * rows))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    rows, cols = small_shape(*image.shape[:2])
+    return np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""How sure a side is: from how often disturbed evidence says the same, calibrated against truth."""
+"""Certainty of a side: how often disturbed evidence gives the same side, calibrated against truth."""
 
 from __future__ import annotations
 

@@ -55,8 +55,8 @@ def gather(
     points_m, normals : (N, 3) float32
         Object frame.
     facing : (N,) float32
-        Cosine of the incidence at which each was seen. What is seen squarely makes the clusters,
-        the rest joins them.
+        Cosine of the incidence at which each was seen. Pixels seen frontally make the clusters, the others
+        join them.
     noise_m : float
         Noise of the depth.
     config : SegmentationConfig
@@ -203,7 +203,7 @@ def _assign(
 def _averaged(
     points: Float32, normals: Float32, facing: Float32, of_pixel: Int32, place: Float64, normal: Float64
 ) -> Int64:
-    """Move clusters to the mean of their pixels, squarely seen ones first; return their numbers of pixels."""
+    """Move clusters to the mean of their pixels, weighted by incidence; return their numbers of pixels."""
     count = len(place)
     pixels, weight = np.zeros(count, np.int64), np.zeros(count)
     at, up = np.zeros((count, 3)), np.zeros((count, 3))

@@ -20,9 +20,9 @@ from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import foreground_mask
 
 _APART_M = 0.03
-"""Regions farther than this from the largest are something else."""
+"""Regions farther than this from the largest are something else. Set by hand."""
 _SECOND_SHARE = 0.4
-"""A region apart of this share of the largest is another item, not a thing beside it."""
+"""A separate region of at least this share of the largest is another item. Set by hand."""
 _ENOUGH_VIEWS = 8
 """Fewer views do not show what stands still. Chosen; not measured."""
 _SWEEP_DEG = 60.0
@@ -41,7 +41,8 @@ _LEAST_CUT_M2 = 2e-4
 _COLORS = 4
 """Main colours of the item. Chosen: fewer miss prints, more describe the gripper too."""
 _UNLIKE = 14.0
-"""Distance in CIELAB from every main colour of the item, beyond which a pixel is of another."""
+"""Distance in CIELAB from all main colours of the item beyond which a pixel has another colour. Set by
+hand."""
 _NECK_SHARE = 0.3
 """A region at the top is a gripper if it touches the item along less than this share of its outline ...
 Chosen."""

@@ -37,7 +37,8 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _THREADS = 2
 """Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
-"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand."""
+"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand. Set
+by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +47,9 @@ class ObservedView:
 
     ``view_index``; ``offset_rc`` of the crop in the recorded image of ``full_shape``; ``intrinsics`` of
     the crop; ``object_from_camera`` where the camera stands; ``item`` (h, w) bool, measured pixels of
-    the item; ``depth_m`` (h, w) float32; ``cluster`` (h, w) int32, -1 where none is near; ``surface``
-    (h, w) bool, pixels that made the clusters; ``area_m2`` (h, w) float32, cloth under each of those.
+    the item; ``depth_m`` (h, w) float32; ``cluster`` (h, w) int32, -1 where none is near, and ``shows``
+    (K,) int32 those that occur; ``surface`` (h, w) bool, pixels that made the clusters; ``area_m2``
+    (h, w) float32, cloth under each of those.
     """
 
     view_index: int
@@ -58,6 +60,7 @@ class ObservedView:
     item: Bool
     depth_m: Float32
     cluster: Int32
+    shows: Int32
     surface: Bool
     area_m2: Float32
 
@@ -235,6 +238,7 @@ def _view(
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
     area[known] = frame.depth_m[known] ** 2 / (k.fx * k.fy) / np.maximum(facing[known], 0.26)
+    near = filled(label, frame.depth_m, own, settings)
     return ObservedView(
         view_index=frame.view_index,
         offset_rc=frame.offset_rc,
@@ -243,7 +247,8 @@ def _view(
         object_from_camera=pose,
         item=own,
         depth_m=frame.depth_m,
-        cluster=filled(label, frame.depth_m, own, settings),
+        cluster=near,
+        shows=np.unique(near[near >= 0]),
         surface=known,
         area_m2=area,
     )

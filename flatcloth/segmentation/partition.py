@@ -1,4 +1,4 @@
-"""Two-colouring of a signed graph: who lies on the same side of the cloth as whom.
+"""Two-colouring of a signed graph: which clusters lie on the same side of the cloth.
 
 Greedy additive edge contraction (Keuper et al., ICCV 2015, "Efficient decomposition of image and mesh
 graphs by lifted multicuts", there for partitions into any number of parts) with a sign to each
@@ -34,8 +34,8 @@ _CORE_NODES = 8
 class Partition:
     """Which nodes lie on the same side.
 
-    ``side`` (M,) float64, +1 or -1, comparable inside a part; ``part`` (M,) int64, nodes that
-    evidence joins; where parts are not joined, nothing tells how they lie to each other.
+    ``side`` (M,) float64, +1 or -1, comparable inside a part; ``part`` (M,) int64, nodes that evidence joins;
+    the sides of different parts cannot be compared.
     """
 
     side: Float64
@@ -73,7 +73,7 @@ def sampled_sides(
     """
     random = np.random.default_rng(0)
     middle = 0.5 * (place_m[graph.first] + place_m[graph.second])
-    # What holds together whatever the disturbance is joined once, for all samples.
+    # Nodes that no disturbance divides are joined once, for all samples.
     core = partition(graph, _CORE_NODES)
     number = np.unique(core.part, return_inverse=True)[1].ravel()
     first, second = number[graph.first], number[graph.second]

@@ -1,4 +1,4 @@
-"""What clusters of the surface tell about each other: the same side, or opposite sides.
+"""Evidence between clusters of the surface: the same side, or opposite sides.
 
 Neighbours in a view lie on the same side, the less surely the sharper the cloth turns away between
 them, as at a side seam. The two layers of a plate, back to back, lie on opposite sides: of such
@@ -19,7 +19,7 @@ from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _FULL = 10.0
-"""Weight of sure evidence between two clusters; only ratios count."""
+"""Weight of sure evidence between two clusters; only ratios count. Set by hand."""
 _ENOUGH_PIXELS = 10.0
 """Pixels at which the evidence between two clusters has half of its full weight. Chosen; not measured."""
 _LEAST_PIXELS = 4
@@ -104,7 +104,7 @@ def _attraction(
     b = np.concatenate([view.second for view in links]).astype(np.int64)
     facing = np.concatenate([view.facing for view in links]).astype(np.float64)
     key, where = np.unique(np.minimum(a, b) * clusters.count + np.maximum(a, b), return_inverse=True)
-    # A neighbourhood seen often is not surer than one seen well once; seen steeply it tells little.
+    # Evidence does not grow with the number of views; at a steep incidence it is weak.
     seen = np.bincount(where, facing**4, len(key))
     first, second = key // clusters.count, key % clusters.count
     chord = clusters.place_m[second] - clusters.place_m[first]

@@ -1,7 +1,8 @@
-"""What a segmentation says: a side and a certainty for every surface pixel, and what was cut off."""
+"""The result of a segmentation: a side and a certainty for every surface pixel, and what was cut off."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -99,7 +100,7 @@ class Segmentation:
 
     @property
     def mean_certainty(self) -> float:
-        """Mean certainty of the cloth that is said to be of interest, by area: so much of it is right."""
+        """Mean certainty of the cloth labelled as of interest, by area: the expected share that is right."""
         chosen = self.side == OF_INTEREST
         area = self.observed.clusters.area_m2[chosen]
         return float((self.certainty[chosen] * area).sum() / max(float(area.sum()), 1e-12))
@@ -141,6 +142,13 @@ class Segmentation:
         chosen[chosen] = self.side[seen.cluster[chosen]] == OF_INTEREST
         return seen.whole(chosen)
 
+    def mask_key(self, view_index: int) -> int:
+        """Return a number that is another if the mask of a view is another; cheaper than the mask."""
+        seen = self.observed.views.get(view_index)
+        if seen is None:
+            return 0
+        return zlib.crc32(np.packbits(self.side[seen.shows] == OF_INTEREST).tobytes())
+
     def at(self, points_m: Floats, normals: Floats) -> tuple[Int8, Float32]:
         """Return side and certainty (N,) of places on the cloth (N, 3) with normals (N, 3), object frame.
 
@@ -171,9 +179,7 @@ def weights_of(observed: Observed) -> Float64:
 
 def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
     """Return the views in which any of the clusters (M,) is seen."""
-    return tuple(
-        n for n, view in sorted(observed.views.items()) if clusters[view.cluster[view.cluster >= 0]].any()
-    )
+    return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
 
 
 def conflict_texts(conflicts: Sequence[Conflict]) -> list[str]:

@@ -36,7 +36,7 @@ _START_M = 0.02
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 _LOCAL = 0.05
-"""Share of all clusters; a stroke that turns over less corrects a small region."""
+"""Share of all clusters; a stroke that turns over less corrects a small region. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class SideSolver:
         return self._results.get(key, lambda: self._result(key))
 
     def where_next(self, decisions: Sequence[Decision]) -> Suggestion | None:
-        """Return where a stroke would settle most; None if nothing much is unsure."""
+        """Return where a stroke would determine most; None if little is uncertain."""
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))

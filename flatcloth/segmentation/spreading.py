@@ -26,13 +26,15 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _PIN = 1e4
 """Conductance that fixes a potential, in mean evidence. Chosen: large against all neighbours together."""
 _ANCHOR = 1e-5
-"""Conductance to the present sides, in mean evidence: where no stroke reaches, nothing changes."""
+"""Conductance to the present sides, in mean evidence: where no stroke reaches, nothing changes. Set by
+hand."""
 _REWEIGHTED = 0.1
 """Least potential drop of the reweighting, so that conductances stay finite. Chosen."""
 _LEAST_REGION = 30
 """Least size of a region that is turned over. Chosen: smaller ones would be the brush mark itself."""
 _MOST_INNER = 0.08
-"""Share of all cloth seen that one inner face takes at most; on the shared recordings it is below 0.05."""
+"""Share of all cloth seen that one inner face takes at most; on the shared recordings it is below 0.05. Set
+by hand."""
 _SURE = 1e6
 """Weight of what strokes say. Chosen: above all evidence together."""
 
@@ -147,8 +149,8 @@ class Spreading:
     def inner_face(self, side: Float64, keep: Int64, turn: Int64, number: int) -> tuple[Int64, float]:
         """Return the clusters of the inner face that a stroke lies on, and what its border costs.
 
-        An inner face, seen through an opening, has the other panel's outer face at its back, as the
-        side of interest has: what repels tells nothing of where it ends. The cost is infinite if it is
+        An inner face, seen through an opening, has the other panel's outer face at its back, as the side of
+        interest has: negative evidence does not show where it ends. The cost is infinite if it is
         larger than inner faces are.
         """
         attracts = np.maximum(self._graph.weight, 0.0)
@@ -158,7 +160,7 @@ class Spreading:
     def partitioned_anew(
         self, side: Float64, keep: Int64, turn: Int64, number: int, weight: Float64
     ) -> tuple[Int64, float]:
-        """Return what a partition that knows the strokes turns over, next to the stroke, and its cost.
+        """Return the region next to the stroke that a partition with the strokes turns over, and its cost.
 
         For a stroke around which no region has a cheap border.
         """

@@ -1,4 +1,4 @@
-// The chosen result, with all that the table has of it.
+// The chosen result, with all columns of the table.
 
 const STAGES = [
   ["opening", "#5b8def"],

@@ -157,7 +157,7 @@ const table = makeTable({
   },
 });
 
-/** For whoever drives the page. */
+/** For tests and scripts that control the page. */
 const state = { revision: 0, shown: 0, rows: rows.length, chosen: null };
 Object.assign(window, { flatclothBatch: state });
 
@@ -242,7 +242,7 @@ function told() {
     (served ? "" : " In a file, verdicts are not kept.");
 }
 
-/** The next one that is done and that nobody has decided, least reliable first, whatever the table is sorted by. */
+/** The next finished result without a verdict, least reliable first, in any order of the table. */
 function next() {
   const open = rows.filter((row) => !row.review && row.outcome === "done").sort((a, b) => a.place - b.place);
   const at = table.chosen && !table.chosen.review ? table.chosen.place : -1;

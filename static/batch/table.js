@@ -1,4 +1,4 @@
-// The table of results: only the rows in sight are in the document, so thousands scroll as ten do.
+// The table of results: only the rows in sight are in the document, so that thousands scroll fast.
 
 const ROW_PX = 57;
 const SPARE = 6;

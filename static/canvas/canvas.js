@@ -22,6 +22,9 @@ const cornersOf = ({ left, top, right, bottom }) => [
   [right, bottom],
 ];
 
+/** @type {{ paintShape: (canvas: any) => void }} */
+const ONE_LAYER = { paintShape: (canvas) => canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image) };
+
 export class FlatCanvas {
   /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(),
    * moving({theta, u, v}) while the proposal is moved, placed() when it is drawn anew.
@@ -43,8 +46,8 @@ export class FlatCanvas {
     this.marks = [];
     this.pick = null;
     this.scenery = SHAPE_ALONE;
-    /** @type {any} how the shape's layers are looked at */
-    this.layers = null;
+    /** @type {any} how the shape's layers are looked at; a page without a list of layers has one */
+    this.layers = ONE_LAYER;
     this.tools = [];
     this.drawers = [];
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it

@@ -7,15 +7,7 @@ const FONT = "600 13px system-ui, sans-serif";
 /** Draw them all; the rectangle of the `chosen` one (its letter) is not broken. */
 export function drawPieces(canvas, context, style, pieces, chosen) {
   for (const piece of pieces) {
-    const { origin_uv_m: origin, pixel_size_m: d, rows, cols } = piece.grid;
-    const [left, top] = origin;
-    const [right, bottom] = [left + d * cols, top + d * rows];
-    const corners = [
-      [left, top],
-      [right, top],
-      [right, bottom],
-      [left, bottom],
-    ].map(([u, v]) => canvas.transform.toPane(u, v));
+    const corners = cornersOf(piece.grid).map(([u, v]) => canvas.transform.toPane(u, v));
     context.beginPath();
     corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
     context.closePath();
@@ -26,6 +18,17 @@ export function drawPieces(canvas, context, style, pieces, chosen) {
     context.setLineDash([]);
     drawLabel(context, style, corners, piece);
   }
+}
+
+/** The corners of a grid on the plane, in turn. */
+export function cornersOf({ origin_uv_m: [left, top], pixel_size_m: d, rows, cols }) {
+  const [right, bottom] = [left + d * cols, top + d * rows];
+  return [
+    [left, top],
+    [right, top],
+    [right, bottom],
+    [left, bottom],
+  ];
 }
 
 function drawLabel(context, style, corners, piece) {

@@ -1,6 +1,7 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { drawDot } from "/static/canvas/marks.js";
+import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
 const CLICK_PX = 4;
@@ -102,21 +103,7 @@ export class GarmentDrawing {
   draw(context, style) {
     const { drawn } = this;
     if (!drawn) return;
-    const { transform } = this.page.canvas;
-    const line = drawn.outline_uv_m.map((uv) => transform.toPane(...uv));
-    if (line.length) line.push(line[0]);
-    strokeLine(context, line, "#fff", 4);
-    strokeLine(context, line, style.getPropertyValue("--garment"), 2);
-    for (const point of drawn.points) this.drawPoint(context, style, transform.toPane(...point.uv_m), point);
-  }
-
-  drawPoint(context, style, at, point) {
-    const color = style.getPropertyValue("--garment");
-    const on = point.name === this.panel.pointed || point.name === this.grabbed?.name;
-    if (point.seen || point.held) drawDot(context, at, color, on ? 8 : 5);
-    else drawRing(context, at, color, on ? 8 : 5);
-    if (point.held) drawRing(context, at, color, on ? 12 : 9);
-    if (on) drawName(context, style, at, point.name);
+    drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
   }
 
   drawInScene(context, style, place) {
@@ -130,29 +117,4 @@ export class GarmentDrawing {
       if (on) drawName(context, style, at, point.name);
     }
   }
-}
-
-/** A predicted point: hollow, so that it is told apart without colours. */
-function drawRing(context, { x, y }, color, radius) {
-  for (const [stroke, width] of [
-    ["#fff", 4],
-    [color, 2],
-  ]) {
-    context.beginPath();
-    context.arc(x, y, radius, 0, 2 * Math.PI);
-    context.strokeStyle = stroke;
-    context.lineWidth = width;
-    context.stroke();
-  }
-}
-
-function drawName(context, style, { x, y }, name) {
-  const text = name.replaceAll("_", " ");
-  context.font = "600 12px system-ui, sans-serif";
-  context.textBaseline = "middle";
-  const width = context.measureText(text).width + 10;
-  context.fillStyle = style.getPropertyValue("--panel");
-  context.fillRect(x + 12, y - 9, width, 18);
-  context.fillStyle = style.getPropertyValue("--text");
-  context.fillText(text, x + 17, y);
 }

@@ -1,14 +1,12 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
 import { GarmentDrawing } from "/static/garment/drawing.js";
+import { dimensions, percent, shares } from "/static/garment/lists.js";
+import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
-const LEAST_SHOWN = 0.005; // of a probability: the others are summed up
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-
-/** A name of the files as words. */
-export const words = (name) => name.replaceAll("_", " ");
 
 export class GarmentPanel {
   name = "garment";
@@ -91,7 +89,6 @@ export class GarmentPanel {
   }
 
   kinds(found, names) {
-    const shown = found.probabilities.filter(([, share]) => share >= LEAST_SHOWN);
     const select = make(
       "select",
       {
@@ -106,17 +103,7 @@ export class GarmentPanel {
         make("option", { value: name, selected: found.by_hand && name === found.kind }, words(name)),
       ),
     );
-    return [
-      make(
-        "ul",
-        { class: "kinds", "aria-label": "Kinds and their probabilities" },
-        ...shown.map(([name, share]) => {
-          const bar = make("meter", { min: 0, max: 1, value: share, "aria-hidden": "true" });
-          return make("li", {}, make("span", {}, words(name)), bar, make("b", {}, percent(share)));
-        }),
-      ),
-      make("label", { class: "field" }, make("span", {}, "Kind"), select),
-    ];
+    return [shares(found.probabilities), make("label", { class: "field" }, make("span", {}, "Kind"), select)];
   }
 
   points(found) {
@@ -264,16 +251,3 @@ export class GarmentPanel {
     this.page.send({ type: "hold_point", name, u_m, v_m });
   }
 }
-
-function dimensions(found) {
-  return make(
-    "dl",
-    { class: "values" },
-    ...found.dimensions.flatMap(({ name, mm, std_mm }) => [
-      make("dt", { data: { tip: "Measured flat; one standard deviation" } }, words(name)),
-      make("dd", {}, `${number(mm, 0)} ± ${number(std_mm, 0)} mm`),
-    ]),
-  );
-}
-
-const percent = (share) => (share > 0.995 ? "> 99 %" : share < 0.005 ? "< 1 %" : `${number(100 * share, 0)} %`);

@@ -8,6 +8,8 @@ import { startTips } from "/static/page/notices.js";
 import { actionTable, showHelp } from "/static/offline/actions.js";
 import { CloudView } from "/static/offline/cloud.js";
 import { copyPick, showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
+import { drawGarment } from "/static/garment/marks.js";
+import { showGarment } from "/static/offline/garment.js";
 import { unpack } from "/static/offline/data.js";
 
 const PLAY_MS = 1300;
@@ -34,6 +36,11 @@ class Page {
     this.flat.drawers.push((_, context, style) =>
       drawPieces(this.flat, context, style, this.step === this.last ? history.pieces : [], null),
     );
+    this.pointed = null; // the named point of the garment that is pointed at
+    this.flat.drawers.push((_, context, style) => {
+      const found = history.garment.found;
+      if (this.step === this.last && found?.kind) drawGarment(this.flat, context, style, found, this.pointed);
+    });
     const { low, high } = history.extent;
     const scene = {
       cloth,
@@ -143,6 +150,7 @@ class Page {
     this.showLegend();
     this.showPicks();
     showDecisions(this);
+    showGarment(this);
     this.showPick();
   }
 

@@ -1,7 +1,7 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
 import { strokeLine } from "/static/canvas/marks.js";
-import { drawPieces } from "/static/canvas/pieces.js";
+import { cornersOf, drawPieces } from "/static/canvas/pieces.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
 
@@ -83,7 +83,8 @@ export class PiecesPanel {
                 data: {
                   id: `place-${piece.label}`,
                   tip:
-                    why ?? "The view that shows most of it becomes the proposal: drag it where it belongs, accept.",
+                    why ??
+                    "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
                 },
                 on: { click: place },
               },
@@ -135,8 +136,22 @@ export class PiecesPanel {
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
   draw(context, style) {
     for (const piece of this.pieces) this.drawPlace(context, piece);
+    this.drawBrought(context);
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
+  }
+
+  /** Where a piece comes to lie that goes along with the proposal. */
+  drawBrought(context) {
+    const { brings } = this.page.state?.pending ?? {};
+    const piece = brings && this.pieces.find(({ label }) => label === brings.label);
+    if (!piece) return;
+    const { theta_rad: turn, u_m, v_m } = brings.placement;
+    const [cos, sin] = [Math.cos(turn), Math.sin(turn)];
+    const line = cornersOf(piece.grid).map(([u, v]) =>
+      this.canvas.transform.toPane(cos * u - sin * v + u_m, sin * u + cos * v + v_m),
+    );
+    strokeLine(context, [...line, line[0]], piece.color, 2.5, [2, 3]);
   }
 
   /** The outline of a piece where the garment has a place for it. */

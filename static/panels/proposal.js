@@ -80,6 +80,13 @@ function showProposal(state, send, show) {
         {},
         `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`,
       ),
+      pending.brings
+        ? make(
+            "p",
+            { class: "extends", id: "brings" },
+            `Piece ${pending.brings.label} comes along, to the dotted rectangle, and becomes part of the shape.`,
+          )
+        : null,
       pending.extends === null || pending.extends === "A"
         ? null
         : make(

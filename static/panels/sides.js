@@ -231,6 +231,12 @@ export class SidesPanel {
     return `/sides/${view}.png?layer=${this.certain ? "certainty" : "side"}&revision=${this.known.revision}`;
   }
 
+  /** The addresses of a small image of a view and of its labels, null if they are not shown or not known. */
+  thumbsOf(view) {
+    const labels = this.addressOf(view)?.replace(".png", "/small.png");
+    return labels ? [`/sides/${view}/color.jpg?v=${this.known.token}`, labels] : null;
+  }
+
   goTo(answer) {
     this.page.notify("info", answer.text);
     if (answer.view_index !== null) this.page.each("lookAt", answer.view_index, answer.rc);

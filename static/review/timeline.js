@@ -37,7 +37,10 @@ export class Timeline {
   update(state) {
     const live = state.mode === "live";
     const small = live || Boolean(state.capture);
-    rebuild(this.row, [state.views, state.review?.token], () => state.views.map((view) => this.cell(view, state)));
+    const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
+    rebuild(this.row, [state.views, state.review?.token, labels], () =>
+      state.views.map((view) => this.cell(view, state)),
+    );
     rebuild(this.tools, [small], () => (small ? [] : ["review", "result"].map((name) => this.page.button(name))));
     if (!live) markPresent(state.present_view); // in live mode each frame does
   }
@@ -48,7 +51,8 @@ export class Timeline {
     const kept = ["start", "pending"].includes(view.state);
     const decided = !kept && view.state !== "unused";
     const about = live ? `View ${view.index}, ${number(view.angle_deg, 0)}°` : aboutView(view, state);
-    const shown = isShown(view) && state.review;
+    const labelled = live || state.capture ? null : this.page.brush?.thumbsOf(view.index);
+    const shown = (isShown(view) || labelled) && state.review;
     return make(
       "button",
       {
@@ -59,7 +63,7 @@ export class Timeline {
         data: { id: `view-${view.index}`, tip: about + whatAPressDoes(view, state) },
         on: { click: () => this.choose(view) },
       },
-      shown ? make("span", { class: "pair" }, ...thumbsOf(view, state)) : null,
+      shown ? make("span", { class: "pair" }, ...this.pictures(view, state, labelled)) : null,
       make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
       shown && view.order ? make("span", { class: "order", "aria-hidden": "true" }, String(view.order)) : null,
       shown ? scoreBar(view.score, view.flagged) : null,
@@ -70,6 +74,14 @@ export class Timeline {
         shown && view.added_cm2 !== null ? make("b", {}, added(view.added_cm2)) : null,
       ),
     );
+  }
+
+  /** The image, under the sides of its cloth if they are found here, and the flattened view if there is one. */
+  pictures(view, state, labelled) {
+    const [color, flat] = isShown(view) ? thumbsOf(view, state) : [];
+    if (!labelled) return [color, flat];
+    const layers = labelled.map((src) => make("img", { src, alt: "", loading: "lazy", draggable: "false" }));
+    return [make("span", { class: "labelled" }, ...layers), ...(flat ? [flat] : [])];
   }
 
   // --- turning the item --------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import { byId, make } from "/static/page/dom.js";
 import { count, keyName, number } from "/static/page/format.js";
+import { flagsOf } from "/static/review/timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 const ACCEPTED = ["accepted", "fixed"];
@@ -84,6 +85,7 @@ export class Verdicts {
     this.card.replaceChildren(
       make("h2", { id: "view-card-title" }, `View ${view.index}, ${number(view.angle_deg, 0)}°`),
       make("p", {}, told(view)),
+      ...this.flags(view),
       ...(view.follows && view.state !== "later" ? [make("p", { class: "note" }, followers(view.follows))] : []),
       make(
         "div",
@@ -115,6 +117,15 @@ export class Verdicts {
     this.card.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, left))}px`;
     this.card.style.top = `${at.top - box.height - 8}px`;
     this.card.querySelector("button").focus();
+  }
+
+  /** Why it is flagged, and what it really added. */
+  flags(view) {
+    const flags = flagsOf(view, this.page.state).filter((flag) => flag !== "placed by hand");
+    return [
+      ...(view.order && view.added_cm2 !== null ? [`It added ${number(view.added_cm2, 0)} cm².`] : []),
+      ...(flags.length ? [`⚑ Flagged: ${flags.join(", ")}.`] : []),
+    ].map((text) => make("p", { class: "note" }, text));
   }
 
   close() {

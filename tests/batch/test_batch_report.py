@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import time
+from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -171,6 +172,12 @@ def test_served_the_page_keeps_verdicts_and_opens_sessions(client: Asker, out: P
     assert pages.asked[0][1][0] == "/data/x"
 
 
+async def endless() -> AsyncIterator[bytes]:
+    """A body without a length in its headers; a reader without a limit would never return."""
+    while True:
+        yield b" " * 1000
+
+
 def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: Pages) -> None:
     said = {"name": "sure", "verdict": "accepted"}
     foreign = {"Origin": "http://evil.example"}
@@ -181,6 +188,11 @@ def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: 
     assert (
         client.post("/verdict", content=b"{", headers={"Content-Type": "application/json"}).status_code == 400
     )
+    other: list[Any] = [[], {"verdict": "accepted"}, {"name": 3}, {"name": "sure", "verdict": 1}]
+    for wrong in (*other, {"name": "x" * 10_001}):
+        assert client.post("/verdict", json=wrong).status_code == 400
+    json_type = {"Content-Type": "application/json"}
+    assert client.post("/verdict", content=endless(), headers=json_type).status_code == 400
     assert client.post("/verdict", json={"name": "nobody", "verdict": "accepted"}).status_code == 409
     for name, status in (("nobody", 404), ("../night/sure", 404), ("", 404), ("lost", 409)):
         assert client.post("/open", json={"name": name}).status_code == status

@@ -126,7 +126,8 @@ def work_through(tab, hands, name, tmp_path):
     assert tab.state()["views"][bad]["flagged"]
 
     hands.reopen(bad)
-    tab.until(f"flatcloth.state.pending?.view_index === {bad} && flatcloth.overlayRevision > 0")
+    tab.until(f"flatcloth.state.pending?.view_index === {bad} && !flatcloth.state.drawing")
+    assert tab.state()["pending"]["score"] < 0.75
     hands.do("back_to_best")
     tab.until("flatcloth.state.pending.score >= 0.75")
     hands.do("accept")

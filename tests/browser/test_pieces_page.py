@@ -74,6 +74,9 @@ def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_h
     moved = tab.state()["layers"]["overlay"]["center_uv_m"]
     assert moved[0] < center[0] - 0.01
     assert moved[1] > center[1] + 0.005
+    brings = tab.state()["pending"]["brings"]
+    if brings is not None:  # it covers cloth of the shape
+        assert brings["label"] == "B"
     tab.shoot("piece-dragged")
     undo = tab.state()["undo"]
     assert undo.startswith("move")

@@ -54,6 +54,14 @@ def test_cloth_is_painted_with_the_mouse_and_undone(open_tab) -> None:
     tab.page.mouse.move(x, y + 12, steps=4)
     tab.page.mouse.up()
     tab.until(f"flatcloth.state.sides.n_strokes === 1 && {IDLE}")
+    # Each view has a small picture of its labels, as they are now.
+    tab.until(
+        f"document.querySelectorAll('#timeline .view .labelled').length === {len(tab.state()['views'])}"
+    )
+    revision = tab.state()["sides"]["revision"]
+    shown = "[...document.querySelectorAll('#timeline .labelled img')].slice(0, 2)"
+    present = f"document.querySelector('#timeline img[src$=\"revision={revision}\"]')"
+    tab.until(f"{shown}.every((i) => i.naturalWidth > 1) && {present}")
     assert tab.state()["undo"].startswith("stroke: this side on view")
     tab.page.keyboard.press("Escape")
     tab.until("flatcloth.sides.kind === null")

@@ -14,6 +14,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import outcome_of
+from flatcloth.engine.sheet import lay_out, place_of_piece
 from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
@@ -251,3 +252,39 @@ def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> N
     assert joined.floating == ()
     # The rest of the view lies where it lay: only the piece has come to the shape.
     assert joined.view.area_m2 == pytest.approx(plain.view.area_m2 + plain.floating[0].area_m2, rel=0.01)
+
+
+def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand() -> None:
+    # Views 0 and 1 share cloth, and so do 2 and 3 on the other side.
+    made = integration("robust", angles_deg=(0.0, 20.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
+    state = done(made, SessionState(4), Start(0))
+    for view in (1, 2, 3):
+        state = done(made, state, Propose(view), Accept(view))
+    apart = made.canonical(state.document)
+    (piece,) = lay_out(apart).pieces
+    assert piece.views == (2, 3)
+    place = place_of_piece(made, piece, [3]).placement
+    state = done(made, state, Reopen(3))
+    before = made.canonical(state.document)
+    # Laid with 40 mm on the shape's right border.
+    part = made.part(3, 0)
+    right = float(before.view.uv_from_rc(np.argwhere(before.view.valid))[:, 0].max())
+    left = float(place.apply(part.uv_from_rc(np.argwhere(part.valid)))[:, 0].min())
+    there = Rigid2(0.0, right - left - 0.04, 0.0) @ place
+    placed = done(made, state, TakePart(3, 0, there), Accept(3))
+    joined = made.canonical(placed.document)
+    assert joined.floating == ()
+    assert set(np.unique(joined.view.view_index[joined.view.valid])) == {0, 1, 2, 3}
+    whole_m2 = apart.view.area_m2 + piece.view.area_m2
+    assert whole_m2 - 0.04 * 0.25 < joined.view.area_m2 < whole_m2
+
+
+def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
+    made = integration("robust", angles_deg=(0.0, 150.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
+    state = done(made, SessionState(4), Start(0))
+    for view in (1, 2, 3):
+        state = done(made, state, Propose(view), Accept(view))
+    shape = made.canonical(state.document)
+    assert set(np.unique(shape.view.view_index[shape.view.valid])) == {1, 2, 3}
+    assert shape.view.placement_std_m is not None
+    assert np.isfinite(shape.view.placement_std_m[shape.view.valid]).mean() > 0.9

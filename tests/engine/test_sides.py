@@ -29,6 +29,9 @@ class Labels:
     def mask(self, view_index: int) -> Bool:
         return self.masks[view_index]
 
+    def mask_key(self, view_index: int) -> int:
+        return hash(self.masks[view_index].tobytes())
+
 
 class HalfSolver:
     """All of the item is of interest; a stroke takes the left half of view 0 away."""

@@ -19,14 +19,15 @@ from PIL import Image
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.curves import plan_of, side_of
-from flatcloth.export.figures import all_figures, maps, of_decision, write_figures
+from flatcloth.export.figures import all_figures, garment, maps, of_decision, widened, write_figures
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.base import Plan
 from flatcloth.rendering.charts import Frame, draw_axes, draw_ramp, nice_below
 from flatcloth.rendering.drawing import Drawing, text_width
-from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, cropped, laid_on
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on
 from flatcloth.session.machine import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -252,6 +253,25 @@ def test_figures_tell_what_happened(session: OpenedSession) -> None:
         assert f"{step.angle_deg:g}\u00b0" in text
     assert f"{1e4 * session.growth.view.area_m2:.0f} cm\u00b2" in made["map-color"].caption
     assert re.search(r"A_0 = .?\d+\u00b0", made["decision-03-view-2-plan"].drawing.svg())
+
+
+def test_the_garment_is_drawn_with_its_outline_and_told_in_report_and_page(session: OpenedSession) -> None:
+    known = session.garment
+    assert isinstance(known, KnownGarment)
+    (figure,) = garment(session)
+    kind = known.found.kind.replace("_", " ")
+    seen = sum(point.pixel is not None for point in known.found.points.values())
+    assert figure.caption.startswith(f"Garment: {kind}, ")
+    assert f"{seen} of {len(known.found.points)} named points seen" in figure.caption
+    texts = [text for text in re.findall(r">([^<>]+)<", figure.drawing.svg()) if text.strip()]
+    assert set(known.found.points) <= set(texts)
+    # The whole outline is on the picture, beyond the cloth that was seen too.
+    wide = widened(
+        PlanePicture(rgba=np.zeros((10, 20, 4), dtype=np.uint8), pixel_size_m=0.01, origin_uv_m=(0.0, 0.0)),
+        np.array([[-0.05, 0.02], [0.31, 0.2]]),
+    )
+    assert wide.origin_uv_m == pytest.approx((-0.08, -0.01))
+    assert wide.rgba.shape[:2] == (10 + 1 + 13, 20 + 8 + 14)
 
 
 def test_picks_are_marked_on_the_shape(session: OpenedSession) -> None:

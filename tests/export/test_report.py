@@ -56,6 +56,8 @@ def test_the_report_tells_recording_decisions_and_picks(session: OpenedSession, 
         assert name in seen
     assert "(outline) 60 mm" in seen
     assert "(level)" in seen
+    assert "By the evidence:" in seen
+    assert "named point how known to" in seen
     assert text.count('<section class="decision') == 3
     assert text.count('<section class="decision gone">') == 1
     assert text.count("<img ") == 3

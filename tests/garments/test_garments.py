@@ -179,6 +179,19 @@ def test_where_the_side_of_interest_ends_on_cloth_is_an_edge_that_is_not_free() 
     np.testing.assert_allclose(evidence.edge_uv_m[evidence.edge_normal[:, 0] > 0.9, 0], 0.199, atol=0.002)
 
 
+def test_where_another_piece_goes_on_the_cloth_does_not_end() -> None:
+    mask = np.zeros((400, 400), dtype=bool)
+    mask[:, :100] = True
+    view, seen = sheet_seen(measured(0, 400), mask)
+    valid = np.zeros((140, 140), dtype=bool)
+    valid[20:100, 102:140] = True
+    evidence = evidence_of(view, [seen], [dataclasses.replace(blank_view(valid), origin_uv_m=(5.0, 7.0))])
+    assert not (evidence.edge_normal[:, 0] > 0.9).any()
+    # The other layer of a fold lies there too, but faces away.
+    behind = dataclasses.replace(blank_view(valid), normal=-blank_view(valid).normal)
+    assert (evidence_of(view, [seen], [behind]).edge_normal[:, 0] > 0.9).sum() > 15
+
+
 def test_cloth_that_is_not_a_number_is_said() -> None:
     view, seen = sheet_seen(measured(0, 400))
     xyz = view.xyz_m.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,8 +37,16 @@ def test_no_package_has_more_than_15_modules() -> None:
     assert {package: n for package, n in count.items() if n > 15} == {}
 
 
-def numbers_without_a_word(source: str) -> Iterator[str]:
-    """Yield the constants of a module that have no docstring after and no comment on their line."""
+NUMERICS = ("flattening", "registration", "segmentation", "methods", "garments", "grasping")
+SOURCE = re.compile(
+    r"[Pp]aper|[Ss]ection|Eq\.|data ?sheet|D435|[Mm]easure[sd]|[Ll]earned|benchmarks|evaluate|docs/|tests/"
+    r"|NUMERICS|\b(19|20)\d\d\b|[Cc]hosen|[Ss]et by hand|[Bb]y definition|``_?[A-Z]"
+)
+"""Where a number comes from; "Chosen" and "Set by hand" say that no measurement is behind it."""
+
+
+def constants(source: str) -> Iterator[tuple[str, str]]:
+    """Yield the numeric constants of a module, and the docstring after or the comment on their line."""
     lines, body = source.splitlines(), ast.parse(source).body
     for statement, following in zip(body, [*body[1:], ast.Pass()], strict=True):
         if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
@@ -49,9 +58,26 @@ def numbers_without_a_word(source: str) -> Iterator[str]:
         numeric = any(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
         if not names or not numeric or any(isinstance(v, str) for v in values):
             continue
-        told = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
-        if not told and "#" not in lines[(statement.end_lineno or statement.lineno) - 1]:
-            yield names[0]
+        text = getattr(following.value, "value", None) if isinstance(following, ast.Expr) else None
+        comment = lines[(statement.end_lineno or statement.lineno) - 1].partition("#")[2]
+        yield names[0], text if isinstance(text, str) else comment
+
+
+def numbers_without_a_word(source: str) -> list[str]:
+    """Return the constants of a module that nothing is said about."""
+    return [name for name, text in constants(source) if not text.strip()]
+
+
+def numbers_without_a_source(source: str) -> list[str]:
+    """Return the constants without a source; a text that ends with "..." goes on at the next constant."""
+    found, begun, told = [], "", ""
+    for name, text in constants(source):
+        begun, told = begun or name, " ".join([told, *text.split()])
+        if not text.rstrip().endswith("..."):
+            if not SOURCE.search(told):
+                found.append(begun)
+            begun, told = "", ""
+    return found
 
 
 def test_each_constant_says_what_it_is() -> None:
@@ -61,6 +87,16 @@ def test_each_constant_says_what_it_is() -> None:
         for path in PYTHON
         if path.is_relative_to(ROOT / "flatcloth")
         for name in numbers_without_a_word(path.read_text())
+    ]
+    assert found == []
+
+
+def test_each_constant_of_the_numerics_has_a_source() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for package in NUMERICS
+        for path in sorted((ROOT / "flatcloth" / package).rglob("*.py"))
+        for name in numbers_without_a_source(path.read_text())
     ]
     assert found == []
 
@@ -76,4 +112,7 @@ def test_the_reader_of_constants_sees_what_it_must() -> None:
         'NAMES = ("x", 1)\n'
         "small = 7\n"
     )
-    assert list(numbers_without_a_word(source)) == ["A", "E", "F"]
+    assert numbers_without_a_word(source) == ["A", "E", "F"]
+    assert numbers_without_a_source(source) == ["A", "E", "F"]
+    joined = 'A = 1\n"""From this ..."""\nB = 2\n"""... to this. Chosen."""\nC = 3\n"""Large."""\n'
+    assert numbers_without_a_source(joined) == ["C"]

@@ -12,6 +12,7 @@ from flatcloth.rendering.sides import (
     certainty_rgba,
     shape_rgba,
     side_rgba,
+    small_side_rgba,
 )
 
 SIDE = np.array([[1, -1, 2], [0, 0, 0]], dtype=np.int8)
@@ -50,3 +51,17 @@ def test_the_certainty_of_a_view_shows_the_item_only() -> None:
     image = certainty_rgba(SIDE, np.full(SIDE.shape, 0.5, np.float32), (0, 0), SIDE.shape)
     assert image[0, 0, 3] == 220
     assert image[0, 2, 3] == 0
+
+
+def test_a_small_picture_shows_the_labels_and_is_clear_off_the_item() -> None:
+    side = np.repeat(np.repeat(np.array([[1, -1], [2, 1]], np.int8), 20, axis=0), 30, axis=1)
+    sure = np.where(side == 1, 1.0, 0.5).astype(np.float32)
+    image = small_side_rgba(side, sure, (4, 6))
+    assert image.shape == (4, 6, 4)
+    assert (image[:2, :3] == THIS_RGBA).all()
+    assert (image[2:, :3, 3] == 0).all()
+    assert (image[:2, 3:, :3] == OTHER_RGBA[:3]).all()
+    doubt = small_side_rgba(side, sure, (4, 6), doubt=True)
+    assert (doubt[:2, :3, 3] == 0).all()
+    assert (doubt[:2, 3:, 3] > 200).all()
+    assert (doubt[2:, :3, 3] == 0).all()

@@ -70,6 +70,9 @@ def test_front_and_back_lie_a_thickness_apart_and_on_opposite_sides(solver):
 def test_a_stroke_says_which_side_is_of_interest_and_undo_is_exact(solver):
     before = solver.solve(())
     back = solver.solve((stroke(view=9),))
+    for n in range(18):
+        alike = np.array_equal(back.mask(n), before.mask(n))
+        assert (back.mask_key(n) == before.mask_key(n)) == alike
     right, _ = shares(back)
     assert right < 0.001
     assert shares(solver.solve((stroke(view=0),)))[0] > 0.999
@@ -90,6 +93,7 @@ def test_a_stroke_that_agrees_changes_nothing(solver):
     twice = solver.solve((wanted, stroke(view=0, points=((100.0, 120.0),))))
     assert np.array_equal(once.side, twice.side)
     assert twice.changed.area_m2 == 0
+    assert [twice.mask_key(n) for n in range(18)] == [once.mask_key(n) for n in range(18)]
     assert twice.conflicts == ()
 
 

@@ -1,4 +1,4 @@
-"""From a session's document to the garment that its shape is, and that compared with the truth."""
+"""Recognition of the garment of a session's document."""
 
 from __future__ import annotations
 
@@ -49,6 +49,12 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     return views
 
 
+def evidence_of_shape(canonical: Canonical, views: list[SeenFrom]) -> tuple[PieceEvidence, ...]:
+    """Return what the canonical view and each of its floating pieces say of the outline."""
+    pieces = (canonical.view, *canonical.floating)
+    return tuple(evidence_of(own, views, [each for each in pieces if each is not own]) for own in pieces)
+
+
 @dataclass(frozen=True, kw_only=True)
 class KnownGarment:
     """What is known of the garment of a document's shape.
@@ -69,7 +75,7 @@ class KnownGarment:
 
 
 class GarmentService:
-    """Recognises the garments of an integration's shapes; remembers the last. For several threads."""
+    """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads."""
 
     def __init__(self, integration: Integration) -> None:
         self._integration = integration
@@ -94,7 +100,7 @@ class GarmentService:
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:
-        """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+        """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
         try:
             return self.of(document)
         except GarmentError as error:
@@ -108,7 +114,7 @@ class GarmentService:
             raise GarmentError(
                 "The shape was made of one view; a garment is not recognised by one. Add views."
             )
-        evidence = tuple(evidence_of(piece, views) for piece in (canonical.view, *canonical.floating))
+        evidence = evidence_of_shape(canonical, views)
         return canonical, evidence, recognise(canonical.view, evidence)
 
     def _decided(
@@ -128,7 +134,7 @@ class GarmentService:
 
 
 def garment_of(integration: Integration, document: Document) -> KnownGarment | str:
-    """Return what is known of the garment of a document's shape, or why nothing can be said of it."""
+    """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
     return GarmentService(integration).known(document)
 
 

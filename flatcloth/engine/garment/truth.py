@@ -37,7 +37,7 @@ class GarmentEvaluation:
     ``kind``, ``true_kind``; ``probability`` of the true kind and ``none_probability``; for each named
     point its error in mm (``seen_mm``, ``unseen_mm``) and in standard deviations (``normed``);
     ``dimension_errors`` relative; ``pieces`` placed with certainty: the median error of each, mm. Points and
-    dimensions are compared if the most probable kind, whatever its probability, is the true one.
+    dimensions are compared if the answer is the true kind; an answer "none of these" tells none.
     """
 
     kind: str
@@ -85,7 +85,7 @@ def compare_garment(
     normed: dict[str, float] = {}
     sizes: dict[str, float] = {}
     fit = found.fit
-    if fit.kind.name == points.kind:
+    if found.kind == points.kind:
         true = {name: np.array(place) for name, place in points.points_m.items()}
         placed = {name: truth_from_shape.apply(p.uv_m) for name, p in found.points.items()}
         if fit.kind.corners is not None:

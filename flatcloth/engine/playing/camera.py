@@ -17,11 +17,11 @@ from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
 
 NOTHING_YET_S = 2.0
-"""A camera that delivers no new frame for this long is reported."""
+"""A camera that delivers no new frame for this long is reported. Set by hand."""
 MOST_POINTS = 25_000
-"""Most points of a live cloud; browsers cannot receive more at 30 frames per second."""
+"""Most points of a live cloud; browsers cannot receive more at 30 frames per second. Set by hand."""
 BEHIND_M = 0.7
-"""Points farther than this behind the nearest one are not drawn."""
+"""Points farther than this behind the nearest one are not drawn. Set by hand."""
 
 
 class CameraPlayer(LivePlayer):

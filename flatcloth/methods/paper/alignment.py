@@ -20,9 +20,9 @@ from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
-"""Half widths of the band of Z-angles of a line; the first band with enough pixels is used."""
+"""Half widths of the band of Z-angles of a line; the first band with enough pixels is used. Set by hand."""
 _LINE_MIN_AREA_M2 = 0.0003
-"""The pixels of the common Z-angle must cover this area."""
+"""The pixels of the common Z-angle must cover this area. Set by hand."""
 
 
 def align_by_z_angle(

@@ -17,39 +17,40 @@ from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigi
 from flatcloth.methods.base import AlignmentScore
 
 _SEARCH_TRANSLATION_M = 0.06
-"""Largest change of the translation in the search."""
+"""Largest change of the translation in the search. Set by hand."""
 _SEARCH_ROTATION_DEG = 15.0
-"""Largest change of the rotation in the search."""
+"""Largest change of the rotation in the search. Set by hand."""
 _SEARCH_STEP_M = 0.006
-"""Step of the coarse search in translation."""
+"""Step of the coarse search in translation. Set by hand."""
 _SEARCH_STEP_DEG = 2.5
-"""Step of the coarse search in rotation."""
+"""Step of the coarse search in rotation. Set by hand."""
 _SEARCH_FINEST_M = 0.0004
-"""The detailed search ends at this step."""
+"""The detailed search ends at this step. Set by hand."""
 _SEARCH_CANDIDATES = 12
-"""Best placements of the coarse search that are searched in detail."""
+"""Best placements of the coarse search that are searched in detail. Set by hand."""
 _SEARCH_POINTS = 700
-"""Pixels compared in the coarse search."""
+"""Pixels compared in the coarse search. Set by hand."""
 _COARSE_SMOOTHING_M = 0.006
-"""Smoothing of the texture in the coarse search."""
+"""Smoothing of the texture in the coarse search and in the score. Set by hand."""
 FINE_SMOOTHING_M = 0.002
-"""Smoothing of the texture in the detailed search and in the score."""
+"""Smoothing of the texture in the detailed search. Set by hand."""
 _MISSING_OVERLAP_COST = 0.3
-"""Cost of losing all of the overlap that the initial estimate has."""
+"""Cost of losing all of the overlap that the initial estimate has. Set by hand."""
 _DISTANCE_COST = 0.03
-"""Cost of the largest change: of two equal matches, the one nearer to the initial estimate wins."""
+"""Cost of the largest change: of two equal matches, the one nearer to the initial estimate wins. Set by
+hand."""
 _HEIGHT_SCALE_M = 0.005
-"""Difference in height that counts as half a disagreement."""
+"""Difference in height that counts as half a disagreement. Set by hand."""
 _INTENSITY_WEIGHT = 0.5
-"""Weight of the intensity against the height."""
+"""Weight of the intensity against the height. Set by hand."""
 _INTENSITY_FLOOR = 6.0
-"""A texture with a smaller spread (grey levels) counts as noise."""
+"""A texture with a smaller spread (grey levels) counts as noise. Set by hand."""
 _MIN_OVERLAP_SHARE = 0.1
-"""Share of the new view that must lie on the current one."""
+"""Share of the new view that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
-"""The score decreases in proportion if the overlap is smaller than this."""
+"""The score decreases in proportion if the overlap is smaller than this. Set by hand."""
 _TELLING_TEXTURE = 0.25
-"""Texture whose random disagreement is smaller than this has proportionally less weight."""
+"""Texture whose random disagreement is smaller than this has proportionally less weight. Set by hand."""
 
 _CHANCE_PAIRS = 5000
 """Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of

@@ -16,13 +16,13 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.session.machine import Side
 
 _EDGE_WIDTH_PX = 4
-"""The Z-angle at an outline is the mean over this width."""
+"""The Z-angle at an outline is the mean over this width. Set by hand."""
 _OCCLUDING_Z_ANGLE_DEG = 40.0
-"""An outline seen more steeply than this is an occluding edge."""
+"""An outline seen more steeply than this is an occluding edge. Set by hand."""
 _EDGE_SEARCH_PX = 10
-"""A nearer layer within this distance of an outline covers the cloth behind it."""
+"""A nearer layer within this distance of an outline covers the cloth behind it. Set by hand."""
 _COVERING_GAP_M = 0.01
-"""A covering layer is nearer by at least this."""
+"""A covering layer is nearer by at least this. Set by hand."""
 
 
 def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = None) -> float:

@@ -13,7 +13,7 @@ from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
 from flatcloth.session.machine import Side
 
 _OCCLUDING_EDGE_MIN_M = 0.03
-"""A side with less occluding edge than this is complete."""
+"""A side with less occluding edge than this is complete. Set by hand."""
 
 
 def column_curves(

@@ -22,19 +22,20 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.relaxation import local_rotations
 
 LEAST_RIGID_PART_NODES = 40
-"""A wide part needs at least this many nodes to be a rigid part."""
+"""A wide part needs at least this many nodes to be a rigid part. Set by hand."""
 _STRIP_WIDTH = 3.0
-"""Cloth narrower than this many typical pairs is a strip, which directions must hold."""
+"""Cloth narrower than this many typical pairs is a strip, which directions must hold. Set by hand."""
 DIRECTION_WEIGHT = 0.5
-"""Weight of a pair's direction in a strip, relative to its length."""
+"""Weight of a pair's direction in a strip, relative to its length. Set by hand."""
 
 Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
 
 _RIM_RAD = 2.2
-"""A node without a neighbour within an angle of this width lies at the outline of the sheet."""
+"""A node without a neighbour within an angle of this width lies at the outline of the sheet. Set by hand."""
 _OVER = 1.5
-"""Extra growth, in pairs, from the inside of a wide part to its outline: the node spacing is coarse."""
+"""Extra growth, in pairs, from the inside of a wide part to its outline: the node spacing is coarse. Set by
+hand."""
 _STEPS = 8
 """Limit of Gauss-Newton steps. Chosen; ``_SETTLED_M`` normally ends them earlier."""
 _SETTLED_M = 2e-4

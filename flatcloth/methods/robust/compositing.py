@@ -21,7 +21,7 @@ from flatcloth.methods.robust.joint import JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
 
 _RIM_NOISE = 3.0
-"""Additional cost of a pixel at the outline of the surface, decreasing over a few pixels."""
+"""Additional cost of a pixel at the outline of the surface, decreasing over a few pixels. Set by hand."""
 
 
 def composite(
@@ -126,7 +126,7 @@ def pixel_cost(surface: Surface) -> Float32:
 
 
 _POINT_COST = 100.0
-"""Cost of a single point, so that triangles are preferred."""
+"""Cost of a single point, so that triangles are preferred. Set by hand."""
 
 
 class _PlacedView(NamedTuple):

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from flatcloth.core.types import Float64, Int32
+from flatcloth.core.types import Bool, Float64, Int32
 
 _TRIANGLES = 3
-"""A pair is firm if at least this many nodes are neighbours of both its ends."""
+"""A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
 
 def connected_pieces(
@@ -54,6 +54,11 @@ def connected_pieces(
     label[rest] = n + _components(n, i[rest[i] & rest[j]], j[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
     return _joined(label, i, j, summed, least_evidence)
+
+
+def both_ends(flags: Bool, edges: Int32 | NDArray[np.int64]) -> Bool:
+    """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
+    return flags[edges[:, 0]] & flags[edges[:, 1]]
 
 
 @njit(cache=True, nogil=True)

@@ -23,15 +23,16 @@ from flatcloth.core.types import Bool, Float64, Int32
 _NEAR_M = 0.015
 """Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
 _FAR_M = 0.045
-"""... and farther than this in space lie on one another: three times as far, no noise explains that."""
+"""... and farther than this in space lie on one another: three times as far, no noise explains that. Set by
+hand."""
 _SAME_SURFACE_M = 0.030
-"""Nodes that lie on others are one layer if they are nearer to each other in space than this."""
+"""Nodes that lie on others are one layer if they are nearer to each other in space than this. Set by hand."""
 _MOST_OFF_M = 0.04
-"""Neighbours in one view lie at most this much farther apart on the plane than the view says."""
+"""Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
 _OTHER_PIECE_M = 5.0
-"""Floating pieces lie farther apart than this on the plane."""
+"""Floating pieces lie farther apart than this on the plane. Set by hand."""
 _EVIDENCE_UNITS = 1000
-"""Evidence in whole numbers, as the maximum flow needs it."""
+"""Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
 Int64 = NDArray[np.int64]
 
@@ -84,9 +85,12 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     layer[nodes] = connected_components(_graph(near, np.ones(len(near)), nodes.size), directed=False)[1]
     both, count = np.unique(np.sort(layer[pairs], axis=1), axis=0, return_counts=True)
     count = np.where(both[:, 0] == both[:, 1], 0, count)
-    if not count.any():
+    if count.any():
+        one, other = (np.flatnonzero(layer == k) for k in both[count.argmax()])
+    else:
+        one, other = _farthest(pairs, nodes, xyz_m)
+    if not (one.size and other.size):
         return none, math.inf, 0
-    one, other = (np.flatnonzero(layer == k) for k in both[count.argmax()])
     n = len(xyz_m)
     units = np.maximum(np.rint(_EVIDENCE_UNITS * evidence), 1).astype(np.int64)
     source, sink, unbounded = n, n + 1, int(units.sum()) + 1
@@ -104,6 +108,20 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     linked = np.unique(edges)
     smaller = int(min(side[linked].sum(), (~side[linked]).sum()))
     return cut, flow.flow_value / _EVIDENCE_UNITS, smaller
+
+
+def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
+    """Return the nodes around both ends of the pair that is farthest apart in space, for layers that meet.
+
+    Near the held point all layers are near one another, and chains of neighbours lead from one to the next.
+    """
+    apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
+    most = int(apart.argmax()) if apart.size else 0
+    if not apart.size or apart[most] <= 2.0 * _SAME_SURFACE_M:
+        return nodes[:0], nodes[:0]
+    tree = cKDTree(xyz_m[nodes])
+    one, other = (nodes[tree.query_ball_point(xyz_m[end], _SAME_SURFACE_M)] for end in pairs[most])
+    return one, other
 
 
 def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence: Float64) -> Bool:

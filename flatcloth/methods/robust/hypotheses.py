@@ -20,7 +20,7 @@ from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
 
 _DISTINCT_M = 0.008
-"""Hypotheses closer together than this count as one."""
+"""Hypotheses closer together than this count as one. Set by hand."""
 
 _COARSE_M = 0.012
 """Pixel of the plane in the coarse search. Chosen: a finer one costs time, a coarser one misses narrow

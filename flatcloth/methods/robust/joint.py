@@ -22,7 +22,7 @@ from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
-from flatcloth.methods.robust.connectivity import connected_pieces
+from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
 from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
 from flatcloth.methods.robust.layout import (
     MOST_OFF_M,
@@ -45,16 +45,17 @@ from flatcloth.methods.robust.observations import (
 )
 
 _LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise ..."""
 _MOST_CUT_EVIDENCE = 20.0
-"""... and are cut apart again where cloth lies on other cloth and at most this much joins them."""
+"""... and are cut apart again where cloth lies on other cloth and at most this much joins them. Set by
+hand."""
 _OUTGROWN = 1.3
-"""A floating piece with this many times the nodes of the main piece becomes the main piece."""
+"""A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
 Int64 = NDArray[np.int64]
 
 _LEAST_PIECE = 12
-"""Fewest nodes of a floating piece that is kept."""
+"""Fewest nodes of a floating piece that is kept. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +150,7 @@ def begin_joint(
 
 
 _NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
-"""No nodes were found again."""
+"""No nodes were found again. By definition."""
 
 
 def extend_joint(
@@ -219,7 +220,7 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
     """
     pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
     if unreliable is not None and unreliable.any():
-        inside = shape.links.edges[unreliable[shape.links.edges].all(axis=1)]
+        inside = shape.links.edges[both_ends(unreliable, shape.links.edges)]
         graph = coo_matrix(
             (np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(unreliable),) * 2
         )
@@ -256,14 +257,14 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
         if not touched[own] and n and known.any() and (known == members).all():
             uv[members] = shape.all_uv_m[members]
         else:
-            within = np.flatnonzero(members[links.edges].all(axis=1) & ~shape.is_cut)
+            within = np.flatnonzero(both_ends(members, links.edges) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
                 seed_pair(z, links, within)
             z = lay_out(z, links, within)
             if n and _reached(z, members) < 0.5 * members.sum():
                 z = _seeded_anew(z, members, links, within)
-            inside = within[np.isfinite(z.real[links.edges[within]]).all(axis=1)]
+            inside = within[both_ends(np.isfinite(z.real), links.edges[within])]
             own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
             overlapping = _overlapping(shape, own_uv)
             if overlapping.size:
@@ -311,7 +312,7 @@ def _grown_anew(
         _evidence(shape)[within],
         links.n_members,
     )
-    reached = np.isfinite(z.real[links.edges[within]]).all(axis=1)
+    reached = both_ends(np.isfinite(z.real), links.edges[within])
     inside, anew = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
     grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
@@ -328,7 +329,7 @@ def _overlapping(shape: JointShape, uv_m: Float64) -> Int64:
 
 
 _APART_M = 10.0
-"""Distance of floating pieces on the plane."""
+"""Distance of floating pieces on the plane. Set by hand."""
 
 
 def _known(members: Bool, before: Int32) -> Bool:

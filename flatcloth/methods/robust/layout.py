@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import banding, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.observations import Complex128, Observation
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 _ROBUST_STD = 3.0
-"""A pair with a residual of this many standard deviations has a quarter of its weight."""
+"""A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""
 _ARAP_STEPS = 8
-"""Steps of as-rigid-as-possible relaxation before the minimisation."""
+"""Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
 _ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; the weights of the pairs are updated between them."""
+"""Minimisations after each acceptance; the weights of the pairs are updated between them. Set by hand."""
 _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
 _MAJORISATIONS = 6
@@ -35,9 +36,11 @@ _MAJORISATIONS = 6
 _TOLERANCE = 2e-3
 """Relative decrease of the energy that ends it earlier. Chosen for speed."""
 MOST_OFF_M = 0.04
-"""A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm."""
+"""A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm. Set by
+hand."""
 _OPINION_M = 0.012
-"""In a layout grown anew, opinions about a place that differ by less than this agree: a node's distance."""
+"""In a layout grown anew, opinions about a place that differ by less than this agree: a node's distance. Set
+by hand."""
 
 Int64 = NDArray[np.int64]
 
@@ -92,7 +95,7 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
     z = z.copy()
-    open_ = inside[np.isnan(z.real[links.edges[inside]]).any(axis=1)]
+    open_ = inside[~both_ends(np.isfinite(z.real), links.edges[inside])]
     if not open_.size:
         return z
     touched = np.zeros(links.n_members, dtype=bool)

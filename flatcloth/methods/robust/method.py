@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
+    BroughtPiece,
     Candidate,
     Canonical,
     ClothPairs,
@@ -20,18 +21,20 @@ from flatcloth.methods.base import (
     SurfaceEdges,
     Views,
 )
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
 from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.cameras import Registered, describe
-from flatcloth.session.machine import Document, Later, Side
+from flatcloth.session.machine import Accepted, Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is rejected if the others contradict a larger share of its pairs."""
+"""Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
+hand."""
 _TOLD = 6
-"""Candidates of a plan that are told."""
+"""Candidates of a plan that are told. Set by hand."""
 
 
 class RobustMethod(Method):
@@ -133,7 +136,7 @@ class RobustMethod(Method):
         """Return the share of the last accepted view's pairs that the other views contradict."""
         shape = self.shapes.shape(document)
         links = shape.links
-        own = (links.observation == len(shape.observations) - 1) & shape.placed[links.edges].all(axis=1)
+        own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
     def is_contradicted(self, document: Document) -> bool:
@@ -149,6 +152,16 @@ class RobustMethod(Method):
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
         return self.shapes.registered(self.shapes.shape(document).views)
+
+    def brought(self, document: Document) -> BroughtPiece | None:
+        """Return the floating piece that the pending view brings along as it lies."""
+        pending = document.pending
+        if pending is None or not pending.moved:
+            return None
+        added = Accepted(
+            pending.view_index, pending.current_from_new, fixed=True, component=pending.component
+        )
+        return self.shapes.brought(document, added)
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""

@@ -19,28 +19,29 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 LEAST_OVERLAP_M2 = 0.03
 """Desirable overlap S_0, the paper's."""
 _GOOD_INCIDENCE_DEG = 50.0
-"""Cloth at a smaller incidence angle is seen well (A_w, in both directions)."""
+"""Cloth at a smaller incidence angle is seen well (A_w, in both directions). Set by hand."""
 _POOR_INCIDENCE_DEG = 60.0
-"""Cloth that was seen only at larger incidence angles should be seen again."""
+"""Cloth that was seen only at larger incidence angles should be seen again. Set by hand."""
 _NOVEL_TURN_DEG = 30.0
-"""A view nearer than this to a visited one is expected to show less beyond the outline."""
+"""A view nearer than this to a visited one is expected to show less beyond the outline. Set by hand."""
 _JOINING_SHARE = 0.5
 """A view of the gap between the shape and a floating piece may join at most this share of it, ..."""
 _JOINING_PAIRS = 20.0
-"""... reached with this many pairs of nodes on both sides of the gap."""
+"""... reached with this many pairs of nodes on both sides of the gap. Set by hand."""
 _EXPLORED_DEG = 12.0
 """Within this rotation of a visited view no unknown cloth is expected; ..."""
 _UNSEEN_M2_PER_DEG = 0.001
-"""... beyond it, this much per degree."""
+"""... beyond it, this much per degree. Set by hand."""
 _COVER_RAD = 0.014
 """A node covers others within this angle, ..."""
 _COVER_GAP_M = 0.03
-"""... if it is nearer by this."""
+"""... if it is nearer by this. Set by hand."""
 
 
 def rate_candidates(
@@ -156,7 +157,7 @@ def _rim(shape: JointShape) -> _Rim:
     number = np.full(len(shape.nodes), -1)
     number[placed] = np.arange(placed.size)
     links = shape.links
-    used = shape.has_place[links.edges].all(axis=1)
+    used = both_ends(shape.has_place, links.edges)
     i, j = number[links.edges[used]].T
     n = placed.size
     uv = shape.all_uv_m[placed]

@@ -30,27 +30,27 @@ _SAME_PLACE_M = 0.0015
 _SAME_PLACE_NOISE = 3.0
 """... plus this many times the noise of the view, ..."""
 _SAME_NORMAL_COS = 0.85
-"""... if the angle of the normals has at least this cosine."""
+"""... if the angle of the normals has at least this cosine. Set by hand."""
 _INCIDENCE_LIMIT_DEG = 75.0
-"""Cloth at a larger incidence angle adds no nodes."""
+"""Cloth at a larger incidence angle adds no nodes. Set by hand."""
 _NOISY_INCIDENCE_LIMIT_DEG = 55.0
 """With noisy depth, known cloth at a larger incidence angle is not measured again."""
 _NEW_NODE_DISTANCE = 0.65
-"""A view adds nodes at this distance (in sampling intervals) from the nodes it sees."""
+"""A view adds nodes at this distance (in sampling intervals) from the nodes it sees. Set by hand."""
 _LEAST_PAIR_M = 0.002
-"""Nodes closer together than this form no pair."""
+"""Nodes closer together than this form no pair. Set by hand."""
 _PAIR_STD_M = 0.0003
-"""Standard deviation of a pair's length without noise, due to stretching of the cloth."""
+"""Standard deviation of a pair's length without noise, due to stretching of the cloth. Set by hand."""
 FRONTAL_NOISE = 0.4
 """Error of a pair seen frontally, as a share of the view's noise, ..."""
 STEEP_NOISE = 1.0
-"""... plus this much per unit of the squared tangent of the incidence angle."""
+"""... plus this much per unit of the squared tangent of the incidence angle. Set by hand."""
 _SMOOTH_COS = 0.95
 """A pair whose normals have a smaller cosine crosses a crease, or two layers: ..."""
 _CREASED_EVIDENCE = 0.25
-"""... its evidence that its ends are one piece of cloth is multiplied by this."""
+"""... its evidence that its ends are one piece of cloth is multiplied by this. Set by hand."""
 _BENT_DEG = (2.0, 8.0)
-"""A pair is bent if its normals differ by more than this (without noise, with noise)."""
+"""A pair is bent if its normals differ by more than this (without noise, with noise). Set by hand."""
 
 Complex128 = NDArray[np.complex128]
 
@@ -128,7 +128,9 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
     Returns
     -------
     Association
-        The position is the foot of the node on the surface along its normal.
+        The position is the foot of the node on the surface along its normal. With noise, which moves the
+        surface along the view's rays, it is where the ray to the node meets the surface: the foot would
+        wander along steep cloth by the noise times the sine of the incidence angle.
     """
     k = surface.frame.intrinsics
     points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
@@ -142,7 +144,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
             above = ((seen - points) * seen_normal).sum(axis=1)
             same = inside & (np.abs(above) <= tolerance)
             same &= (seen_normal * normal).sum(axis=1) >= _SAME_NORMAL_COS
-        if round_ == 0:
+        if round_ == 0 and not surface.noisy:
             foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
             rc = project(foot, k)
     found = np.flatnonzero(same).astype(np.int32)

@@ -33,9 +33,9 @@ from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.machine import Document
 
 _SAMPLES = 500
-"""Number of pixels of a component that are compared."""
+"""Number of pixels of a component that are compared. Set by hand."""
 _RELIABLE_CONFIDENCE = 0.95
-"""Above this confidence the costly search over all positions and rotations is skipped."""
+"""Above this confidence the costly search over all positions and rotations is skipped. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

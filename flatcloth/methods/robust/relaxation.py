@@ -16,7 +16,8 @@ from flatcloth.flattening.minimisation import BandedLaplacian, Banding
 Complex128 = NDArray[np.complex128]
 
 _HELD = 1e-6
-"""Weight that holds every node at its position, because lengths do not fix the sheet as a whole."""
+"""Weight that holds every node at its position, because lengths do not fix the sheet as a whole. Set by
+hand."""
 
 
 @njit(cache=True, nogil=True)

@@ -20,27 +20,29 @@ from flatcloth.core.geometry import Rigid3, height_m, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
-"""A position of the plane is covered if a node lies within this distance."""
+"""A position of the plane is covered if a node lies within this distance. Set by hand."""
 _PLACE_STD_M = 0.003
-"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise."""
+"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise. Set by
+hand."""
 _TWICE_M = 0.015
-"""The same cloth at two positions farther apart on the plane than this is present twice."""
+"""The same cloth at two positions farther apart on the plane than this is present twice. Set by hand."""
 _TEXTURE_SIZE_M = 0.007
-"""Texture is the intensity minus its mean over this size."""
+"""Texture is the intensity minus its mean over this size. Set by hand."""
 _COLOR_STD = 20.0
-"""Difference of equal color in two views, grey levels."""
+"""Difference of equal color in two views, grey levels. Set by hand."""
 _TELLING_COLOR = 0.25
-"""Color whose random disagreement is smaller than this has proportionally less weight."""
+"""Color whose random disagreement is smaller than this has proportionally less weight. Set by hand."""
 _REFINE_RADIUS_M = 0.02
-"""Initial scale of the robust refinement, distance in space."""
+"""Initial scale of the robust refinement, distance in space. Set by hand."""
 _CORRELATED_SAMPLES = 20.0
-"""Number of samples that count as one independent measurement."""
+"""Number of samples that count as one independent measurement. Set by hand."""
 CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
-"""Logistic regression of a right placement: constant, place, color and outline agreement, shares of
-other cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm."""
+"""Logistic regression of a right placement: constant, place, color and outline agreement, shares of other
+cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +172,7 @@ def _read_nearest(image: Float32, rc: Float64) -> Float64:
 def _space_from_plane(shape: JointShape) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
     links, n = shape.links, len(shape.nodes)
-    used = shape.has_place[links.edges].all(axis=1)
+    used = both_ends(shape.has_place, links.edges)
     i, j = links.edges[used].T
     flat = shape.all_uv_m[j] - shape.all_uv_m[i]
     space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]

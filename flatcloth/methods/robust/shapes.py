@@ -6,7 +6,7 @@ Everything is computed from a document and cached by its prefix, so undo is exac
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32, Rigid2
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.base import Canonical, Views
+from flatcloth.methods.base import BroughtPiece, Canonical, Views
 from flatcloth.methods.robust.compositing import composite, pixel_cost
 from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, with_poses
 from flatcloth.methods.robust.observations import Association, Observation, associate
@@ -25,19 +25,28 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.machine import Accepted, Document
 
 _GATE_M = 0.025
-"""Nodes farther than this from their position by the placement do not count as the same cloth."""
+"""Nodes farther than this from their position by the placement do not count as the same cloth. Set by
+hand."""
 
 _LEAST_FITTED = 4
 """So many nodes of a component fit one motion, or it is not joined yet: a motion takes two, ..."""
 _LEAST_FURTHER = 12
-"""... a further motion of the same component as many as make a floating piece."""
+"""... a further motion of the same component as many as make a floating piece. Set by hand."""
 
 _MIB = 1 << 20
-"""Bytes in a mebibyte."""
+"""Bytes in a mebibyte. By definition."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
 _DRAWN_BYTES = 48 * _MIB
 """... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedPiece:
+    """A floating piece that is brought along: its number, and where it goes on the plane."""
+
+    piece: int
+    target_from_piece: Rigid2
 
 
 class JointShapes:
@@ -54,8 +63,9 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(3)
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
-        self._features: Cache[ViewFeatures] = Cache(48)
-        self._registrations: Cache[Registered] = Cache(64)
+        # A registration keeps the features and the surfaces of its views, so that few of both suffice.
+        self._features: Cache[ViewFeatures] = Cache(12)
+        self._registrations: Cache[Registered] = Cache(24)
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
@@ -152,19 +162,23 @@ class JointShapes:
     def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
         shape, held, associated = self._associated(key, shape, added.view_index)
-        associated, by_hand = self._trusted(shape, associated, added)
+        carried = self.carried_piece(shape, associated, added)
+        if carried is not None:
+            shape = _with_piece_moved(shape, carried)
+        associated, by_hand = self._trusted(shape, associated, added, carried is not None)
         placed = self.component_of_pixel(added.view_index) == added.component if by_hand else None
         return extend_joint(shape, surface, held, self._config.flattening, associated, placed)
 
     def _trusted(
-        self, shape: JointShape, associated: Association, added: Accepted
+        self, shape: JointShape, associated: Association, added: Accepted, brings_piece: bool
     ) -> tuple[Association, bool]:
         """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
         Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
         shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
         remaining nodes may fit another motion. If the operator placed a component where few associated
-        nodes lie, the nodes under it on the plane are used instead; returns whether that is so, too.
+        nodes lie, the nodes under it on the plane are used instead; if it brings a piece along, besides.
+        Returns whether that is so, too.
         """
         component_of_pixel = self.component_of_pixel(added.view_index)
         carrier = self._views.flattening(added.view_index).carrier
@@ -176,7 +190,7 @@ class JointShapes:
         at = np.flatnonzero(known & (component == added.component))
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
         kept[at] = off <= _GATE_M
-        by_hand = added.fixed and kept[at].sum() <= 0.5 * at.size
+        by_hand = brings_piece or (added.fixed and kept[at].sum() <= 0.5 * at.size)
         for number in np.unique(component):
             at = np.flatnonzero(known & (component == number))
             if number == added.component:
@@ -189,7 +203,10 @@ class JointShapes:
         if not by_hand:
             return _chosen(associated, kept), False
         under = self._nodes_under(shape, added)
-        kept &= (component != added.component) & ~np.isin(associated.node, under.node)
+        if brings_piece:
+            under = _chosen(under, ~np.isin(under.node, associated.node[kept]))
+        else:
+            kept &= (component != added.component) & ~np.isin(associated.node, under.node)
         others = _chosen(associated, kept)
         together = Association(
             node=np.concatenate([others.node, under.node]),
@@ -197,6 +214,44 @@ class JointShapes:
             incidence_deg=np.concatenate([others.incidence_deg, under.incidence_deg]),
         )
         return together, True
+
+    def brought(self, document: Document, added: Accepted) -> BroughtPiece | None:
+        """Return the floating piece that a view brings along if it is accepted where it lies."""
+        shape, _, associated = self.associated(document, added.view_index)
+        carried = self.carried_piece(shape, associated, added)
+        if carried is None:
+            return None
+        center = shape.all_uv_m[shape.piece == carried.piece].mean(axis=0)
+        return BroughtPiece(center_uv_m=center, target_from_piece=carried.target_from_piece)
+
+    def carried_piece(
+        self, shape: JointShape, associated: Association, added: Accepted
+    ) -> CarriedPiece | None:
+        """Return the floating piece that a component placed by hand brings along, None if there is none.
+
+        It is the one to which most of the component's nodes belong, if they fit one motion and the component
+        lies on cloth of the shape. The piece is kept as it was grown, so the other views that show it need
+        not be placed one by one.
+        """
+        if not added.fixed or not (shape.piece[self._nodes_under(shape, added).node] == 0).any():
+            return None
+        carrier = self._views.flattening(added.view_index).carrier
+        pixel = np.rint(associated.rc).astype(np.int32)
+        component = self.component_of_pixel(added.view_index)[pixel[:, 0], pixel[:, 1]]
+        own, target = carrier.place(pixel), shape.all_uv_m[associated.node]
+        piece = shape.piece[associated.node]
+        known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0]) & (component == added.component)
+        if not (known & (piece > 0)).any():
+            return None
+        number = int(np.bincount(piece[known & (piece > 0)]).argmax())
+        at = np.flatnonzero(known & (piece == number))
+        if at.size < 0.5 * known.sum():
+            return None
+        fits = at[_consistent(own[at], target[at], _GATE_M, _LEAST_FURTHER)]
+        if not fits.size:
+            return None
+        from_own = fit_rigid2(own[fits], target[fits])
+        return CarriedPiece(piece=number, target_from_piece=added.current_from_new @ from_own.inverse())
 
     def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
         """Return the nodes on the plane under the component that the operator placed."""
@@ -259,6 +314,14 @@ class JointShapes:
             return number[np.where(nearest >= 0, level.component[nearest], -1)]
 
         return self._component_maps.get(view_index, make)
+
+
+def _with_piece_moved(shape: JointShape, carried: CarriedPiece) -> JointShape:
+    """Return the shape with a floating piece as a part of the main one, where the operator placed it."""
+    own = shape.piece == carried.piece
+    uv = np.where(own[:, None], carried.target_from_piece.apply(shape.all_uv_m), shape.all_uv_m)
+    piece = np.where(own, 0, shape.piece).astype(np.int32)
+    return replace(shape, all_uv_m=uv, piece=piece, by_hand=shape.by_hand | own)
 
 
 def prefix(document: Document) -> Hashable:

@@ -25,26 +25,28 @@ from flatcloth.methods.robust.articulated import (
     nearest_rigid_part,
     rigid_parts,
 )
+from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
 _STRAIN = 0.0035
-"""Standard deviation of the strain that the flattening cannot know."""
+"""Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
-"""Correlation length of the strain."""
+"""Correlation length of the strain. Set by hand."""
 _GATHERED_EXTENT_M = 0.28
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
-"""... down to this distance, within which all cloth is gathered in folds."""
+"""... down to this distance, within which all cloth is gathered in folds. Set by hand."""
 _NOISE_SHARE = 0.85
-"""Independent error of each pair, in its standard deviations."""
+"""Independent error of each pair, in its standard deviations. Set by hand."""
 _STRIP_NOISE_M = 0.0017
-"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles."""
+"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles. Set by
+hand."""
 LEAST_STD_M = 0.002
-"""Smallest standard deviation of a node: the reference piece itself is strained."""
+"""Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
-"""Number of random strain fields for the standard deviations."""
+"""Number of random strain fields for the standard deviations. Set by hand."""
 _WAVES = 32
-"""Number of waves in each random strain field."""
+"""Number of waves in each random strain field. Set by hand."""
 _BESIDE_STD_M = 0.012
 """Standard deviation of an outline pixel of a noisy view beside another layer: ..."""
 _BESIDE_RIM_PX = 3.5
@@ -52,9 +54,10 @@ _BESIDE_RIM_PX = 3.5
 _BESIDE_RADIUS_PX = 5
 """... within this many pixels of a layer ..."""
 _BESIDE_STEP_M = 0.012
-"""... that is nearer or farther by at least this."""
+"""... that is nearer or farther by at least this. Set by hand."""
 MOST_STD_M = 0.034
-"""A rigid part floats if half of it has a larger standard deviation: its place is undetermined."""
+"""A rigid part floats if half of it has a larger standard deviation: its place is undetermined. Set by
+hand."""
 
 
 def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
@@ -76,7 +79,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    inside = np.flatnonzero(shape.placed[links.edges].all(axis=1))
+    inside = np.flatnonzero(both_ends(shape.placed, links.edges))
     edges = number[links.edges[inside]]
     uv = shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]
@@ -97,8 +100,11 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, DIRECTION_WEIGHT, stars)
     moved = _displaced(sheet, change, own, random)
-    anchor = number[shape.observations[0].node]
-    anchor = anchor[anchor >= 0]
+    # The first view, unless a floating piece that it does not show has become the main one.
+    shown = (number[observation.node] for observation in shape.observations)
+    anchor = next(
+        (on[on >= 0] for on in shown if (on >= 0).sum() >= _LEAST_ANCHORS), np.arange(len(uv), dtype=np.int32)
+    )
     if (rigid_part[anchor] >= 0).any():
         anchor = anchor[
             rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
@@ -121,7 +127,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    edges = number[shape.links.edges[shape.placed[shape.links.edges].all(axis=1)]]
+    edges = number[shape.links.edges[both_ends(shape.placed, shape.links.edges)]]
     uv = shape.uv_m[placed]
     nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
@@ -266,6 +272,8 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     return displaced
 
 
+_LEAST_ANCHORS = 3
+"""Fewest nodes that determine a motion of the plane. Chosen: one more than its three unknowns need."""
 _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 

@@ -16,7 +16,7 @@ from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import StopFinder, glance
 
 MOST_FRAMES = 15
-"""The number of frames used per stop: the last ones, when the cloth has come to rest."""
+"""The number of frames used per stop: the last ones, when the cloth has come to rest. Set by hand."""
 _UNITS_PER_M = 5_000.0
 """Depth is averaged in units of 0.2 mm. Chosen: 16 bits then hold 13 m."""
 

@@ -20,18 +20,19 @@ BLOCK_PX = 8
 LAG_S = 0.25
 """Motion is measured between frames this far apart, so that a slow turn is not mistaken for rest."""
 STILL_PX_S = 2.5
-"""A slower item is still: 8 frames at 30/s then smear by half a pixel, less than the depth resolution."""
+"""A slower item is still: 8 frames at 30/s then smear by half a pixel, less than the depth resolution. Set by
+hand."""
 SAME_PLACE_PX = 2.0
-"""Two still phases with a smaller displacement show the item at the same angle."""
+"""Two still phases with a smaller displacement show the item at the same angle. Set by hand."""
 LEAST_STOP_S = 0.45
 """A shorter rest is not a stop. Chosen: longer than the pause at the end of a swing."""
 
 _NEAR_M = 0.5
-"""Surfaces this far behind the nearest one are background, which may move."""
+"""Surfaces this far behind the nearest one are background, which may move. Set by hand."""
 _LEAST_BLOCKS = 12
 """Fewer measured blocks tell no motion. Chosen."""
 _NOISE_CAP = 3.0
-"""Above this the two images have nothing in common: the item moves fast."""
+"""Above this the two images have nothing in common: the item moves fast. Set by hand."""
 _NOISE_HISTORY = 300
 """Frames from which the noise is estimated: ten seconds. Chosen."""
 _NOISE_MARGIN = 2.0

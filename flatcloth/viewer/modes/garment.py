@@ -12,12 +12,13 @@ import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Rigid2, finite
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import piece_decision
 from flatcloth.engine.sheet import label_of, order_of
+from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import NONE, Recognition, is_sure
+from flatcloth.garments.recognition import NONE, is_sure
 from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.viewer.protocol import messages
@@ -173,7 +174,7 @@ class GarmentController:
                 known.by_evidence, known.evidence, view, known.found.kind, (*others, pull), with_pieces=False
             )
             found = with_placed_cloth(found, known.pieces, known.canonical.floating)
-            told = {"type": "garment_preview", "id": message.id, **_shown(found, known)}
+            told = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
             self._tell(client, told)
 
         self._worker.put(work)
@@ -234,17 +235,9 @@ def _told(known: KnownGarment) -> dict[str, Any]:
     """Return what is known of a garment, for the page."""
     found = known.found
     return {
-        "kind": None if found.kind == NONE else found.kind,
-        "likeliest": found.fit.kind.name,
-        "by_hand": found.by_hand is not None,
-        "probabilities": sorted(found.probabilities.items(), key=lambda each: -each[1]),
-        "dimensions": [
-            {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
-            for name, d in found.dimensions.items()
-        ],
+        **summary(known),
         "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
         "pieces": _pieces(known) if found.kind != NONE else [],
-        **_shown(found, known),
     }
 
 
@@ -281,26 +274,6 @@ def _loops(view: FlattenedView) -> list[Float64]:
     contours, _ = cv2.findContours(view.valid.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     kept = [cv2.approxPolyDP(each, 1.0, True)[:, 0, ::-1] for each in contours if cv2.contourArea(each) > 20]
     return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
-
-
-def _shown(found: Recognition, known: KnownGarment) -> dict[str, Any]:
-    """Return what is drawn: the outline and the named points."""
-    return {
-        "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
-        "points": [
-            {
-                "name": name,
-                "uv_m": np.round(point.uv_m, 5).tolist(),
-                "std_mm": 1e3 * point.std_m,
-                "seen": point.pixel is not None,
-                "held": name in found.held,
-                "xyz_m": None
-                if point.pixel is None
-                else [finite(x) for x in known.cloth_of(point).xyz_m[point.pixel].tolist()],
-            }
-            for name, point in found.points.items()
-        ],
-    }
 
 
 def _same(a: Document, b: Document) -> bool:

@@ -17,7 +17,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.result import Areas, Result, result_of
 from flatcloth.export.history import read_history
-from flatcloth.export.review import FLAGS, Flags, overridden
+from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
 from flatcloth.flattening.surface import item_mask
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
@@ -66,7 +66,7 @@ class ReviewService:
         self._read: tuple[Accepted, ...] | None = None
         self._lock = threading.Lock()
         self._document: Document | None = None
-        self._working = False
+        self._working = self._news = False
         self._results: Cache[Result] = Cache(4)
         self._thumbs: Cache[bytes] = Cache(THUMBS_KEPT)
         self._token = secrets.token_hex(4)
@@ -79,11 +79,17 @@ class ReviewService:
             Route("/review/result.json", self._result),
         ]
 
-    def follow(self, document: Document | None) -> None:
-        """Find out about the views of a document, one at a time, so that other work does not wait."""
+    def follow(self, picture: Picture) -> None:
+        """Find out about the views of a picture, one at a time, so that other work does not wait."""
+        document = picture.document
+        if document is None:
+            return
+        if picture.sheet is not None:
+            self._areas.note(document, picture.sheet.canonical)
         with self._lock:
             self._document = document
-            begins = not self._working and document is not None
+            known = not self._areas.missing(document) and self._read == document.accepted
+            begins = not self._working and not known
             self._working = self._working or begins
         if begins:
             self._later(self._work)
@@ -99,12 +105,14 @@ class ReviewService:
         for view in state["views"]:
             order, decision = orders.get(view["index"]), accepted.get(view["index"])
             area = None if order is None else added[order]
+            flags = () if decision is None else self._flags.of(decision)
             views.append(
                 {
                     **view,
+                    "flagged": view["flagged"] or not SUSPECT.isdisjoint(flags),
                     "order": order,
                     "added_cm2": None if area is None else 1e4 * area,
-                    "flags": [] if decision is None else list(self._flags.of(decision)),
+                    "flags": list(flags),
                 }
             )
         axis = self._integration.axis
@@ -123,7 +131,9 @@ class ReviewService:
             _log.warning("the review is incomplete: %s", error)
         with self._lock:
             self._working = False
-        self._changed()
+            news, self._news = self._news, False
+        if news:
+            self._changed()
 
     def _step(self, document: Document) -> bool:
         """Find out one thing more; False if there is none."""
@@ -132,10 +142,12 @@ class ReviewService:
             path = getattr(self._folder, "folder", None)
             if path is not None:
                 limit = self._integration.accept_score
-                self._flags = Flags(limit, overridden(read_history(path), limit))
+                before, self._flags = self._flags, Flags(limit, overridden(read_history(path), limit))
+                self._news = self._news or before != self._flags
         missing = self._areas.missing(document)
         if missing:
             self._areas.compute(document, missing[0])
+            self._news = True
         return len(missing) > 1
 
     # --- from the web server's threads -------------------------------------------------------

@@ -126,6 +126,8 @@ class Application(PageController):
     def _begin(self) -> None:
         self._scene_view.follow(self._page_settings.now.follow)
         document = self._state.document
+        if self._sides.available and document.start_view is None:
+            self._sides.look_first(lambda xyz, rgb: self._scene_view.see(xyz, rgb, anew=True))
         if self._state.request is None and document.start_view is None:
             self._do(Start())
         elif self._state.phase is Phase.READY and document.later:
@@ -442,6 +444,6 @@ class Application(PageController):
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
-        self._review.follow(picture.document)
+        self._review.follow(picture)
         self._diagnostics.picture_changed()
         self._settle()

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress, RotationAxis
 from flatcloth.engine.sheet import Sheet, place_of_piece
+from flatcloth.engine.warmup import is_compiled
 from flatcloth.session.machine import Command, Document, Event, Nudge, Pending, Reopen, Request, TakePart
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
+
+_COMPILING = "compiling, first start only · "
 
 _log = logging.getLogger(__name__)
 
@@ -26,11 +29,12 @@ def answered(
     tell: Progress,
 ) -> Event | str | None:
     """Answer a request of a session; None if it was cancelled, a text if it failed."""
+    compiling = "" if is_compiled() else _COMPILING
 
     def progress(share: float, text: str) -> None:
         if cancelled.is_set():
             raise CancelledError
-        tell(share, text)
+        tell(share, compiling + text)
 
     try:
         progress(0.0, "Starting")
@@ -73,8 +77,10 @@ def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: i
     FlatclothError
         If the proposal is another by now, or has no such hypothesis.
     """
-    if pending is None or overlay is None or overlay.proposal.view_index != view:
+    if pending is None or pending.view_index != view:
         raise FlatclothError("The proposal has changed; look again.")
+    if overlay is None or overlay.proposal.view_index != view:
+        raise FlatclothError("The proposal is being drawn; choose its place again in a moment.")
     hypotheses = overlay.proposal.placement.hypotheses
     if not 0 <= index < len(hypotheses):
         raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")

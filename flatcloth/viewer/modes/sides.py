@@ -1,8 +1,9 @@
-"""The page's side of segmentation: strokes and cuts become decisions; what they change is told and drawn."""
+"""The page's side of segmentation: strokes and cuts become decisions; their effect is reported and drawn."""
 
 from __future__ import annotations
 
 import logging
+import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,10 +16,11 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
-from flatcloth.core.types import Floats
+from flatcloth.core.types import Float32, Floats, Uint8
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
-from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba
+from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
+from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.picture import Picture
@@ -27,18 +29,18 @@ from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.segmentation.result import Segmentation
+    from flatcloth.segmentation.result import Segmentation, ViewSegmentation
 
 _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
 LEAST_STEP_RC = 0.5
-"""Points of a stroke nearer to each other than half a pixel tell nothing more."""
+"""Points of a stroke that are closer than half a pixel are redundant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SideStatus:
-    """What the page tells about the sides; ``revision`` grows with every change of the labels."""
+    """The status of the sides for the page; ``revision`` grows with every change of the labels."""
 
     revision: int = 0
     n_strokes: int = 0
@@ -69,6 +71,7 @@ class SideController:
         self._worker = Worker("flatcloth-sides")
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
+        self._token = secrets.token_hex(4)  # pictures of another recording at this address are others
         self.status = SideStatus()
         self.brush: messages.Brush | None = None
 
@@ -88,6 +91,7 @@ class SideController:
         status, recording = self.status, self._integration.recording
         return {
             "revision": status.revision,
+            "token": self._token,
             "n_strokes": status.n_strokes,
             "text": status.text,
             "certainty": status.certainty,
@@ -143,6 +147,22 @@ class SideController:
 
     # --- labels --------------------------------------------------------------------------------
 
+    def look_first(self, show: Callable[[Float32, Uint8], None]) -> None:
+        """Show the cloud of the first view, while the side of interest is not known yet.
+
+        ``show`` is called on the application thread, unless the labels came before.
+        """
+
+        def work() -> None:
+            try:
+                seen = self._integration.cloud(0)
+            except FlatclothError as error:
+                _log.warning("view 0 cannot be shown yet: %s", error)
+                return
+            self._put(lambda: show(seen.xyz_m, seen.rgb) if self._found is None else None)
+
+        self._worker.put(work)
+
     def follow(self, document: Document) -> None:
         """Label the cloth as the strokes of a document say; the first time this takes seconds."""
         if not self.available or document.strokes == self._strokes:
@@ -157,7 +177,7 @@ class SideController:
         sides = self._integration.sides
         assert sides is not None
         try:
-            found = sides.masks(strokes).segmentation
+            found = sides.solver().solve(strokes)  # the masks, which take longer, follow with the shape
         except FlatclothError as error:
             text = str(error)
             self._put(lambda: self._failed(text))
@@ -187,7 +207,7 @@ class SideController:
         self._told("")
 
     def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[dict[str, Any]], None]) -> None:
-        """Look for the place where the next stroke tells most; ``answer`` is called on another thread."""
+        """Find where the next stroke would determine most; ``answer`` is called on another thread."""
         sides = self._integration.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
@@ -222,16 +242,52 @@ class SideController:
             view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
             return await answered(lambda: self._view_png(view, certain))
 
+        async def small(request: Request) -> Response:
+            view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
+            return await answered(lambda: self._small_png(view, certain))
+
+        async def color(request: Request) -> Response:
+            view = request.path_params["view"]
+            return await answered(lambda: self._small_color(view), "image/jpeg", "private, max-age=86400")
+
         async def of_shape(_request: Request) -> Response:
             return await answered(lambda: self._shape_png(picture()))
 
-        async def answered(draw: Callable[[], bytes | None]) -> Response:
+        async def answered(
+            draw: Callable[[], bytes | None], kind: str = "image/png", kept: str = "no-store"
+        ) -> Response:
             data = await run_in_threadpool(draw)
             if data is None:
                 return PlainTextResponse("The sides are not known yet.", status_code=410)
-            return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+            return Response(data, media_type=kind, headers={"Cache-Control": kept})
 
-        return [Route("/sides/shape.png", of_shape), Route("/sides/{view:int}.png", of_view)]
+        return [
+            Route("/sides/shape.png", of_shape),
+            Route("/sides/{view:int}.png", of_view),
+            Route("/sides/{view:int}/small.png", small),
+            Route("/sides/{view:int}/color.jpg", color),
+        ]
+
+    def _labels(self, view: int) -> ViewSegmentation | None:
+        """Return the labels of a view of the recording; None if they are not known, or it shows no item."""
+        found = self._found
+        return None if found is None else found.view(view)
+
+    def _small_png(self, view: int, certain: bool) -> bytes | None:
+        labels = self._labels(view)
+        if labels is None:
+            return None
+        shape = small_shape(*labels.side.shape)
+        return png(small_side_rgba(labels.side, labels.certainty, shape, doubt=certain))
+
+    def _small_color(self, view: int) -> bytes | None:
+        """Return the part of the image that the labels cover, as JPEG."""
+        labels = self._labels(view)
+        if labels is None:
+            return None
+        (top, left), (rows, cols) = labels.offset_rc, labels.side.shape
+        color = self._integration.recording[view].color[top : top + rows, left : left + cols]
+        return jpeg_thumbnail(color, np.zeros((rows, cols), dtype=np.bool_))
 
     def _view_png(self, view: int, certain: bool) -> bytes | None:
         found, intrinsics = self._found, self._integration.recording.intrinsics

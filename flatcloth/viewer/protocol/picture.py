@@ -19,7 +19,7 @@ from flatcloth.viewer.protocol.verdict import checks, foreseen
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration, Proposal
     from flatcloth.engine.views import ViewCloud
-    from flatcloth.methods.base import AlignmentScore
+    from flatcloth.methods.base import AlignmentScore, BroughtPiece
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +39,7 @@ class Overlay:
     sheet: Sheet
     foreseen: dict[str, Any] = field(default_factory=dict)
     checks: tuple[dict[str, Any], ...] = ()
+    brought: BroughtPiece | None = None
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -132,6 +133,7 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         sheet=sheet,
         score=integration.score(document),
         proposal=integration.proposal(document),
+        brought=integration.algorithm.brought(document),
     )
     others = _other_components(integration, document, sheet, made.proposal)
     return replace(

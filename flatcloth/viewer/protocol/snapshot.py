@@ -220,10 +220,21 @@ def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | No
         "pieces": _pieces(pending, overlay),
         "also": [{"view_index": part.view_index, "component": part.component} for part in pending.also],
         "extends": None if overlay is None else label_of(overlay.piece(pending)),
+        "brings": _brings(overlay),
         "foreseen": None if overlay is None else overlay.foreseen,
         "checks": [] if overlay is None else list(overlay.checks),
         **_placing(overlay),
     }
+
+
+def _brings(overlay: Overlay | None) -> dict[str, Any] | None:
+    """Return the letter of the piece that comes along with the proposal, and its motion on the sheet."""
+    if overlay is None or overlay.brought is None:
+        return None
+    piece = overlay.sheet.piece_on_plane(overlay.brought.center_uv_m)
+    motion = overlay.brought.target_from_piece @ overlay.sheet.shift(piece).inverse()
+    placement = {"theta_rad": motion.theta_rad, "u_m": motion.u_m, "v_m": motion.v_m}
+    return None if piece == 0 else {"label": label_of(piece), "placement": placement}
 
 
 def _pieces(pending: Pending, overlay: Overlay | None) -> list[dict[str, Any]]:

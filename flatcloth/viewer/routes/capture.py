@@ -19,6 +19,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
+from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -65,7 +66,11 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
         angle_deg, keeps_itself = None, False
         if word == "angle":
             try:
-                angle_deg, keeps_itself = _announcement(await _body(request))
+                body = await read_body(request, MAX_BODY_BYTES)
+            except ValueError as error:
+                return _refused(f"The body is too long: {error}; an angle takes about 20.", 400)
+            try:
+                angle_deg, keeps_itself = _announcement(body)
             except ValueError as error:
                 return _refused(str(error), 400)
         try:
@@ -82,16 +87,6 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
         Route("/capture/view.png", view),
         Route("/capture/{action}", hear, methods=["POST"]),
     ]
-
-
-async def _body(request: Request) -> bytes:
-    """Return the body of a request, up to the limit of its size."""
-    body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > MAX_BODY_BYTES:
-            raise ValueError(f"The body is longer than {MAX_BODY_BYTES} bytes; an angle takes about 20.")
-    return body
 
 
 class _Announcement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

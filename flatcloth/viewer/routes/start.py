@@ -22,6 +22,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.places import Chosen, Kind, Places
+from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 4096
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -111,7 +112,7 @@ class StartRoutes:
 
     async def _take(self, request: Request) -> Response:
         try:
-            wanted = msgspec.json.decode(await _body(request), type=OpenPlace)
+            wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=OpenPlace)
         except msgspec.ValidationError as error:
             return _refused(f"Not understood: {error}.", 400)
         except (ValueError, RecursionError) as error:
@@ -148,15 +149,6 @@ def first_picture(source: str) -> bytes:
     size = (max(1, round(scale * color.shape[1])), max(1, round(scale * color.shape[0])))
     small: Any = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
     return jpeg(small)
-
-
-async def _body(request: Request) -> bytes:
-    body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > MAX_BODY_BYTES:
-            raise ValueError(f"it is longer than {MAX_BODY_BYTES} bytes")
-    return body
 
 
 def _refused(text: str, status: int) -> Response:

@@ -176,6 +176,8 @@ class Scene:
                 self._fill(name, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
             self._shown = None
             return
+        if self._filled.get("/live/cloud"):  # what was seen before there was a picture
+            self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
         panel = self._cloud_panel
         shown = clouds_of(picture, self._axis, 1) if panel is None else panel.clouds(picture, self._axis)
         for name, cloud in shown.items():

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import subprocess
 import sys
 import threading
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import msgspec
 import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -23,6 +23,7 @@ from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
 from flatcloth.batch.rows import read_row
 from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.routes.body import read_body
 from flatcloth.viewer.server.app import bind
 from flatcloth.viewer.server.guard import Guard, own_names
 
@@ -136,19 +137,17 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
 
     async def verdict(request: Request) -> Response:
         said = await _said(request)
-        name, given = said.get("name"), said.get("verdict")
-        if not isinstance(name, str) or not (given is None or isinstance(given, str)):
+        if said is None:
             return PlainTextResponse("Expected a name and a verdict.", status_code=400)
         try:
-            await run_in_threadpool(decide, out, name, given)
+            await run_in_threadpool(decide, out, said.name, said.verdict)
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
-        return JSONResponse({"name": name, "verdict": given})
+        return JSONResponse({"name": said.name, "verdict": said.verdict})
 
     async def open_session(request: Request) -> Response:
-        name = (await _said(request)).get("name")
-        known = isinstance(name, str) and Path(name).name == name
-        row = read_row(out / str(name)) if known else None
+        said = await _said(request)
+        row = read_row(out / said.name) if said is not None and Path(said.name).name == said.name else None
         if row is None:
             return PlainTextResponse("There is no such result; load the page again.", status_code=404)
         if row["outcome"] != "done":
@@ -170,20 +169,24 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
     )
 
 
-async def _said(request: Request) -> dict[str, Any]:
-    """Return the JSON object that a page sends; empty if it is none.
+class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the page sends: the name of a result, and a verdict on it; None takes the verdict back."""
+
+    name: Annotated[str, msgspec.Meta(max_length=255)]
+    verdict: Annotated[str, msgspec.Meta(max_length=40)] | None = None
+
+
+async def _said(request: Request) -> _Said | None:
+    """Return what a page sends; None if it is something else.
 
     Only JSON is taken: other pages may send forms anywhere, but not JSON.
     """
     if request.headers.get("content-type", "").split(";")[0] != "application/json":
-        return {}
-    if int(request.headers.get("content-length") or 0) > _MOST_BODY_BYTES:
-        return {}
+        return None
     try:
-        said = json.loads(await request.body())
+        return msgspec.json.decode(await read_body(request, _MOST_BODY_BYTES), type=_Said)
     except (ValueError, RecursionError):
-        return {}
-    return said if isinstance(said, dict) else {}
+        return None
 
 
 def serve_review(out: Path, port: int) -> None:

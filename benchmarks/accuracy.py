@@ -1,0 +1,89 @@
+"""How accurate, complete and sure unattended results are, against the truth: a table of all recordings.
+
+The figures are those of ``flatcloth evaluate``; the recordings with the largest errors come first.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from benchmarks.output import Options, recordings_of, save, save_page, say
+from benchmarks.unattended import sources, unattended
+from flatcloth.engine.evaluation import compare
+
+_COLUMNS = {
+    "views": "views",
+    "absolute_median_mm": "median mm",
+    "absolute_p95_mm": "p95 mm",
+    "absolute_far_share": "> 20 mm",
+    "relative_p95_mm": "relative p95 mm",
+    "wrong_side_share": "wrong side",
+    "coverage": "coverage",
+    "floating_share": "floating",
+    "firm_share": "reliable",
+    "firm_median_mm": "their median mm",
+    "firm_p95_mm": "p95 mm",
+    "firm_far_share": "> 20 mm",
+    "within_3_std_share": "within 3 std",
+    "std_where_right_mm": "std where error < 2 mm",
+}
+
+
+def run(options: Options) -> None:
+    """Measure and print; write ``results/accuracy.json`` and ``.md`` unless ``quick``."""
+    rows: list[dict[str, Any]] = []
+    for source in sources(options.recordings):
+        rows.append(row_of(source))
+        gc.collect()  # an integration and its caches refer to one another
+        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        if not options.quick:
+            ordered = worst_first(rows)
+            save("accuracy", ordered, recordings_of(ordered))
+            save_page("accuracy", page(ordered))
+
+
+def row_of(source: str) -> dict[str, Any]:
+    """Return the figures of one recording."""
+    integration, document, truth = unattended(source)
+    canonical = integration.canonical(document)
+    compared = compare(canonical.view, truth, integration.recording)
+    error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
+    std_mm = compared.std_mm[error_mm < 2.0]
+    floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+    figures = {
+        **asdict(compared.evaluation),
+        "floating_share": floating_m2 / (floating_m2 + canonical.view.area_m2),
+        "std_where_right_mm": float(np.median(std_mm)) if std_mm.size else float("nan"),
+    }
+    return {
+        "recording": integration.recording.name,
+        "views": len(document.used_views),
+        **{key: round(figures[key], 2 if key.endswith("_mm") else 4) for key in _COLUMNS if key != "views"},
+    }
+
+
+def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows by their share of errors beyond 20 mm, then by the 95th percentile."""
+    return sorted(rows, key=lambda row: (-round(row["absolute_far_share"], 2), -row["absolute_p95_mm"]))
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the Markdown page."""
+    lines = "\n".join(
+        "| " + " | ".join([str(row["recording"]), *(str(row[key]) for key in _COLUMNS)]) + " |"
+        for row in rows
+    )
+    return f"""# Unattended results against the truth
+
+Method `robust`, the worst recording first. Coverage is the shape's alone, of all cloth that any view shows;
+floating pieces are not in it.
+
+| recording | {" | ".join(_COLUMNS.values())} |
+|{"---|" * (len(_COLUMNS) + 1)}
+{lines}
+"""

@@ -1,0 +1,35 @@
+// Kinds with their probabilities, and dimensions, as lists.
+
+import { words } from "/static/garment/marks.js";
+import { make } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+
+const LEAST_SHOWN = 0.005; // of a probability
+
+export const percent = (share) =>
+  share > 0.995 ? "> 99 %" : share < 0.005 ? "< 1 %" : `${number(100 * share, 0)} %`;
+
+/** The kinds by probability, [[name, share], ...]. */
+export function shares(probabilities) {
+  return make(
+    "ul",
+    { class: "kinds", "aria-label": "Kinds and their probabilities" },
+    ...probabilities
+      .filter(([, share]) => share >= LEAST_SHOWN)
+      .map(([name, share]) => {
+        const bar = make("meter", { min: 0, max: 1, value: share, "aria-hidden": "true" });
+        return make("li", {}, make("span", {}, words(name)), bar, make("strong", {}, percent(share)));
+      }),
+  );
+}
+
+export function dimensions(found) {
+  return make(
+    "dl",
+    { class: "values" },
+    ...found.dimensions.flatMap(({ name, mm, std_mm }) => [
+      make("dt", { data: { tip: "Measured flat; one standard deviation" } }, words(name)),
+      make("dd", {}, `${number(mm, 0)} ± ${number(std_mm, 0)} mm`),
+    ]),
+  );
+}

@@ -1,0 +1,52 @@
+// The garment beside the pictures of the exported page: kinds, named points, dimensions.
+
+import { dimensions, percent, shares } from "/static/garment/lists.js";
+import { words } from "/static/garment/marks.js";
+import { byId, make, rebuild } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
+
+export function showGarment(page) {
+  const { text, found } = page.history.garment;
+  rebuild(byId("garment"), ["garment"], () => {
+    const heading = make("h2", {}, "Garment");
+    if (!found) return [heading, make("p", { class: "nothing" }, text)];
+    const [name, share] = found.probabilities[0];
+    const told = found.by_hand ? `${words(found.kind)}, set by hand.` : `${words(name)}, ${percent(share)}.`;
+    if (!found.kind) return [heading, make("p", {}, told), shares(found.probabilities)];
+    return [
+      heading,
+      make("p", {}, told),
+      shares(found.probabilities),
+      make("ul", { class: "named", "aria-label": "Named points" }, ...found.points.map((p) => row(page, p))),
+      dimensions(found),
+    ];
+  });
+}
+
+function row(page, point) {
+  const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
+  const at = (on) => () => {
+    page.pointed = on ? point.name : null;
+    page.flat.redraw();
+  };
+  const button = make(
+    "button",
+    {
+      type: "button",
+      class: "point",
+      "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
+      data: { id: `point-${point.name}`, tip: `${state}, known to ${number(point.std_mm, 0)} mm` },
+      on: {
+        mouseenter: at(true),
+        mouseleave: at(false),
+        focus: at(true),
+        blur: at(false),
+        click: () => point.seen && page.pickAt(...point.uv_m),
+      },
+    },
+    make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
+    make("span", {}, words(point.name)),
+    make("small", {}, `± ${number(point.std_mm, 0)} mm`),
+  );
+  return make("li", { class: point.seen ? "seen" : "predicted" }, button);
+}

@@ -1,0 +1,37 @@
+"""Where a view shows a known node: at its foot on exact surfaces, on its ray where depth is noisy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scenes import AXIS, CAMERA, box, frame, plane
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.geometry import Rigid3, project
+from flatcloth.flattening.surface import observe_surface
+from flatcloth.methods.robust.observations import Nodes, associate
+
+STILL = Rigid3(np.eye(3), np.zeros(3))
+OFF_M = 0.001
+SLOPE = 1.0
+
+
+def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
+    depth = plane(slope_x=SLOPE)
+    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    inner = np.argwhere(surface.usable)[::37]
+    inner = inner[(np.abs(inner - [CAMERA.cy, CAMERA.cx]) < 20).all(axis=1)]
+    own = surface.xyz_m[inner[:, 0], inner[:, 1]].astype(float)
+    normal = surface.normal[inner[:, 0], inner[:, 1]].astype(float)
+    # What the view measures is off along its rays: the nodes are where the cloth truly is.
+    nodes = Nodes(xyz_m=own * (1.0 + OFF_M / own[:, 2:]), normal=normal, weight=np.ones(len(own)))
+    noisy = associate(nodes, replace(surface, noisy=True, noise_m=0.001), STILL)
+    assert len(noisy.node) == len(inner) > 20
+    np.testing.assert_allclose(noisy.rc, inner, atol=1e-3)
+    # Without noise the node itself may be off: it is where the surface is nearest.
+    exact = associate(nodes, surface, STILL)
+    foot = nodes.xyz_m - ((nodes.xyz_m - own) * normal).sum(axis=1)[:, None] * normal
+    np.testing.assert_allclose(exact.rc, project(foot[exact.node], CAMERA), atol=0.02)
+    moved_px = np.abs(exact.rc - inner[exact.node]).max()
+    assert moved_px > 0.4 * OFF_M * CAMERA.fx / own[:, 2].max() * SLOPE / (1.0 + SLOPE**2)

@@ -1,0 +1,33 @@
+"""What the page is told of decided views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+from scenes import AXIS
+
+from flatcloth.core.types import Rigid2
+from flatcloth.engine.integration import Integration
+from flatcloth.export.review import Flags
+from flatcloth.session.machine import Accepted, Document
+from flatcloth.viewer.modes.review import ReviewService
+
+
+def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_risen() -> None:
+    jobs: list[Callable[[], None]] = []
+    integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
+    service = ReviewService(integration, None, lambda: None, jobs.append, lambda: None)
+    accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
+    document = Document(start_view=0, accepted=accepted)
+    state: dict[str, Any] = {"views": [{"index": index, "flagged": False} for index in range(4)]}
+
+    def told() -> list[tuple[int | None, bool, list[str]]]:
+        views = service.told(state, document)["views"]
+        return [(view["order"], view["flagged"], view["flags"]) for view in views]
+
+    assert told() == [(0, False, []), (2, False, ["by_hand"]), (None, False, []), (1, False, [])]
+    service._flags = Flags(0.5, frozenset({3}))
+    assert told()[3] == (1, True, ["overridden"])
+    assert jobs == []

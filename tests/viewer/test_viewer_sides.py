@@ -1,0 +1,42 @@
+"""The page's side of segmentation, without a page: what is shown before the labels are known."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from scenes import Cylinder
+
+from flatcloth.engine.integration import Integration
+from flatcloth.session.machine import Document
+from flatcloth.viewer.modes.sides import SideController
+
+
+def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -> None:
+    looking, shown, failed = threading.Event(), [], threading.Event()
+
+    def observe(_views, _progress):
+        looking.wait(10.0)
+        raise RuntimeError("not in this test")
+
+    integration = Integration(Cylinder(angles_deg=(0.0, 20.0), masks=False), segmenter=observe)
+    sides = SideController(integration, lambda job: job(), lambda _changed: failed.set())
+    try:
+        seen = threading.Event()
+
+        def show(xyz, rgb):
+            shown.append((xyz, rgb))
+            seen.set()
+
+        sides.look_first(show)
+        sides.follow(Document())
+        assert seen.wait(10.0)
+        assert not failed.is_set()  # still looking
+        (xyz, rgb) = shown[0]
+        assert len(xyz) == len(rgb) > 100
+        expected = integration.cloud(0)
+        np.testing.assert_array_equal(xyz, expected.xyz_m)
+    finally:
+        looking.set()
+        assert failed.wait(10.0)
+        sides.stop()
