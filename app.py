@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
-from flatcloth.cli import main
+from flatcloth.cli import run_and_exit
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_and_exit()

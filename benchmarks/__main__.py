@@ -36,7 +36,9 @@ def main() -> None:
         "--recordings", nargs="+", default=[], metavar="FOLDER", help="instead of the bundled recordings"
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
-    parser.add_argument("--learn", action="store_true", help="confidence: learn and print new weights")
+    parser.add_argument(
+        "--learn", action="store_true", help="confidence, segmentation: learn and print new weights"
+    )
     parser.add_argument("--copies", type=int, default=200, help="batch: recordings in all (default: 200)")
     parser.add_argument(
         "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"

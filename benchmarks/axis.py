@@ -76,7 +76,7 @@ def row_of(recording: Recording, frames: dict[int, RgbdFrame], masks: bool, vari
     with _set(VARIANTS[variant]):
         seconds, axis = _timed(lambda: resolve_axis(Bare(recording), read, SurfaceConfig()).axis)  # type: ignore[arg-type]
     assert recording.rotation_axis is not None
-    error_m, error_deg = errors(axis, recording.rotation_axis)
+    error_m, error_deg = errors(axis, recording.rotation_axis, _HALF_HEIGHT_M)
     return {
         "recording": recording.name,
         "masks": masks,
@@ -87,10 +87,10 @@ def row_of(recording: Recording, frames: dict[int, RgbdFrame], masks: bool, vari
     }
 
 
-def errors(found: RotationAxis, true: RotationAxis) -> tuple[float, float]:
+def errors(found: RotationAxis, true: RotationAxis, half_height_m: float = 0.15) -> tuple[float, float]:
     """Return the largest distance between two axes within a height (m), and their angle (deg)."""
     ends = []
-    for height in (-_HALF_HEIGHT_M, _HALF_HEIGHT_M):
+    for height in (-half_height_m, half_height_m):
         at = true.point_m + height * true.direction
         along = (at - found.point_m) @ found.direction
         ends.append(float(np.linalg.norm(found.point_m + along * found.direction - at)))

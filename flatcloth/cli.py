@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
+import threading
 from collections.abc import Sequence
 from types import ModuleType
+from typing import NoReturn
 
 from flatcloth import __version__
 from flatcloth.commands import batch, evaluate, export, import_, record, run, segment, synthesize, view
@@ -40,6 +43,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_output()
         return 141
     return 0
+
+
+def run_and_exit() -> NoReturn:
+    """Run the command line as a process of its own, and end the process.
+
+    A background thread may still compute. If Python ended it as usual, in the middle of compiled code,
+    the C++ library would abort the process; all decisions are on disk, so the process ends at once.
+    """
+    status = main()
+    if any(thread.daemon for thread in threading.enumerate()):
+        with contextlib.suppress(BrokenPipeError):
+            sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 def _discard_output() -> None:

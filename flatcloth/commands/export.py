@@ -137,10 +137,9 @@ def _write(
 def _garment_text(session: OpenedSession) -> str:
     import json
 
-    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.export.garment import garment_document
 
-    known = GarmentService(session.integration).of(session.history.document)
+    known = session.garments.of(session.history.document)
     return json.dumps(garment_document(known), indent=1) + "\n"
 
 

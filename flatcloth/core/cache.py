@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -125,6 +125,14 @@ class Cache(Generic[T]):
                 return None
             self._values.move_to_end(key)
             return self._values[key][0]
+
+    def longest(self, start: Hashable, steps: Sequence[Hashable]) -> tuple[int, T | None]:
+        """Return n and the value of the longest kept prefix (start, *steps[:n]); (0, None) without any."""
+        for n in range(len(steps), -1, -1):
+            value = self.kept((start, *steps[:n]))
+            if value is not None:
+                return n, value
+        return 0, None
 
     def __contains__(self, key: Hashable) -> bool:
         """Return whether a value is kept now; this does not count as a use."""

@@ -1,4 +1,4 @@
-"""What an integration has come to: reliable cloth, cloth seen but left out and why, what a view would add."""
+"""The result of an integration: its uncertainty, the cloth left out, and what other views would add."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ NEAR_M = 0.015
 """Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
 twice (methods/robust/scoring.py). Set by hand."""
 LEAST_M2 = 2e-4
-"""Less cloth left out is not told. Set by hand."""
+"""Smaller areas left out are not reported. Set by hand."""
 _LAST_VIEWS = 6
-"""Of so many views what was expected is compared with what came; earlier ones say little of another view. Set
+"""Number of last accepted views whose expected and added areas are compared; earlier ones predict little. Set
 by hand."""
 
 _APART_DEG = 30.0
@@ -103,7 +103,7 @@ class Areas:
 
     def compute(self, document: Document, order: int) -> None:
         """Compute the area after one view; the start view has order 0."""
-        self._keep(document, order, self.integration.canonical(_before(document, order)))
+        self._keep(document, order, self.integration.canonical(at_step(document, order)))
 
     def note(self, document: Document, canonical: Canonical) -> None:
         """Take the area of a document's shape, which is known."""
@@ -217,7 +217,7 @@ def _share(areas: Areas, document: Document) -> float | None:
     expected = added = 0.0
     first = max(0, len(document.accepted) - _LAST_VIEWS)
     for order, accepted in enumerate(document.accepted[first:], start=first):
-        before = replace(_before(document, order), rejected=(), skipped=())
+        before = replace(at_step(document, order), rejected=(), skipped=())
         planned = {c.view_index: c.new_m2 for c in areas.integration.plan(before).candidates}
         if accepted.view_index in planned:
             expected += planned[accepted.view_index]
@@ -225,6 +225,6 @@ def _share(areas: Areas, document: Document) -> float | None:
     return None if expected <= 0.0 else added / expected
 
 
-def _before(document: Document, order: int) -> Document:
-    """Return the document when its shape was the start view and ``order`` others."""
+def at_step(document: Document, order: int) -> Document:
+    """Return the document at the time when its shape consisted of the start view and ``order`` others."""
     return replace(document, accepted=document.accepted[:order], pending=None, finished=None)

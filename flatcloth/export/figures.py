@@ -31,7 +31,7 @@ from flatcloth.rendering.charts import (
 )
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, text_width
-from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
 
 _BELOW, _HEAD, _MARGIN = 46, 44, 16
@@ -233,7 +233,7 @@ def map_drawing(
             max(y - 4, _HEAD + 10),
             piece.label,
             SIZE,
-            "#" + bytes(piece_color(n).tolist()).hex(),
+            hex_of(piece_color(n)),
             bold=True,
         )
     if outline is not None:
@@ -321,7 +321,7 @@ def energy(session: OpenedSession) -> Figure:
     axes = draw_axes(drawing, frame, "iteration", "H (m\u00b2)")
     key = []
     for step, line in zip(steps, lines, strict=True):
-        color = "#" + bytes(colors[step.view_index].tolist()).hex()
+        color = hex_of(colors[step.view_index])
         start = 0
         for part in line:
             axes.plot(

@@ -9,6 +9,7 @@ import numpy as np
 
 from flatcloth.core.types import FlattenedView, Float64, Rigid2, finite
 from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.sheet import floating_file
 from flatcloth.garments.recognition import NONE, Recognition
 
 FORMAT = "flatcloth-garment/1"
@@ -103,7 +104,7 @@ def _pieces(garment: KnownGarment) -> dict[str, Any]:
     for index in sorted({*proposed, *decided}):
         motion = decided.get(index) or proposed[index].shape_from_piece
         piece = proposed.get(index)
-        told[f"floating-{index + 1}.npz"] = {
+        told[floating_file(index + 1)] = {
             "shape_from_piece": _matrix(motion, garment.canonical.view, floating[index]),
             "std_m": None if piece is None else round(piece.std_m, 5),
             "probability": None if piece is None else round(piece.probability, 4),
@@ -166,7 +167,7 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
         "kind": None if found.kind == NONE else found.kind,
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
-        "placed_by_the_garment": [f"floating-{n + 1}.npz" for n in sorted(known.pieces.shape_from_piece)],
+        "placed_by_the_garment": [floating_file(n + 1) for n in sorted(known.pieces.shape_from_piece)],
     }
 
 

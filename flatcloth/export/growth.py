@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
+from flatcloth.engine.result import at_step
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
-from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -114,11 +114,6 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
         )
         first[_covers(sheet_of(canonical, document), sheet, first > order)] = order
     return Growth(sheet=sheet, first_step=first, source_step=source, steps=tuple(steps))
-
-
-def at_step(document: Document, order: int) -> Document:
-    """Return the document at the time when its shape consisted of the start view and ``order`` others."""
-    return replace(document, accepted=document.accepted[:order], pending=None, finished=None)
 
 
 def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:

@@ -27,7 +27,7 @@ from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, png_of
-from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legend, rgba
+from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
 
@@ -144,7 +144,7 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
                 "label": piece.label,
                 "area_cm2": 1e4 * piece.view.area_m2,
                 "reason": piece.reason,
-                "color": "#" + bytes(piece_color(n).tolist()).hex(),
+                "color": hex_of(piece_color(n)),
                 "grid": grid_of(piece.view),
             }
             for n, piece in enumerate(growth.sheet.pieces, start=1)

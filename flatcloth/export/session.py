@@ -44,9 +44,14 @@ class OpenedSession:
         return grow(self.integration, self.history, self.progress)
 
     @cached_property
+    def garments(self) -> GarmentService:
+        """Recognises the garment, once for all files."""
+        return GarmentService(self.integration)
+
+    @cached_property
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing can be said of it."""
-        return GarmentService(self.integration).known(self.history.document)
+        return self.garments.known(self.history.document)
 
     @property
     def view(self) -> FlattenedView:
@@ -71,10 +76,13 @@ class OpenedSession:
         """Return the data files; grasp poses are by default at the item's present rotation."""
         from flatcloth.export.session_data import SessionData
 
-        document = self.history.document
-        frames = frames_of(self.integration, document, self.history.grips, base_from_camera, rotation_deg)
         return SessionData(
-            self.integration, document, self.history.picks, frames, earlier_scores(self.history.folder)
+            self.integration,
+            self.history.document,
+            self.history.picks,
+            self.frames(base_from_camera, rotation_deg),
+            earlier_scores(self.history.folder),
+            self.garments,
         )
 
 

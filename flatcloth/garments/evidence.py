@@ -281,7 +281,7 @@ def _ends(
 
 
 def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64, along: Float64) -> Bool:
-    """Tell where other pieces have cloth right beyond places of a border (K, 3), facing as it does."""
+    """Return where other pieces have cloth just beyond places of a border (K, 3), facing as it does."""
     points = [other.xyz_m[other.valid] for other in others]
     if not points or not len(np.concatenate(points)) or not len(start):
         return np.zeros(len(start), dtype=np.bool_)

@@ -18,7 +18,7 @@ from flatcloth.garments.model import Kind
 
 EDGE_STD_M = 0.008
 """Of a true edge from the outline: patterns and their flattened cloth differ by 3 to 8 mm (NUMERICS)."""
-INSIDE_STD_M = 0.008
+INSIDE_STD_M = EDGE_STD_M
 """Of points inside from the outline. Chosen equal to ``EDGE_STD_M``."""
 _CROSSING_SPACING_M = 0.010
 """Spacing of the places of the outline that are tested for seen cloth. Chosen: finer than the slack costs

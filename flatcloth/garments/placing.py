@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.garments.distance import cost_of_poses, inside_outline
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import Fit, refine
+from flatcloth.garments.fit import EDGE_STD_M, Fit, refine
 
 LEAST_AREA_M2 = 0.006
 """Smaller pieces have too little border to be placed. Set by hand."""
@@ -24,7 +24,7 @@ for speed."""
 _APART_SLACK_M, _APART_STD_M = 0.03, 0.03
 """Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
 Chosen."""
-_LAID_ON_M = 0.008
+_LAID_ON_M = EDGE_STD_M
 """Depth inside other cloth at which a piece counts as laid on it. Chosen equal to ``fit.EDGE_STD_M``."""
 _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Shares of the line between two pieces at which it must run over the garment. Chosen."""

@@ -49,6 +49,8 @@ hand."""
 PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 """A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
 are."""
+OFFERED_PROBABILITY = 0.05
+"""A place less probable than this is not offered to the operator. Chosen: one in twenty would be right."""
 _STARTS, _FINISHED, _THINNED = 6, 2, 3
 """Poses tried for a kind, those refined with all points, and the thinning before. Chosen for speed."""
 
@@ -116,6 +118,11 @@ class Recognition:
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator."""
     return piece.probability >= PLACED_PROBABILITY and piece.std_m <= PLACED_STD_M
+
+
+def is_offered(piece: Placed) -> bool:
+    """Return whether an operator is asked about the place of a piece."""
+    return piece.probability >= OFFERED_PROBABILITY
 
 
 def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recognition:

@@ -143,7 +143,7 @@ class Segmentation:
         return seen.whole(chosen)
 
     def mask_key(self, view_index: int) -> int:
-        """Return a number that is another if the mask of a view is another; cheaper than the mask."""
+        """Return a hash of the mask of a view, without making the mask."""
         seen = self.observed.views.get(view_index)
         if seen is None:
             return 0

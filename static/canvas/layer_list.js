@@ -114,7 +114,7 @@ export class LayerList {
         {
           type: "button",
           "aria-pressed": String(chosen),
-          data: { id: `layer-row-${name}`, tip: "Choose it: here and in 3D" },
+          data: { id: `layer-row-${name}`, tip: "Show this layer here, and color the 3D scene by it" },
           on: { click: () => this.page.run(`layer_${name}`) },
         },
         title,

@@ -7,7 +7,7 @@ import { number } from "/static/page/format.js";
 const LEAST_SHOWN = 0.005; // of a probability
 
 export const percent = (share) =>
-  share > 0.995 ? "> 99 %" : share < 0.005 ? "< 1 %" : `${number(100 * share, 0)} %`;
+  share > 0.995 ? "> 99 %" : share < LEAST_SHOWN ? "< 1 %" : `${number(100 * share, 0)} %`;
 
 /** The kinds by probability, [[name, share], ...]. */
 export function shares(probabilities) {

@@ -73,7 +73,7 @@ export class GarmentPanel {
   summary() {
     const { told, found } = this;
     if (!found) return told.working ? "Recognising the garment." : told.text;
-    const again = told.working ? " Looking again at the changed shape." : "";
+    const again = told.working ? " Recognising it again on the changed shape." : "";
     if (found.by_hand) return `${words(found.kind)}, set by hand.${again}`;
     const share = (name) => percent(found.probabilities.find(([each]) => each === name)[1]);
     if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
@@ -98,7 +98,7 @@ export class GarmentPanel {
         },
         on: { change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }) },
       },
-      make("option", { value: "", selected: !found.by_hand }, "by the evidence"),
+      make("option", { value: "", selected: !found.by_hand }, "automatic"),
       ...names.map((name) =>
         make("option", { value: name, selected: found.by_hand && name === found.kind }, words(name)),
       ),
@@ -135,7 +135,9 @@ export class GarmentPanel {
 
   row(point) {
     const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
-    const what = point.seen ? "Click: pick it as a grasp." : "No view saw cloth there: it has no pose yet.";
+    const what = point.seen
+      ? "Click: pick it as a grasp."
+      : "No view shows cloth there, so it cannot be grasped yet.";
     const point_at = (on) => () => this.pointAt(on ? point.name : null);
     return make(
       "li",
@@ -176,7 +178,7 @@ export class GarmentPanel {
               type: "button",
               class: "close",
               "aria-label": `Release ${words(point.name)}`,
-              data: { id: `release-${point.name}`, tip: "Let it go: the evidence says where it is" },
+              data: { id: `release-${point.name}`, tip: "Release it; its place is then fitted again" },
               on: { click: () => this.page.send({ type: "release_points", name: point.name }) },
             },
             "×",

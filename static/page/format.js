@@ -34,3 +34,9 @@ export function length(mm) {
   if (mm >= 1) return `${mm} mm`;
   return `${Number(mm.toPrecision(1))} mm`;
 }
+
+/** The pieces that nothing connects to the shape yet, and their area. */
+export function floatingOf(layers) {
+  const pieces = layers.pieces.filter((piece) => !piece.placed);
+  return { pieces, area_cm2: pieces.reduce((sum, piece) => sum + piece.area_cm2, 0) };
+}

@@ -1,11 +1,10 @@
 // The line that says what can be done next.
 
-import { count, number } from "/static/page/format.js";
+import { count, floatingOf, number } from "/static/page/format.js";
 
 /** How large the shape is, and what floats beside it. */
 function shapeOf({ step, layers }) {
-  const pieces = layers.pieces.filter((piece) => !piece.placed);
-  const floating = pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+  const { pieces, area_cm2: floating } = floatingOf(layers);
   const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(pieces.length, "piece")}.` : "";
   return ` Shape: ${count(step, "view")}, ${number(layers.area_cm2, 0)} cm².${beside}`;
 }

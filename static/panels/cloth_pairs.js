@@ -27,10 +27,11 @@ export class ClothPairs {
   get facts() {
     const { total, median_mm, nine_tenths_mm, beyond_share, limit_mm, apart_median_mm } = this.pairs;
     return (
-      `${count(total, "pair")} of the same cloth. On the plane half of them lie within ${number(median_mm)} mm, ` +
-      `nine tenths within ${number(nine_tenths_mm)} mm, ${number(100 * beyond_share, 0)} % beyond ` +
-      `${number(limit_mm, 0)} mm; in space half lie within ${number(apart_median_mm)} mm. ` +
-      `Lines on the canvas are drawn ${STRETCH} times as long.`
+      `${count(total, "pair")} of points that are the same cloth in the shape and in the proposal. ` +
+      `Distance on the plane: median ${number(median_mm)} mm, 90 % within ${number(nine_tenths_mm)} mm, ` +
+      `${number(100 * beyond_share, 0)} % over the limit of ${number(limit_mm, 0)} mm. ` +
+      `Distance in space: median ${number(apart_median_mm)} mm. ` +
+      `The lines on the canvas are drawn ${STRETCH} times as long, so that they can be seen.`
     );
   }
 
@@ -41,8 +42,7 @@ export class ClothPairs {
   }
 
   color(n) {
-    const { residual_mm: off, limit_mm: limit } = this.pairs;
-    return COLORS[off[n] <= limit / 3 ? 0 : off[n] <= limit ? 1 : 2];
+    return colorAt(this.pairs.residual_mm[n], this.pairs.limit_mm);
   }
 
   // --- histograms --------------------------------------------------------------------------------
@@ -69,8 +69,7 @@ export class ClothPairs {
       xLabel: unit,
       yLabel: "pairs",
     });
-    const colorAt = (at) => COLORS[limit === null || at <= limit / 3 ? 0 : at <= limit ? 1 : 2];
-    plot.bars(edges, counts, colorAt);
+    plot.bars(edges, counts, (mm) => colorAt(mm, limit));
     if (limit !== null) plot.vertical(limit, sheet.color.limit, "limit", 1.5, [5, 4]);
     if (this.marked !== null) plot.vertical(values[this.marked], sheet.color.mark, "", 1.5);
   }
@@ -118,3 +117,5 @@ export class ClothPairs {
     });
   }
 }
+
+const colorAt = (mm, limit) => COLORS[limit === null || mm <= limit / 3 ? 0 : mm <= limit ? 1 : 2];

@@ -2,10 +2,9 @@
 
 import { strokeLine } from "/static/canvas/marks.js";
 import { cornersOf, drawPieces } from "/static/canvas/pieces.js";
+import { percent } from "/static/garment/lists.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
-import { count, number } from "/static/page/format.js";
-
-const share = (probability) => (probability > 0.995 ? "> 99 %" : `${number(100 * probability, 0)} %`);
+import { count, floatingOf, number } from "/static/page/format.js";
 
 export class PiecesPanel {
   name = "pieces";
@@ -37,8 +36,7 @@ export class PiecesPanel {
   }
 
   build(why) {
-    const floating = this.pieces.filter((piece) => !piece.placed);
-    const area = floating.reduce((sum, piece) => sum + piece.area_cm2, 0);
+    const { pieces: floating, area_cm2: area } = floatingOf({ pieces: this.pieces });
     const placed = this.pieces.length - floating.length;
     return [
       make("h2", {}, `Floating: ${count(floating.length, "piece")}, ${number(area, 0)} cm²`),
@@ -111,7 +109,7 @@ export class PiecesPanel {
         },
         title,
       );
-    const told = `By the garment: ${share(place.probability)}, ± ${number(place.std_mm, 0)} mm`;
+    const told = `By the garment: ${percent(place.probability)}, ± ${number(place.std_mm, 0)} mm`;
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
     const refuse = button("Refuse", false, "The garment has no place for it there.");
     return make(

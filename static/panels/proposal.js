@@ -1,7 +1,7 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
 import { byId, make, rebuild } from "/static/page/dom.js";
-import { degrees, number, vector } from "/static/page/format.js";
+import { degrees, floatingOf, number, vector } from "/static/page/format.js";
 
 function unitless(name) {
   const units = { mm: "mm", cm2: "cm²", deg: "°", px: "px", m: "m", m2: "m²" };
@@ -42,7 +42,7 @@ export class ProposalPanel {
     this.page.notify(
       "warning",
       `The score here is ${number(pending.score, 2)}, below ${number(limit, 2)}${why ? `: ${why}` : ""}.` +
-        " Press Accept again to accept it all the same; the view stays flagged.",
+        " Press Accept again to accept it anyway; the view is then flagged for review.",
     );
     this.page.changed();
     return false;
@@ -51,11 +51,11 @@ export class ProposalPanel {
   /** After an acceptance: what it really added, beside what was foreseen. */
   tellAdded(state) {
     const { pending, layers } = state;
-    const area = layers && layers.area_cm2 + layers.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
+    const area = layers && layers.area_cm2 + floatingOf(layers).area_cm2;
     const before = this.before;
     if (before && !pending && state.step === before.step + 1 && layers.revision !== before.revision) {
       const added = `View ${before.view} added ${number(area - before.area, 0)} cm²`;
-      this.page.notify("info", `${added}; ${number(before.foreseen.added_cm2, 0)} cm² were foreseen.`);
+      this.page.notify("info", `${added}; ${number(before.foreseen.added_cm2, 0)} cm² were predicted.`);
       this.before = null;
     } else if (pending?.foreseen?.added_cm2 !== undefined && layers) {
       const { view_index: view, foreseen: expected } = pending;
@@ -212,12 +212,12 @@ function foreseen(told) {
     ...row(
       "adds",
       `${number(told.added_cm2, 0)} cm²`,
-      "Cloth of the proposal that lies beyond the shape and its pieces",
+      "Cloth of the proposal that neither the shape nor a piece has yet",
     ),
     ...row(
       "measures again",
       `${number(told.again_cm2, 0)} cm²`,
-      "Cloth of the proposal that lies on cloth that is there",
+      "Cloth of the proposal that the shape or a piece already has",
     ),
     ...(told.joins.length
       ? row("joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)")
@@ -256,8 +256,8 @@ function checkList(checks, show) {
 
 const CHECKS = {
   apart: "Median distance in space between proposal and shape where both have cloth",
-  twice: "Share of the cloth in common that comes to lie 15 mm or more from itself",
-  outline: "Share of the cloth in common that comes to lie beyond the outline of the shape",
+  twice: "Share of the cloth seen in both that would lie 15 mm or more from its place in the shape",
+  outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
 };
 const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
 const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };

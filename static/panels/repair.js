@@ -160,8 +160,8 @@ export class Repair {
       ? `Refined from here: ${reached}.`
       : far
         ? "You are far from the best place: back to it?"
-        : "Refining gains nothing.";
-    setText(byId("fit-here"), message.why ?? `Here ${here}. ${more}`);
+        : "Refine would not improve it.";
+    setText(byId("fit-here"), message.why ?? `At this place: score ${here}. ${more}`);
     byId("back-to-best").hidden = !far;
   }
 

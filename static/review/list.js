@@ -2,7 +2,7 @@
 
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
-import { added, flagsOf, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
+import { added, doubtsOf, flagsOf, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
 
 const UNDECIDED = ["unused", "pending", "skipped", "later"];
 const LEFT_OUT = ["rejected", "skipped"];
@@ -11,7 +11,7 @@ const LEFT_OUT = ["rejected", "skipped"];
 const FILTERS = [
   ["all", "All", () => true],
   ["undecided", "Undecided", (view) => UNDECIDED.includes(view.state)],
-  ["flagged", "Flagged", (view) => view.flags.some((flag) => flag !== "by_hand")],
+  ["flagged", "Flagged", (view) => doubtsOf(view).length > 0],
   ["by_hand", "By hand", (view) => view.flags.includes("by_hand")],
   ["left_out", "Rejected or skipped", (view) => LEFT_OUT.includes(view.state)],
 ];
@@ -119,7 +119,7 @@ export class ReviewList {
           ),
           make("tbody", {}, ...shown.map((view) => this.row(view, state))),
         ),
-        shown.length ? null : make("p", { class: "nothing" }, "No view is like that."),
+        shown.length ? null : make("p", { class: "nothing" }, "No view matches this filter."),
       ),
     ];
   }

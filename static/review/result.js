@@ -2,8 +2,8 @@
 
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
-import { count, number } from "/static/page/format.js";
-import { flagsOf } from "/static/review/timeline.js";
+import { count, floatingOf, number } from "/static/page/format.js";
+import { doubtsOf, flagsOf } from "/static/review/timeline.js";
 
 const MOST = 4; // of each list
 
@@ -65,8 +65,8 @@ export class ResultPanel {
 
   build(state, found) {
     const { layers, finished } = state;
-    const floating = layers.pieces.reduce((sum, piece) => sum + piece.area_cm2, 0);
-    const letters = layers.pieces.map((piece) => piece.label).join(", ");
+    const { pieces, area_cm2: floating } = floatingOf(layers);
+    const letters = pieces.map((piece) => piece.label).join(", ");
     return [
       make(
         "div",
@@ -90,7 +90,7 @@ export class ResultPanel {
         { class: "values" },
         ...row("Shape", `${number(layers.area_cm2, 0)} cm² from ${count(state.step, "view")}`),
         ...(floating
-          ? row("Floating", `${number(floating, 0)} cm² (${letters})`, "Seen, but connected to the shape by no view")
+          ? row("Floating", `${number(floating, 0)} cm² (${letters})`, "Cloth that no view connects to the shape yet")
           : []),
         ...(found && !found.trouble ? this.certainty(found) : []),
       ),
@@ -120,7 +120,7 @@ export class ResultPanel {
     return [
       make("h3", {}, "Seen but left out", make("span", {}, `${number(total, 0)} cm²`)),
       ...reasons.flatMap((reason) => this.leftFor(reason, found.left_out)),
-      reasons.length ? null : make("p", { class: "note" }, "No cloth that a decided view shows."),
+      reasons.length ? null : make("p", { class: "note" }, "None: the result has all the cloth that its views show."),
     ];
   }
 
@@ -182,10 +182,12 @@ export class ResultPanel {
   }
 
   toReview(state) {
-    const suspect = (view) => view.flags.filter((flag) => flag !== "by_hand").length;
     const weak = state.views
       .filter((view) => view.order && view.score !== null)
-      .sort((a, b) => Number(b.flagged) - Number(a.flagged) || suspect(b) - suspect(a) || a.score - b.score)
+      .sort(
+        (a, b) =>
+          Number(b.flagged) - Number(a.flagged) || doubtsOf(b).length - doubtsOf(a).length || a.score - b.score,
+      )
       .slice(0, 3);
     if (!weak.length) return [];
     const items = weak.map((view) => {

@@ -154,11 +154,15 @@ export const added = (cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
 /** The flags of a view in words. */
 export const flagsOf = (view, state) => (view.flags ?? []).map((flag) => state.review.flags[flag]);
 
+/** The flags that ask for a look: that a view was placed by hand is no doubt about it. */
+export const doubtsOf = (view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
+export const doubtsInWords = (view, state) => doubtsOf(view).map((flag) => state.review.flags[flag]);
+
 /** A view in words, for its tooltip and for screen readers. */
 export function aboutView(view, state) {
   const [, word] = STATES[view.state];
   const detail = view.detail ? ` (${view.detail})` : "";
-  const flags = flagsOf(view, state).filter((flag) => flag !== "placed by hand");
+  const flags = doubtsInWords(view, state);
   const parts = [
     word + detail,
     view.order ? `number ${view.order}` : "",

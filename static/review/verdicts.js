@@ -2,7 +2,7 @@
 
 import { byId, make } from "/static/page/dom.js";
 import { count, keyName, number } from "/static/page/format.js";
-import { flagsOf } from "/static/review/timeline.js";
+import { doubtsInWords } from "/static/review/timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 const ACCEPTED = ["accepted", "fixed"];
@@ -121,7 +121,7 @@ export class Verdicts {
 
   /** Why it is flagged, and what it really added. */
   flags(view) {
-    const flags = flagsOf(view, this.page.state).filter((flag) => flag !== "placed by hand");
+    const flags = doubtsInWords(view, this.page.state);
     return [
       ...(view.order && view.added_cm2 !== null ? [`It added ${number(view.added_cm2, 0)} cm².`] : []),
       ...(flags.length ? [`⚑ Flagged: ${flags.join(", ")}.`] : []),

@@ -22,7 +22,11 @@ async function open(kind, name, title) {
   show("trouble", "");
   show("opening", `Opening ${title} …`);
   const slow = setTimeout(
-    () => show("opening", `Opening ${title} … The first time after an installation the numerics are compiled.`),
+    () =>
+      show(
+        "opening",
+        `Opening ${title} … The first start after an installation takes longer, because code is compiled.`,
+      ),
     SLOW_MS,
   );
   const body = JSON.stringify({ kind, name });

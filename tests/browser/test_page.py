@@ -78,6 +78,7 @@ def test_a_reload_loses_nothing(open_tab, tmp_path):
     tab.step()
     tab.accept()
     before = tab.click_shape()
+    tab.until("flatcloth.state.garment.revision > 0 && !flatcloth.state.garment.working")
     state = tab.state()
     tab.page.reload()
     tab.until(f"flatcloth.layerRevision === {state['layers']['revision']}")

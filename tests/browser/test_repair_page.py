@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-APART = "document.getElementById('fit-here').textContent.match(/Here [0-9.]+, ([0-9.]+) mm/)?.[1]"
+APART = "document.getElementById('fit-here').textContent.match(/score [0-9.]+, ([0-9.]+) mm/)?.[1]"
 
 
 def on_proposal(tab, step_px=24):

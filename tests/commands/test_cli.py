@@ -196,6 +196,6 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
     running.send_signal(signal.SIGINT)
     rest, errors = running.communicate(timeout=60)
     assert said is not None, errors
-    assert running.returncode in (0, 130)
+    assert running.returncode in (0, 130)  # not by a signal, though threads may still compute
     assert "Traceback" not in rest + errors
     assert (tmp_path / "s" / "session.json").is_file()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scenes import CAMERA, rays
 
+from benchmarks.axis import errors
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.geometry import camera_from_held
@@ -85,16 +86,6 @@ def axis(x: float = 0.02, z: float = 0.87, pitch_deg: float = 0.0, roll_deg: flo
 
 def hanging(recording: Spheres) -> Hanging:
     return resolve_axis(recording, recording.__getitem__, CONFIG)
-
-
-def errors(found: RotationAxis, truth: RotationAxis, half_height_m: float = 0.15) -> tuple[float, float]:
-    """Largest distance between the axes within a height about the true point (m), and their angle (deg)."""
-    ends = []
-    for height in (-half_height_m, half_height_m):
-        at = truth.point_m + height * truth.direction
-        along = (at - found.point_m) @ found.direction
-        ends.append(float(np.linalg.norm(found.point_m + along * found.direction - at)))
-    return max(ends), math.degrees(math.acos(min(1.0, float(found.direction @ truth.direction))))
 
 
 @pytest.mark.parametrize(

@@ -262,7 +262,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True, check=False
     )
     if mounted.returncode:
-        pytest.skip("mounting a small disk needs root")
+        pytest.skip("a small disk cannot be mounted here: run make thorough as root")
     yield disk
     subprocess.run(["umount", str(disk)], check=True)
 
@@ -294,7 +294,7 @@ def test_a_read_only_folder_is_one_clear_line(place: Path) -> None:
     played(place, 20)
     mounted = subprocess.run(["mount", "--bind", str(place), str(place)], capture_output=True, check=False)
     if mounted.returncode:
-        pytest.skip("mounting needs root")
+        pytest.skip("a folder cannot be made read-only by a mount here: run make thorough as root")
     try:
         subprocess.run(["mount", "-o", "remount,ro,bind", str(place)], check=True)
         with pytest.raises(JournalError, match="Read-only file system") as caught:

@@ -33,7 +33,7 @@ def view_at(u_m: float, rows: int = 40):
 
 
 class Service:
-    """Knows a skirt with a small piece that has no place, and a larger one whose place is sure."""
+    """Knows a skirt with a small piece whose place is a guess, and a larger one whose place is sure."""
 
     def __init__(self) -> None:
         evidence = evidence_from(at_mean("skirt"))
@@ -42,7 +42,8 @@ class Service:
         )
         found = recognise(self.canonical.view, [evidence])
         piece = Placed(index=1, shape_from_piece=LAID, probability=0.97, std_m=0.01, fit=found.fit)
-        found = dataclasses.replace(found, pieces=(piece,))
+        hopeless = Placed(index=0, shape_from_piece=LAID, probability=0.004, std_m=1.5, fit=found.fit)
+        found = dataclasses.replace(found, pieces=(piece, hopeless))
         nothing = DecidedPieces(shape_from_piece={}, refused=frozenset())
         self._known = KnownGarment(
             canonical=self.canonical, evidence=(evidence,), by_evidence=found, found=found, pieces=nothing

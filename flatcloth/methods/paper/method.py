@@ -273,12 +273,9 @@ class PaperMethod(Method):
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
         start, accepted = document.start_view, document.accepted
-        known = len(accepted)
-        while (made := self._canonicals.kept((start, *accepted[:known]))) is None:
-            if known == 0:
-                made = self._canonicals.put((start,), begin(self._views.part(start, 0), start))
-                break
-            known -= 1
+        known, made = self._canonicals.longest(start, accepted)
+        if made is None:
+            made = self._canonicals.put((start,), begin(self._views.part(start, 0), start))
         for n in range(known, len(accepted)):
             made = self._canonicals.put((start, *accepted[: n + 1]), self._renewed(made, accepted[n]))
         return made

@@ -125,7 +125,7 @@ def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]
 
 
 def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence: Float64) -> Bool:
-    """Tell which pairs (M,) of a new view join what is known to lie far apart on one piece.
+    """Return which pairs (M,) of a new view join what is known to lie far apart on one piece.
 
     Parameters
     ----------

@@ -273,7 +273,7 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
                 )
             if np.unique(overlapping).size >= _LEAST_PIECE and may_cut:
                 cut, strength, smaller = weakest_cut(
-                    overlapping, shape.nodes.xyz_m, links.edges[within], (weight * _evidence(shape))[within]
+                    overlapping, shape.nodes.xyz_m, links.edges[within], (weight * links.evidence)[within]
                 )
                 if strength <= _MOST_CUT_EVIDENCE and smaller >= _LEAST_PIECE:
                     is_cut = shape.is_cut.copy()
@@ -309,7 +309,7 @@ def _grown_anew(
         links.edges[within],
         links.member[within],
         links.offset[within],
-        _evidence(shape)[within],
+        links.evidence[within],
         links.n_members,
     )
     reached = both_ends(np.isfinite(z.real), links.edges[within])
@@ -365,11 +365,7 @@ def _anchored(shape: JointShape) -> JointShape:
 def _pieces(shape: JointShape) -> Int32:
     """Return the piece of cloth of each node (N,)."""
     kept = ~shape.is_cut
-    evidence = (shape.weight * _evidence(shape))[kept]
+    evidence = (shape.weight * shape.links.evidence)[kept]
     return connected_pieces(
         len(shape.nodes), shape.links.edges[kept], evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
     )
-
-
-def _evidence(shape: JointShape) -> Float64:
-    return np.concatenate([s.edge_evidence for s in shape.observations])

@@ -50,8 +50,8 @@ class Links:
     """The pairs of all observations in one list.
 
     ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
-    memberships, ``n_members`` of them; ``length_m``, ``std_m`` (M,); ``offset`` (M, 2) complex as
-    in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
+    memberships, ``n_members`` of them; ``length_m``, ``std_m``, ``evidence`` (M,); ``offset`` (M, 2)
+    complex as in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
     """
 
     edges: Int32
@@ -59,6 +59,7 @@ class Links:
     n_members: int
     length_m: Float64
     std_m: Float64
+    evidence: Float64
     offset: Complex128
     observation: Int32
 
@@ -74,6 +75,7 @@ def links_of(observations: Sequence[Observation]) -> Links:
         n_members=int(first[-1]),
         length_m=np.concatenate([s.edge_length_m for s in observations]),
         std_m=np.concatenate([s.edge_std_m for s in observations]),
+        evidence=np.concatenate([s.edge_evidence for s in observations]),
         offset=np.concatenate([s.offset for s in observations]),
         observation=np.repeat(
             np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]

@@ -80,11 +80,8 @@ class JointShapes:
         """Extend the longest prefix of the decisions whose shape is kept."""
         start, accepted = document.start_view, document.accepted
         assert start is not None
-        for known in range(len(accepted), -1, -1):
-            made = self._prefixes.kept((start, *accepted[:known]))
-            if made is not None:
-                break
-        else:
+        known, made = self._prefixes.longest(start, accepted)
+        if made is None:
             made = self._kept((start,), self._begin(start))
         for n in range(known, len(accepted)):
             before = (start, *accepted[:n])

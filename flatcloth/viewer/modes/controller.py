@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,7 +20,6 @@ from msgspec import structs
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
@@ -34,6 +33,7 @@ from flatcloth.viewer.worker import Worker
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
+    from flatcloth.core.geometry import Rigid3
     from flatcloth.engine.integration import Integration
     from flatcloth.export.garment import GarmentPoint
     from flatcloth.session.journal import Pick
@@ -188,18 +188,8 @@ class PageController(ABC):
         place = hit_by(self._picture, self._scene_view.visible_points(), hover.origin_m, hover.direction)
         return {"type": "hover_ray", "id": hover.id, **place}
 
-    @property
-    def kept_picks(self) -> tuple[Pick, ...]:
-        """The picks that the operator keeps."""
-        return self._picks.picks
-
-    @property
-    def grips(self) -> Mapping[int, Grip]:
-        """How the picks are to be gripped, where the operator chose."""
-        return self._picks.grips
-
-    def grasps(self) -> dict[str, Any]:
-        """Return the list of picks as it is exported.
+    def grasps(self, base_from_camera: Rigid3 | None = None, *, with_garment: bool = True) -> dict[str, Any]:
+        """Return the list of picks as it is exported, with the seen points of the garment if wanted.
 
         Raises
         ------
@@ -212,9 +202,12 @@ class PageController(ABC):
         if picture is None:
             raise FlatclothError("Nothing is flattened yet, so there are no grasp points to export.")
         frames = GraspFrames(
-            axis=self._integration.axis, rotation_deg=picture.angle_deg, grips=self._picks.grips
+            axis=self._integration.axis,
+            rotation_deg=picture.angle_deg,
+            grips=self._picks.grips,
+            base_from_camera=base_from_camera,
         )
-        named, sheet = self.named_points(), picture.sheet
+        named, sheet = self.named_points() if with_garment else (), picture.sheet
         if sheet is None:
             return grasps_document(picture.view, self._picks.picks, frames, named)
         shape = sheet.canonical

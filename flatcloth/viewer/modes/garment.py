@@ -18,7 +18,7 @@ from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.recognition import NONE, is_sure
+from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.viewer.protocol import messages
@@ -206,7 +206,7 @@ class GarmentController:
         if self.status.working:
             raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
         labels = _labels(known.canonical)
-        piece = next((each for each in known.found.pieces if labels[each.index] == label), None)
+        piece = next((each for each in _shown(known) if labels[each.index] == label), None)
         if piece is None:
             raise FlatclothError(f"The garment has no place for a piece {label!r:.20}.")
         return piece
@@ -265,8 +265,14 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
                 for loop in _loops(known.canonical.floating[piece.index])
             ],
         }
-        for piece in known.found.pieces
+        for piece in _shown(known)
     ]
+
+
+def _shown(known: KnownGarment) -> list[Placed]:
+    """Return the pieces whose place is offered, or decided already."""
+    decided = {*known.pieces.shape_from_piece, *known.pieces.refused}
+    return [piece for piece in known.found.pieces if is_offered(piece) or piece.index in decided]
 
 
 def _loops(view: FlattenedView) -> list[Float64]:

@@ -261,7 +261,10 @@ class Application(PageController):
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
-        self._tell(None, "info", changed) if changed else self._publish()
+        if changed:
+            self._tell(None, "info", changed)
+        else:
+            self._publish()
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:

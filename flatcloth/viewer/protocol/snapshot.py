@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.core.types import Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, label_of
 from flatcloth.rendering.colormaps import piece_color
-from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend
+from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
@@ -305,7 +305,7 @@ def _floating(sheet: Sheet) -> list[dict[str, Any]]:
             "area_cm2": 1e4 * piece.view.area_m2,
             "reason": piece.reason,
             "views": list(piece.views),
-            "color": "#" + bytes(piece_color(n).tolist()).hex(),
+            "color": hex_of(piece_color(n)),
             "placed": piece.placed is not None,
             "grid": grid_of(piece.view),
         }

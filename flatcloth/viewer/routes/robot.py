@@ -15,7 +15,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
-from flatcloth.export.data import GraspFrames, grasps_document
 from flatcloth.export.garment import garment_document
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.session.document import Document
@@ -74,10 +73,11 @@ class RobotRoutes:
     def _shape(self) -> dict[str, Any]:
         picture, document = self._picture()
         known = self._application.garments.known(document)
+        area_m2 = picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2
         told: dict[str, Any] = {
             "recording": self._integration.recording.name,
             "views": sorted(document.used_views),
-            "area_cm2": round(1e4 * picture.view.area_m2, 1),
+            "area_cm2": round(1e4 * area_m2, 1),
             "rotation_deg": picture.angle_deg,
         }
         if isinstance(known, str):
@@ -85,15 +85,8 @@ class RobotRoutes:
         return {**told, "garment": garment_document(known)}
 
     def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
-        picture, _ = self._picture()
-        frames = GraspFrames(
-            axis=self._integration.axis,
-            rotation_deg=picture.angle_deg,
-            grips=self._application.grips,
-            base_from_camera=self._base_from_camera,
-        )
-        named = self._application.named_points() if with_garment else ()
-        return grasps_document(picture.view, self._application.kept_picks, frames, named)
+        self._picture()  # refused while nothing is flattened
+        return self._application.grasps(self._base_from_camera, with_garment=with_garment)
 
     async def _picks(self, robot: WebSocket) -> None:
         """Send every pick as a message when it is made or changed, those there are first."""

@@ -9,7 +9,6 @@ with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers w
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -19,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.places import Chosen, Kind, Places
@@ -60,8 +60,7 @@ class StartRoutes:
         self._open = open_place
         self._current = current
         self._opening = threading.Lock()
-        self._lock = threading.Lock()
-        self._pictures: OrderedDict[str, bytes] = OrderedDict()
+        self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the start screen."""
@@ -100,15 +99,7 @@ class StartRoutes:
 
     def _drawn(self, kind: Kind, name: str) -> bytes:
         source = self._places.chosen(kind, name).source
-        with self._lock:
-            if source in self._pictures:
-                return self._pictures[source]
-        data = first_picture(source)
-        with self._lock:
-            self._pictures[source] = data
-            while len(self._pictures) > PICTURES_KEPT:
-                self._pictures.popitem(last=False)
-        return data
+        return self._pictures.get(source, lambda: first_picture(source))
 
     async def _take(self, request: Request) -> Response:
         try:

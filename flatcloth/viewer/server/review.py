@@ -34,7 +34,7 @@ _START_S = 90.0
 """How long a reviewed recording may take to start. Chosen."""
 _MOST_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""
-_LAUNCH = "import sys; from flatcloth.cli import main; sys.exit(main(sys.argv[1:]))"
+_LAUNCH = "from flatcloth.cli import run_and_exit; run_and_exit()"
 _log = logging.getLogger(__name__)
 
 
