@@ -41,6 +41,17 @@ class FineMatcher(Matcher):
         return by_height * (1.0 - told * (1.0 - by_intensity))
 
 
+class BlindMatcher(Matcher):
+    """Scores without the Z-angle."""
+
+    def doubted(self, by_z_angle: float) -> float:
+        return 1.0
+
+
+class FineBlindMatcher(FineMatcher, BlindMatcher):
+    """Scores by fine texture, without the Z-angle."""
+
+
 class Before(PaperMethod):
     """The method without the changes; ``kept`` names those that a variant has."""
 
@@ -48,7 +59,9 @@ class Before(PaperMethod):
 
     @property
     def matcher_kind(self) -> type[Matcher]:  # type: ignore[override]
-        return Matcher if "coarse" in self.kept else FineMatcher
+        if "Z-angle" in self.kept:
+            return Matcher if "coarse" in self.kept else FineMatcher
+        return BlindMatcher if "coarse" in self.kept else FineBlindMatcher
 
     @property
     def overlap_area_m2(self) -> float:  # type: ignore[override]
@@ -88,7 +101,7 @@ class Before(PaperMethod):
         return ()
 
 
-CHANGES = ("start", "edges", "new area", "parts", "coarse", "S_0", "start stands")
+CHANGES = ("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands")
 VARIANTS = {
     "before": frozenset[str](),
     **{name: frozenset({name}) for name in CHANGES},

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.geometry import height_m
+from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import AlignmentScore
 
@@ -55,6 +55,9 @@ _TELLING_TEXTURE = 0.25
 _CHANCE_PAIRS = 5000
 """Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
 the spread."""
+_Z_ANGLE_SCALE_DEG = 8.0
+"""Difference in Z-angle that counts as half a disagreement. Chosen: the widest band of a line of equal
+Z-angle (alignment.py)."""
 _CHANCE_HEIGHT = 0.85
 """Without texture, heights that agree less than this tell nothing: wrong placements of the shared recordings
 reach 0.82 to 0.93, right ones mostly 0.93 to 1 (``python -m benchmarks paper_steps``)."""
@@ -86,6 +89,8 @@ class Matcher:
             fields = attribute_fields(new, axis, new_texture / spread)
             self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
         self._chance = self._chance_disagreement()
+        self._current_z_angle_deg = np.where(current.valid, z_angle_deg(current.normal, axis, 0.0), np.nan)
+        self._z_angle_deg = z_angle_deg(new.normal[rc[:, 0], rc[:, 1]], axis, 0.0)
 
     def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
         """Compute the disagreement under each motion.
@@ -147,6 +152,8 @@ class Matcher:
         Each agreement is relative to that of randomly paired pixels, so that a regular pattern that
         matches itself by half gains nothing. Texture counts in proportion to its presence; in
         proportion to its absence height must agree closely, because it also agrees at wrong placements.
+        Both count as far as the Z-angles agree, on which the initial estimate rests: the same cloth has
+        the same Z-angle in both views, after the rotation between them.
         """
         result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
@@ -155,12 +162,15 @@ class Matcher:
         told = min(1.0, self._chance[0] / _TELLING_TEXTURE)
         enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
         by_shape = min(1.0, max(0.0, (by_height - _CHANCE_HEIGHT) / (1.0 - _CHANCE_HEIGHT)))
+        by_z_angle = self._z_angle_agreement(current_from_new)
         total = self.combined(told, by_intensity, by_height, by_shape) * enough if result[1] > 0 else 0.0
+        total *= self.doubted(by_z_angle)
         return AlignmentScore(
             total,
             {
                 "intensity_agreement": by_intensity,
                 "height_agreement": by_height,
+                "z_angle_agreement": by_z_angle,
                 "height_rms_mm": float(result[4]) * 1e3,
                 "texture_share": told,
                 "overlap_cm2": area * 1e4,
@@ -172,6 +182,20 @@ class Matcher:
     def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
         """Weigh texture, as far as there is any, against height alone."""
         return told * by_intensity * by_height + (1.0 - told) * by_shape
+
+    def doubted(self, by_z_angle: float) -> float:
+        """Return the factor of the score for the agreement of the Z-angles."""
+        return by_z_angle
+
+    def _z_angle_agreement(self, current_from_new: Rigid2) -> float:
+        """Return the agreement of the Z-angles of coinciding pixels; 0 if there are none."""
+        uv = current_from_new.apply(self._uv)
+        rc = np.rint((uv - self._origin)[:, ::-1] / self._current_pixel_size_m).astype(np.int64)
+        inside = ((rc >= 0) & (rc < self._current_z_angle_deg.shape)).all(axis=1)
+        other = self._current_z_angle_deg[rc[inside, 0], rc[inside, 1]]
+        off = (self._z_angle_deg[inside] - other + 180.0) % 360.0 - 180.0
+        off = off[np.isfinite(off)]
+        return float((1.0 / (1.0 + np.square(off / _Z_ANGLE_SCALE_DEG))).mean()) if off.size else 0.0
 
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""

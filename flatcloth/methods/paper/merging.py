@@ -6,7 +6,7 @@ raster through the exact composed motion, so they do not blur or drift however m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,6 +136,26 @@ def covered_share(current: FlattenedView, new: FlattenedView, current_from_new: 
     inside = ((rc >= 0) & (rc < np.array(current.shape))).all(axis=1)
     covered = current.valid[rc[inside, 0], rc[inside, 1]].sum()
     return float(covered) / max(len(rc), 1)
+
+
+def without(
+    current: FlattenedView, layers: Sequence[PlacedPart], parts: Parts, view_index: int
+) -> FlattenedView:
+    """Return the cloth of the shape on which no component of one view lies.
+
+    Another component of this view is other cloth, so it lies nowhere else.
+    """
+    valid = current.valid.copy()
+    rc = np.argwhere(valid)
+    uv = current.uv_from_rc(rc)
+    for layer in layers:
+        if layer.view_index == view_index:
+            part = parts(view_index, layer.component)
+            at = np.rint(part.rc_from_uv(layer.current_from_new.inverse().apply(uv))).astype(np.int64)
+            inside = ((at >= 0) & (at < np.array(part.shape))).all(axis=1)
+            inside[inside] = part.valid[at[inside, 0], at[inside, 1]]
+            valid[rc[inside, 0], rc[inside, 1]] = False
+    return replace(current, valid=valid)
 
 
 def _union_grid(

@@ -14,7 +14,7 @@ from functools import cached_property
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import AlignmentError, FlatclothError
-from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
     Alignment,
     AlignmentScore,
@@ -27,7 +27,7 @@ from flatcloth.methods.base import (
 from flatcloth.methods.edges import edges_of_view, joined_edges
 from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines, not_farther_than_start
 from flatcloth.methods.paper.matching import Matcher
-from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew
+from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew, without
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE, fronts, side_of
@@ -70,6 +70,7 @@ class PaperMethod(Method):
         self._views, self._config = views, views.config
         self._canonicals: Cache[Renewed] = Cache(64, 96 * 2**20)
         self._matchers: Cache[Matcher] = Cache(4)
+        self._left: Cache[list[Aligned]] = Cache(8)
 
     @classmethod
     def default_config(cls) -> Config:
@@ -156,15 +157,22 @@ class PaperMethod(Method):
         return [n for n, c in enumerate(components) if c.view.area_m2 >= least_m2]
 
     def _aligned(
-        self, document: Document, front: int, view_index: int, component: int, progress: Progress
+        self,
+        document: Document,
+        front: int,
+        view_index: int,
+        component: int,
+        progress: Progress,
+        current: FlattenedView | None = None,
     ) -> Aligned:
-        """Align a component with the shape, continuing the view ``front``."""
+        """Align a component with the shape, or a part of it, continuing the view ``front``."""
         canonical, angles = self.canonical(document), self.angles_deg
+        current = current or canonical.view
         turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
         new = self._views.part(view_index, component)
         alignment = self.settled(
             align_by_z_angle(
-                canonical.view,
+                current,
                 new,
                 self._views.axis,
                 (angles[front], angles[front] + turn),
@@ -214,26 +222,39 @@ class PaperMethod(Method):
         return tuple(also)
 
     def _waiting(self, document: Document, progress: Progress) -> list[Aligned]:
-        """Align the sizeable components of accepted views that are not placed yet."""
-        placed = {(p.view_index, p.component) for p in self.canonical(document).layers}
+        """Align the sizeable components of accepted views that are not placed yet (kept by document)."""
+        key = (document.start_view, document.accepted)
+        return self._left.get(key, lambda: self._aligned_waiting(document, progress))
+
+    def _aligned_waiting(self, document: Document, progress: Progress) -> list[Aligned]:
+        canonical = self.canonical(document)
+        placed = {(p.view_index, p.component) for p in canonical.layers}
+        newest = self.angles_deg[document.accepted[-1].view_index] if document.accepted else 0.0
         found = []
         for view in sorted(document.used_views):
-            for n in self.sizeable(view):
+            waiting = [n for n in self.sizeable(view) if (view, n) not in placed]
+            turned = abs((self.angles_deg[view] - newest + 180.0) % 360.0 - 180.0)
+            if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
+                continue  # nothing that the newest view shows is seen in this one
+            beside = without(canonical.view, canonical.layers, self._views.part, view)
+            for n in waiting:
                 folded = self._views.flattening(view).components[n].folded_share
-                if (view, n) in placed or folded > self._config.flattening.max_folded_share:
+                if folded > self._config.flattening.max_folded_share:
                     continue
                 with contextlib.suppress(AlignmentError):
-                    if self._starts_on_shape(document, view, n):
-                        found.append(self._aligned(document, view, view, n, progress))
+                    if self._starts_on(beside, document, view, n):
+                        found.append(self._aligned(document, view, view, n, progress, beside))
         return found
 
-    def _starts_on_shape(self, document: Document, view_index: int, component: int) -> bool:
-        """Tell whether the initial estimate of a component of an accepted view overlaps the shape."""
+    def _starts_on(
+        self, current: FlattenedView, document: Document, view_index: int, component: int
+    ) -> bool:
+        """Tell whether the initial estimate of a component of an accepted view overlaps the current view."""
         canonical, angle = self.canonical(document), self.angles_deg[view_index]
         new = self._views.part(view_index, component)
         initial = from_lines(
             correspond(
-                canonical.view,
+                current,
                 new,
                 self._views.axis,
                 (angle, angle),
@@ -241,7 +262,7 @@ class PaperMethod(Method):
                 self._config.planning.z_angle_limit_deg,
             )
         )
-        return covered_share(canonical.view, new, initial) >= _LEAST_OVERLAP_SHARE
+        return covered_share(current, new, initial) >= _LEAST_OVERLAP_SHARE
 
     def _overlap_share(self, one: PlacedPart, other: PlacedPart) -> float:
         """Return the share of the smaller component that lies on the other one."""
