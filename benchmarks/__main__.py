@@ -9,12 +9,11 @@ import os
 from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
-ON_ALL_CORES = ("size", "canvas", "batch")
+ON_ALL_CORES = ("size", "page", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
-"""Run by name only: two take an hour, ``confidence`` learns weights that ``reliability`` measures, and
-``accuracy`` makes a table of given recordings."""
+"""Run by name only: an hour of work, weights that ``reliability`` measures, tables of given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "page", "reliability", "axis", "registration", "segmentation", "segmented"),
+    *("flattening", "reliability", "axis", "registration", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.output import Options, save
+from benchmarks.output import Options
 from benchmarks.unattended import Remembered, sources
 from flatcloth.core.config import RobustConfig
 from flatcloth.core.geometry import fit_rigid2
@@ -202,24 +202,25 @@ def figures_of(laid: list[Laid], scores: Float64, accept: float, *, moved: bool)
     return found
 
 
+def judged(laid: list[Laid], scores: Float64, left_out: Float64) -> dict[str, dict[str, Any]]:
+    """Return :func:`figures_of` natural and moved placements, by scores as used and without their garment."""
+    accept = RobustConfig().accept_confidence
+    return {
+        f"{kind}{suffix}": figures_of(laid, own, accept, moved=kind == "moved")
+        for kind in ("natural", "moved")
+        for suffix, own in (("", scores), ("_garment_left_out", left_out))
+    }
+
+
 def run(options: Options) -> None:
-    """Measure, print and write ``results/confidence.json``."""
+    """Measure and print; ``reliability`` writes the same figures."""
     random = np.random.default_rng(0)
     names = sources(options.recordings)
     laid = [placement for name in names for placement in placements_of(watched(name), random)]
-    weights, accept = CONFIDENCE_WEIGHTS, RobustConfig().accept_confidence
+    weights = CONFIDENCE_WEIGHTS
     if options.learn:
         weights = tuple(float(w) for w in learned_weights(laid))
         print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
     scored = np.array([confidence_of(p.parts, weights) for p in laid])
-    left_out = left_out_scores(laid)
-    figures = {
-        "recordings": len(names),
-        "natural": figures_of(laid, scored, accept, moved=False),
-        "natural_garment_left_out": figures_of(laid, left_out, accept, moved=False),
-        "moved": figures_of(laid, scored, accept, moved=True),
-        "moved_garment_left_out": figures_of(laid, left_out, accept, moved=True),
-    }
+    figures = {"recordings": len(names), **judged(laid, scored, left_out_scores(laid))}
     print(json.dumps(figures, indent=1))
-    if not options.quick:
-        save("confidence", figures, names)

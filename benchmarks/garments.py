@@ -66,7 +66,7 @@ def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[
     compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
     learned = {
         "garment": integration.recording.name.split("-")[0],
-        "misfit": found.fit.energy / len(evidence[0].edge_uv_m),
+        "misfit": recognition.misfit_of(found.fit, evidence[0]),
         "right": found.fit.kind.name == points.kind,
     }
     return integration.recording.name, compared, steps, learned
@@ -226,6 +226,7 @@ def unknown_evidence(loops: list[list[tuple[float, float]]]) -> PieceEvidence:
         edge_normal=np.concatenate(normals),
         edge_std_m=np.zeros(len(edges)),
         edge_free=np.ones(len(edges), dtype=bool),
+        edge_trust=np.ones(len(edges)),
         unseen_uv_m=np.zeros((0, 2)),
         inside_uv_m=inside,
         inside_std_m=np.zeros(len(inside)),
@@ -247,4 +248,4 @@ def unknown_of(loops: list[list[tuple[float, float]]]) -> tuple[str, float]:
 def misfit_of_unknown(loops: list[list[tuple[float, float]]]) -> float:
     """Return the energy per true edge of the best fit of a shape."""
     evidence = unknown_evidence(loops)
-    return recognition.fits_of(evidence)[0].energy / len(evidence.edge_uv_m)
+    return recognition.misfit_of(recognition.fits_of(evidence)[0], evidence)

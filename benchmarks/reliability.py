@@ -20,14 +20,13 @@ from benchmarks.confidence import (
     RIGHT_M,
     WRONG_M,
     Laid,
-    figures_of,
+    judged,
     left_out_scores,
     placements_of,
     watched,
 )
 from benchmarks.output import RESULTS, Options, save, save_page, say
 from benchmarks.unattended import sources
-from flatcloth.core.config import RobustConfig
 from flatcloth.core.types import Float64
 from flatcloth.engine.evaluation import compare
 from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, confidence_of
@@ -38,7 +37,7 @@ _LEAST_PIXELS = 200
 
 
 @dataclass(frozen=True)
-class Sureness:
+class PixelErrors:
     """One recording's pixels: ``error_mm`` and ``std_mm`` (K,)."""
 
     recording: str
@@ -51,13 +50,13 @@ class Sureness:
         return float((self.error_mm <= STDS * factor * self.std_mm + ALLOWED_MM).mean())
 
 
-def least_factor(found: Sequence[Sureness]) -> float:
+def least_factor(found: Sequence[PixelErrors]) -> float:
     """Return the least factor with which 98 % of the pixels of every recording are within three."""
     needed = [np.quantile((s.error_mm - ALLOWED_MM) / (STDS * s.std_mm), WITHIN) for s in found]
     return max(float(np.max(needed)), 0.0)
 
 
-def curve(found: Sequence[Sureness]) -> list[dict[str, float]]:
+def curve(found: Sequence[PixelErrors]) -> list[dict[str, float]]:
     """Return for each bin of claimed standard deviations: the claim, the errors' RMS and quantiles, mm."""
     error = np.concatenate([s.error_mm for s in found])
     std = np.concatenate([s.std_mm for s in found])
@@ -77,7 +76,7 @@ def curve(found: Sequence[Sureness]) -> list[dict[str, float]]:
     return rows
 
 
-def rows_of(found: Sequence[Sureness]) -> list[dict[str, Any]]:
+def rows_of(found: Sequence[PixelErrors]) -> list[dict[str, Any]]:
     """Return a row for each recording, the worst first."""
     rows = []
     for own in found:
@@ -111,31 +110,28 @@ def run(options: Options) -> None:
     """Measure and print; write ``results/reliability.json``, ``.md`` and ``.png`` unless ``quick``."""
     random = np.random.default_rng(0)
     names = sources(options.recordings)
-    sureness, laid = [], []
+    errors, laid = [], []
     for name in names:
         found = watched(name)
         recording, truth = found.integration.recording, found.truth
         view = found.integration.canonical(found.document).view
         compared = compare(view, truth, recording)
         error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
-        sureness.append(Sureness(recording.name, truth.garment, error_mm, compared.std_mm))
+        errors.append(PixelErrors(recording.name, truth.garment, error_mm, compared.std_mm))
         laid += placements_of(found, random)
-        say(f"{recording.name:<24} {sureness[-1].within():.1%} within three standard deviations")
+        say(f"{recording.name:<24} {errors[-1].within():.1%} within three standard deviations")
     scores = np.array([confidence_of(p.parts, CONFIDENCE_WEIGHTS) for p in laid])
-    left_out, accept = left_out_scores(laid), RobustConfig().accept_confidence
+    left_out = left_out_scores(laid)
     figures = {
-        "recordings": rows_of(sureness),
-        "curve": curve(sureness),
-        "natural": figures_of(laid, scores, accept, moved=False),
-        "natural_garment_left_out": figures_of(laid, left_out, accept, moved=False),
-        "moved": figures_of(laid, scores, accept, moved=True),
-        "moved_garment_left_out": figures_of(laid, left_out, accept, moved=True),
+        "recordings": rows_of(errors),
+        "curve": curve(errors),
+        **judged(laid, scores, left_out),
     }
     say(page(figures))
     if not options.quick:
         save("reliability", figures, names)
         save_page("reliability", page(figures), names)
-        _draw(sureness, laid, {"as used": scores, "garment left out": left_out})
+        _draw(errors, laid, {"as used": scores, "garment left out": left_out})
 
 
 def page(figures: dict[str, Any]) -> str:
@@ -172,14 +168,14 @@ Placements: natural ones are those that the method considered, moved ones are wr
 """
 
 
-def _draw(sureness: Sequence[Sureness], laid: Sequence[Laid], scores: dict[str, Float64]) -> None:
+def _draw(errors: Sequence[PixelErrors], laid: Sequence[Laid], scores: dict[str, Float64]) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
-    rows = curve(sureness)
+    rows = curve(errors)
     claimed = [row["claimed_mm"] for row in rows]
     limits = (1.0, 60.0)
     left.plot(limits, limits, color="0.6", linestyle="--", label="RMS error as claimed")

@@ -43,6 +43,7 @@ def evidence_from(
         edge_normal=Rigid2(motion.theta_rad).apply(normals),
         edge_std_m=np.zeros(len(edges)),
         edge_free=np.ones(len(edges), dtype=bool),
+        edge_trust=np.ones(len(edges)),
         unseen_uv_m=np.zeros((0, 2)),
         inside_uv_m=motion.apply(inside),
         inside_std_m=np.zeros(len(inside)),

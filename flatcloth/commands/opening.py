@@ -54,12 +54,12 @@ def _opened(
     current: Path | None,
     chosen: Chosen | None = None,
 ) -> Opened | None:
+    from flatcloth.engine.ahead import begin_ahead
     from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.engine.warmup import compile_beside
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
-    from flatcloth.viewer.server.workspace import Opened
 
     header = None if chosen is None else chosen.header
     if session is not None and session == current:
@@ -73,6 +73,11 @@ def _opened(
     try:
         settle_axis(folder.folder, integration)
         compile_beside()
+        if not options.live:
+            begin_ahead(integration, folder.state)
+        # The scene's library loads only now, while the first shape is being computed.
+        from flatcloth.viewer.server.workspace import Opened
+
         return Opened(
             integration,
             folder,

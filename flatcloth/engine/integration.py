@@ -7,6 +7,7 @@ from several threads.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -164,7 +165,7 @@ class Integration(RecordedViews):
         pending = document.pending
         if pending is None:
             raise FlatclothError("There is no proposal now; step first.")
-        key = (document.start_view, document.accepted, pending.view_index, pending.side)
+        key = (*_shape_of(document), pending.view_index, pending.side)
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
@@ -174,7 +175,7 @@ class Integration(RecordedViews):
         placed = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
         parts = (placed, *pending.also_placed)
         return self._overlays.get(
-            (document.start_view, document.accepted, parts),
+            (*_shape_of(document), parts),
             lambda: place_all([(self.part(p.view_index, p.component), p.current_from_new) for p in parts]),
         )
 
@@ -251,6 +252,9 @@ class Integration(RecordedViews):
             plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
+                if self.algorithm.is_outgrown(document):
+                    reason += " A floating piece has outgrown the shape and takes its place."
+                    return NothingMore(token, reason, takes_largest=True)
                 return NothingMore(token, reason)
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
@@ -304,7 +308,7 @@ class Integration(RecordedViews):
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)
-        key = (document.start_view, document.accepted, proposal.view_index, proposal.side)
+        key = (*_shape_of(document), proposal.view_index, proposal.side)
         self._proposals.put(key, proposal)
         return Proposed(
             token,
@@ -316,6 +320,11 @@ class Integration(RecordedViews):
             why,
             proposal.placement.also,
         )
+
+
+def _shape_of(document: Document) -> tuple[Hashable, ...]:
+    """Return what the shape of a document depends on."""
+    return document.start_view, document.accepted, document.largest_after
 
 
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, check_index
+from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import observe
-from flatcloth.segmentation.result import Segmentation
+from flatcloth.segmentation.result import OF_INTEREST, Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
@@ -177,3 +178,46 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
             for cut in segmentation.cut_off
         ],
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidesLesson:
+    """How the side of interest is found: the views, a slice through the evidence, and a stroke.
+
+    ``frame`` is the start view as recorded; ``found`` without strokes; ``stroke`` contradicts it where a
+    stroke would tell most, and ``stroked`` is found with it; both None if no place is uncertain.
+    """
+
+    frame: RgbdFrame
+    found: Segmentation
+    section: Slice
+    stroke: ImageStroke | None
+    stroked: Segmentation | None
+
+
+def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
+    """Find the sides of a recording for the teaching mode; masks of its own are not used.
+
+    Raises
+    ------
+    SegmentationError, RecordingError
+        As :func:`prepare`.
+    """
+    solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+    found, place = solver.solve(()), solver.where_next(())
+    stroke = None
+    if place is not None:
+        side, _ = found.at(np.array([place.point_m]), np.array([place.normal]))
+        row, col = place.rc
+        stroke = ImageStroke(
+            side="other" if side[0] == OF_INTEREST else "this",
+            view_index=place.view_index,
+            points_rc=((float(row), float(col)),),
+        )
+    return SidesLesson(
+        frame=views.recorded(solver.observed.start_view),
+        found=found,
+        section=telling_slice(solver.observed, views.axis),
+        stroke=stroke,
+        stroked=None if stroke is None else solver.solve((stroke,)),
+    )

@@ -32,6 +32,7 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.integration import Integration, Proposal
+from flatcloth.engine.segmenting import SidesLesson, sides_lesson
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.base import Canonical, Plan
@@ -173,6 +174,7 @@ class Teaching:
         self._integrations: Cache[_PaperIntegration] = Cache(_INTERVALS_KEPT)
         self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
         self._starts: Cache[int] = Cache(1)
+        self._sides: Cache[SidesLesson] = Cache(1)
 
     @cached_property
     def defaults(self) -> Parameters:
@@ -254,6 +256,10 @@ class Teaching:
             plan.side,
         )
         return self._alignments.get(key, lambda: _align(paper, document, plan.view_index, progress))
+
+    def sides(self, progress: Progress = no_progress) -> SidesLesson:
+        """Return how the side of interest is found without masks; errors as :func:`sides_lesson`."""
+        return self._sides.get("sides", lambda: sides_lesson(self._session, progress))
 
     def _paper(self, parameters: Parameters) -> _PaperIntegration:
         config = paper_config(self._session.config, parameters)

@@ -148,14 +148,17 @@ def _covers(earlier: Sheet, sheet: Sheet, asked: Bool) -> Bool:
     Shape and pieces move by themselves, so each is compared with each of the earlier ones.
     """
     covered = np.zeros_like(asked)
+    parts = [
+        replace(earlier.view, valid=earlier.view.valid & (earlier.piece == m))
+        for m in range(len(earlier.pieces) + 1)
+    ]
     for n in range(len(sheet.pieces) + 1):
         own = sheet.view.valid & (sheet.piece == n)
         todo = asked & own
         if not todo.any():
             continue
         piece = replace(sheet.view, valid=own)
-        for m in range(len(earlier.pieces) + 1):
-            before = replace(earlier.view, valid=earlier.view.valid & (earlier.piece == m))
+        for before in parts:
             earlier_from_sheet = motion_between(piece, before)
             if earlier_from_sheet is None:
                 continue

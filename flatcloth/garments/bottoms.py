@@ -6,6 +6,10 @@ from flatcloth.core.types import Float64
 from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
 from flatcloth.garments.sizes import ARTF, FREE, SIZES
 
+_HIP_DEPTH = 0.72
+"""Depth of the hip below the waist, as a share of the rise. Chosen: the hip girth is taken 18 to 21 cm below
+the waist (EN 13402-1), and the rise is about 27 cm."""
+
 
 def _nodes(p: Float64) -> Float64:
     waist, inseam, rise, gap, leg, tilt, waist_bulge, hip = p
@@ -20,7 +24,7 @@ def _nodes(p: Float64) -> Float64:
         (inner_x, length + tilt),
         (zero, rise),
         (0.55 * x, waist_bulge),
-        (x + 0.35 * (outer_x - x) + 2 * hip, 0.35 * length),
+        (x + _HIP_DEPTH * rise / length * (outer_x - x) + hip, _HIP_DEPTH * rise),
     )
 
 
@@ -36,12 +40,13 @@ def legs(name: str, inseam: Parameter, leg: Parameter, gap: Parameter) -> Kind:
             leg,
             Parameter("hem_tilt", 0.0, 0.018, -0.08, 0.08, ARTF),
             Parameter("waist_bulge", 0.0, 0.015, -0.05, 0.06, FREE),
-            Parameter("hip_curve", 0.005, 0.012, -0.04, 0.06, FREE),
+            Parameter("hip", 0.012, 0.014, -0.03, 0.08, SIZES),
         ),
         nodes=_nodes,
         stretches=(
             Stretch(0, 1, 5, is_open=True),
-            Stretch(1, 2, 6),
+            Stretch(1, 6),
+            Stretch(6, 2),
             Stretch(2, 3, is_open=True),
             Stretch(3, 4),
         ),

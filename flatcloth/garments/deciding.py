@@ -17,7 +17,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.placing import place_piece
+from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
     SEEN_STD_M,
     Recognition,
@@ -83,14 +83,11 @@ def decided(
     if own:
         fit = held_fit(fit, evidence[0], own)
     points = points_of(fit, shape, evidence[0], {pull.name: (pull.uv_m, HELD_STD_M) for pull in own})
-    pieces = found.pieces
-    if with_pieces:
-        tried = [place_piece(fit, evidence[0], piece, n) for n, piece in enumerate(evidence[1:3])]
-        pieces = tuple(each for each in tried if each is not None)
+    pieces = tuple(place_pieces(fit, evidence)) if with_pieces else found.pieces
     return replace(
         found,
         fits=(fit, *(each for each in found.fits if each.kind.name != fit.kind.name)),
-        dimensions=dimensions_of(fit),
+        dimensions=dimensions_of(fit, points),
         points=points,
         pieces=pieces,
         by_hand=kind if kind in known else None,

@@ -26,7 +26,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsi
 LEAST_AREA_M2 = 0.012
 """Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart.
 Set by hand."""
-_SPACING_M = 0.006
+SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
 _INSIDE_M = 0.018
@@ -43,6 +43,9 @@ _SAME_M = 0.006
 _PATCH_M = 0.014
 """Radius of the patch that gives the local plane of the cloth. Chosen: a smaller one is noisy, a larger one
 bends."""
+_HALF_TRUSTED = 1.0
+"""Frontal views that saw an edge by which it counts half: a fold's silhouette is taken for an edge by
+one or two views, a hem is seen by six. Chosen; ``python -m benchmarks garments`` has what comes of it."""
 _BEYOND_M = (0.004, 0.012, _FARTHEST_M)
 """Steps outwards at which another piece is looked for. Chosen."""
 _SAME_PLACE_M = 0.008
@@ -71,7 +74,8 @@ class PieceEvidence:
     """Evidence of one piece, in its own plane (u, v), metres.
 
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
-    standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge;
+    standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge,
+    ``edge_trust`` (E,) from 0 to 1 how well it was seen;
     ``unseen_uv_m`` (U, 2) the rest of the border; ``inside_uv_m`` (I, 2) places with cloth, with their
     ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), held frame; ``area_m2`` of the cloth;
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
@@ -84,6 +88,7 @@ class PieceEvidence:
     edge_normal: Float64
     edge_std_m: Float64
     edge_free: Bool
+    edge_trust: Float64
     unseen_uv_m: Float64
     inside_uv_m: Float64
     inside_std_m: Float64
@@ -114,6 +119,7 @@ class PieceEvidence:
             edge_normal=self.edge_normal[e],
             edge_std_m=self.edge_std_m[e],
             edge_free=self.edge_free[e],
+            edge_trust=self.edge_trust[e],
             inside_uv_m=self.inside_uv_m[i],
             inside_std_m=self.inside_std_m[i],
             inside_xyz_m=self.inside_xyz_m[i],
@@ -150,7 +156,7 @@ def evidence_of(
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
     border_rc, outward, hole = _border(solid, piece.pixel_size_m)
     border_uv = piece.uv_from_rc(border_rc)
-    at, free, known = _ends(piece, border_rc, outward, seen_from, others)
+    at, free, trust, known = _ends(piece, border_rc, outward, seen_from, others)
     nearest = np.rint(border_rc).astype(int)
     edge_std = np.zeros(len(border_rc))
     if std is not None and len(border_rc):
@@ -163,6 +169,7 @@ def evidence_of(
         edge_normal=outward[known],
         edge_std_m=edge_std[known],
         edge_free=free[known],
+        edge_trust=trust[known],
         unseen_uv_m=border_uv[~known],
         inside_uv_m=piece.uv_from_rc(inside_rc),
         inside_std_m=np.nan_to_num(inside_std),
@@ -181,7 +188,7 @@ def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:
     length = 0.0
     for n in range(1, int(hole.max(initial=0)) + 1):
         own = known[hole == n]
-        length += own.size * _SPACING_M if own.mean() > 0.7 else 0.0
+        length += own.size * SPACING_M if own.mean() > 0.7 else 0.0
     return length
 
 
@@ -224,7 +231,7 @@ def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray
         line = contour[:, 0, :].astype(np.float64)
         step = np.linalg.norm(np.diff(line, axis=0, append=line[:1]), axis=1)
         along = np.concatenate([[0.0], np.cumsum(step)])
-        count = int(along[-1] * pixel_size_m / _SPACING_M)
+        count = int(along[-1] * pixel_size_m / SPACING_M)
         if count < 8:  # a hole or speck smaller than a button
             continue
         wanted = (np.arange(count) + 0.5) * along[-1] / count
@@ -249,7 +256,7 @@ def _ends(
     outward: Float64,
     seen_from: Sequence[SeenFrom],
     others: Sequence[FlattenedView],
-) -> tuple[Float64, Bool, Bool]:
+) -> tuple[Float64, Bool, Float64, Bool]:
     """Return where the cloth ends beyond each place of the border.
 
     Returns
@@ -258,6 +265,8 @@ def _ends(
         How far outwards.
     free : (K,) bool
         Whether nothing of the item was right behind.
+    trust : (K,) float64
+        From 0 to 1: much where many views saw it end, and frontally.
     known : (K,) bool
         Whether it ends there at all, by the views that saw it facing.
     """
@@ -277,7 +286,7 @@ def _ends(
     stops_here = (ended > 0.15) & (ended > 1.2 * went_on) & ~_goes_on_in(others, start, normal, along)
     known = _in_runs(stops_here, border_rc * piece.pixel_size_m)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return moved / ended, behind > 0.5 * ended, known
+        return moved / ended, behind > 0.5 * ended, ended / (ended + _HALF_TRUSTED), known
 
 
 def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64, along: Float64) -> Bool:
@@ -300,7 +309,7 @@ def _in_runs(known: Bool, places_m: Float64) -> Bool:
     """Keep what is known where most neighbours along the border (K, 2), in its order, are known too."""
     votes, voters = np.zeros(len(known)), np.zeros(len(known))
     for shift in range(-3, 4):
-        near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * _SPACING_M
+        near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * SPACING_M
         votes += near & np.roll(known, shift)
         voters += near
     kept: Bool = known & (votes >= 0.7 * voters)

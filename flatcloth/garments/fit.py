@@ -20,6 +20,9 @@ EDGE_STD_M = 0.008
 """Of a true edge from the outline: patterns and their flattened cloth differ by 3 to 8 mm (NUMERICS)."""
 INSIDE_STD_M = EDGE_STD_M
 """Of points inside from the outline. Chosen equal to ``EDGE_STD_M``."""
+TEMPERATURE = 3.0
+"""Divisor of differences in evidence: errors of neighbouring edges are correlated; see the reliability in
+docs/garments.md."""
 _CROSSING_SPACING_M = 0.010
 """Spacing of the places of the outline that are tested for seen cloth. Chosen: finer than the slack costs
 time."""
@@ -180,10 +183,10 @@ class _Problem:
         std = widened * np.hypot(EDGE_STD_M, piece.edge_std_m)
         z = found.distance / std
         bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
-        each = piece.edge_weight
+        each = piece.edge_weight * piece.edge_trust
         cost = float((0.5 * each * np.square(z) * bounded).sum())
         _add(found, q - pose[1:], slope, at, z / std, each * np.square(bounded), std, gradient, matrix)
-        return cost, each * len(q)
+        return cost, float(each.sum())
 
     def _add_insides(
         self, piece: PieceEvidence, pose: Float64, at: int, outline: Float64, slope: Float64,

@@ -7,6 +7,7 @@ points that cloth joins straight on the plane cannot be nearer there than they h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +15,12 @@ import numpy as np
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.garments.distance import cost_of_poses, inside_outline
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import EDGE_STD_M, Fit, refine
+from flatcloth.garments.fit import EDGE_STD_M, TEMPERATURE, Fit, refine
 
 LEAST_AREA_M2 = 0.006
 """Smaller pieces have too little border to be placed. Set by hand."""
+MOST_PLACED = 2
+"""Floating pieces that are placed, the largest. Chosen for speed."""
 _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
 """Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
 for speed."""
@@ -30,8 +33,6 @@ _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Shares of the line between two pieces at which it must run over the garment. Chosen."""
 _PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
 """Weights of contradicting distances, and of cloth laid on cloth, against the edges. Chosen; not fitted."""
-_TEMPERATURE = 3.0
-"""Divisor of differences in evidence, whose errors are correlated; as in ``recognition``. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,13 @@ class Placed:
     probability: float
     std_m: float
     fit: Fit
+
+
+def place_pieces(fit: Fit, evidence: Sequence[PieceEvidence]) -> list[Placed]:
+    """Return where the largest floating pieces lie by a fit to the main one, the first of ``evidence``."""
+    main, *others = evidence[: 1 + MOST_PLACED]
+    tried = [place_piece(fit, main, piece, index) for index, piece in enumerate(others)]
+    return [each for each in tried if each is not None]
 
 
 def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int) -> Placed | None:
@@ -72,8 +80,8 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
         apart = np.linalg.norm(other.garment_from_piece[1].apply(middle) - at.apply(middle))
         turned = abs(np.sin((other.garment_from_piece[1].theta_rad - at.theta_rad) / 2))
         if other_energy > energy and (apart > 0.03 or turned > 0.1):
-            total += np.exp(-(other_energy - energy) / _TEMPERATURE)
-    own = max(float(piece.edge_weight * len(piece.edge_uv_m)), 1.0)
+            total += np.exp(-(other_energy - energy) / TEMPERATURE)
+    own = max(float(piece.edge_weight * piece.edge_trust.sum()), 1.0)
     # A place whose edges do not fit is rejected, even if all others fit worse.
     misfit = np.exp(-2.0 * max((energy - fit.energy) / own - 1.0, 0.0))
     return Placed(

@@ -17,20 +17,20 @@ import numpy as np
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.distance import to_edges
-from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
-from flatcloth.garments.fit import EDGE_STD_M, Fit, Pull, refine, starts
+from flatcloth.garments.evidence import LEAST_AREA_M2, SPACING_M, PieceEvidence
+from flatcloth.garments.fit import EDGE_STD_M, TEMPERATURE, Fit, Pull, refine, starts
 from flatcloth.garments.model import Kind
-from flatcloth.garments.placing import Placed, place_piece
+from flatcloth.garments.placing import Placed, place_pieces
 from flatcloth.garments.registry import known_kinds
 
 NONE = "none of these"
-TEMPERATURE = 3.0
-"""Errors of neighbouring evidence are correlated; see the reliability in docs/garments.md."""
 MISFIT, MISFIT_STD = 0.135, 0.016
-"""Energy per true edge at which a garment is as likely an unknown one, and how sharply that turns:
+"""Misfit (:func:`misfit_of`) at which a garment is as likely an unknown one, and how sharply that turns:
 ``python -m benchmarks garments`` measures both, with each garment left out too."""
-HOLE_M = 0.10
-"""Length of true edges round holes that makes an unknown garment e times as likely. Set by hand."""
+HOLE_M = 0.03
+"""Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
+inside its outline. Chosen; in no recording of the development is an inner border a true edge all round
+(``python -m benchmarks garments``)."""
 LEAST_EDGES = 40
 """With fewer true edges (24 cm) no kind is given. Set by hand."""
 SURE = 0.90
@@ -68,13 +68,15 @@ class Point:
     """A named point: its place (2,) on the plane of the shape and standard deviation (each axis), m.
 
     ``pixel`` is the pixel (row, col) of the shape where its cloth was seen, or that of a floating
-    ``piece`` which was placed there, by its index; None: predicted only.
+    ``piece`` which was placed there, by its index; None: predicted only. ``doubt_m`` is the part of its
+    deviation that comes of other places of the outline.
     """
 
     uv_m: Float64
     std_m: float
     pixel: tuple[int, int] | None
     piece: int | None = None
+    doubt_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +150,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
         )
     if len(main.edge_uv_m) < LEAST_EDGES:
         raise GarmentError(
-            f"Only {100 * 0.006 * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
+            f"Only {100 * SPACING_M * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
             "a garment is not recognised by so few. Add views that face its edges."
         )
     fits = _with_witnesses(fits_of(main), evidence[1:])
@@ -157,19 +159,19 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
     for fit in fits:
         if fit.log_evidence < fits[0].log_evidence - 4 * TEMPERATURE:
             continue
-        tried = [place_piece(fit, main, piece, n) for n, piece in enumerate(evidence[1:3])]
-        placed[fit.kind.name] = [each for each in tried if each is not None]
+        placed[fit.kind.name] = place_pieces(fit, evidence)
         gains[fit.kind.name] = -sum(_cost(each, fit) for each in placed[fit.kind.name])
     least = min(gains.values(), default=0.0)
     fits.sort(key=lambda f: -(f.log_evidence + gains.get(f.kind.name, least)))
     probabilities = _probabilities(fits, gains, least, main)
     best = _with_pieces(fits[0], placed[fits[0].kind.name])
     fits[0] = best
+    points = points_of(best, shape, main)
     return Recognition(
         probabilities=probabilities,
         fits=tuple(fits),
-        dimensions=dimensions_of(best),
-        points=points_of(best, shape, main),
+        dimensions=dimensions_of(best, points),
+        points=points,
         pieces=tuple(placed[best.kind.name]),
     )
 
@@ -239,15 +241,24 @@ def _probabilities(
     logs = np.array([f.log_evidence + gains.get(f.kind.name, least) for f in fits]) / TEMPERATURE
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
-    misfit = fits[0].energy / len(main.edge_uv_m)
+    misfit = misfit_of(fits[0], main)
     turn = (misfit - MISFIT) / MISFIT_STD + main.hole_edge_m / HOLE_M
     none = 1.0 / (1.0 + math.exp(-min(max(turn, -30.0), 30.0)))
     found = {f.kind.name: float(share * (1.0 - none)) for f, share in zip(fits, shares, strict=True)}
     return {**found, NONE: none}
 
 
-def dimensions_of(fit: Fit) -> dict[str, Measure]:
-    """Return the dimensions of a fit."""
+def misfit_of(fit: Fit, main: PieceEvidence) -> float:
+    """Return the energy of a fit per true edge that can be trusted."""
+    return fit.energy / max(float(main.edge_trust.sum()), 1.0)
+
+
+def dimensions_of(fit: Fit, points: Mapping[str, Point]) -> dict[str, Measure]:
+    """Return the dimensions of a fit, between its named points where they were found.
+
+    A dimension that both sides have is the mean of both, weighted by how well their points are known. Its
+    standard deviation is that of the symmetric outline, with the error and the doubt of its points.
+    """
     count = len(fit.kind.parameters)
     covariance = fit.covariance[:count, :count]
 
@@ -256,12 +267,28 @@ def dimensions_of(fit: Fit) -> dict[str, Measure]:
         pairs = fit.kind.dimensions.values()
         return np.stack([np.linalg.norm(named[a] - named[b], axis=0) for a, b in pairs])
 
-    value, slope = _with_slope(lengths, fit.parameters)
-    std = np.sqrt(np.einsum("kp,pq,kq->k", slope, covariance, slope))
-    return {
-        name: Measure(value_m=float(v), std_m=float(math.hypot(s, POINT_STD_M)))
-        for name, v, s in zip(fit.kind.dimensions, value, std, strict=True)
-    }
+    _, slope = _with_slope(lengths, fit.parameters)
+    outline_std = np.sqrt(np.einsum("kp,pq,kq->k", slope, covariance, slope))
+    found: dict[str, Measure] = {}
+    for (name, (a, b)), std in zip(fit.kind.dimensions.items(), outline_std, strict=True):
+        pairs = {frozenset((a, b)), frozenset((_mirrored(a, points), _mirrored(b, points)))}
+        ends = [tuple(points[end] for end in pair) for pair in pairs]
+        variance = [one.std_m**2 + other.std_m**2 for one, other in ends]
+        off = [float(np.linalg.norm(one.uv_m - other.uv_m)) for one, other in ends]
+        doubt = min(max(one.doubt_m, other.doubt_m) for one, other in ends)
+        found[name] = Measure(
+            value_m=float(np.average(off, weights=1.0 / np.array(variance))),
+            std_m=math.hypot(std, POINT_STD_M, doubt),
+        )
+    return found
+
+
+def _mirrored(name: str, points: Mapping[str, Point]) -> str:
+    """Return the name of a point's mirror image; its own if there is none."""
+    for side, other in (("_right", "_left"), ("_left", "_right")):
+        if name.endswith(side) and (mirrored := name.removesuffix(side) + other) in points:
+            return mirrored
+    return name
 
 
 def points_of(
@@ -295,8 +322,10 @@ def points_of(
         own = np.s_[2 * n : 2 * n + 2]
         point_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
-        std = math.hypot(std, math.sqrt(doubt[n]))  # the edges nearby do not tell which optimum is right
-        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel_near(uv, shape) if std <= SEEN_STD_M else None)
+        doubt_m = math.sqrt(doubt[n])
+        std = math.hypot(std, doubt_m)  # the edges nearby do not tell which optimum is right
+        pixel = pixel_near(uv, shape) if std <= SEEN_STD_M else None
+        points[name] = Point(uv_m=uv, std_m=std, pixel=pixel, doubt_m=doubt_m)
     return points
 
 
@@ -348,7 +377,7 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
     near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= FOLLOWED_M
     if near.sum() < 6:
         return uv, std_m
-    q, normal = main.edge_uv_m[near], main.edge_normal[near]
+    q, normal, trust = main.edge_uv_m[near], main.edge_normal[near], main.edge_weight * main.edge_trust[near]
     shift: Float64 = np.zeros(2)
     precision = np.eye(2) / std_m**2
     for _ in range(4):
@@ -357,7 +386,7 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
         away, distance = np.zeros((count, 2)), np.zeros(count)
         to_edges(q - shift, normal, outline_uv, side, share, away, distance)
         z = distance / EDGE_STD_M
-        weight = main.edge_weight * np.square(9.0 / (9.0 + np.square(z))) / EDGE_STD_M**2
+        weight = trust * np.square(9.0 / (9.0 + np.square(z))) / EDGE_STD_M**2
         matrix = precision + (away * weight[:, None]).T @ away
         pull: Float64 = away.T @ (weight * (distance + away @ shift))
         shift = np.linalg.solve(matrix, pull).astype(np.float64)

@@ -10,7 +10,8 @@ from flatcloth.garments.sizes import ARTF, FREE, SIZES
 
 
 def _nodes(p: Float64) -> Float64:
-    chest, waist_ratio, length, shoulder_ratio, neck, neck_depth, drop, armhole, *sleeves = p
+    chest, waist_ratio, length, shoulder_ratio, neck, neck_depth, *rest = p
+    roundness, drop, armhole, *sleeves = rest
     sleeve, angle, cuff, skew, bulge = sleeves
     half = chest / 2
     shoulder_x, shoulder_y = shoulder_ratio * half, drop
@@ -28,7 +29,7 @@ def _nodes(p: Float64) -> Float64:
         (half, armhole),
         (waist_x, length),
         (zero, length + bulge),
-        (0.45 * neck, neck_depth),
+        ((0.25 + 0.25 * roundness) * neck, (0.5 + 0.5 * roundness) * neck_depth),
         (0.55 * waist_x, length + bulge),
     )
 
@@ -44,6 +45,7 @@ def shirt(name: str, sleeve: Parameter, angle: Parameter, cuff: Parameter) -> Ki
             Parameter("shoulder_ratio", 0.86, 0.08, 0.6, 1.1, ARTF, "1"),
             Parameter("neck_width", 0.18, 0.035, 0.10, 0.32, SIZES),
             Parameter("neck_depth", 0.07, 0.04, 0.0, 0.22, FREE),
+            Parameter("neck_roundness", 0.8, 0.2, -0.2, 1.2, FREE, "1"),
             Parameter("shoulder_drop", 0.030, 0.015, 0.0, 0.09, ARTF),
             Parameter("armhole_depth", 0.225, 0.035, 0.12, 0.36, ARTF),
             sleeve,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.signal import savgol_filter
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -141,5 +140,8 @@ def _length_in_space(view: FlattenedView, path: Float64) -> float:
     xyz = np.stack([np.interp(steps, known, xyz[known, k]) for k in range(3)], axis=1)
     window = min(2 * round(_SMOOTHING_M / view.pixel_size_m / 2) + 1, len(xyz) - 1 + len(xyz) % 2)
     if window >= 5:
+        # Loads a quarter of what the program needs until its page is open, and is needed later, if at all.
+        from scipy.signal import savgol_filter
+
         xyz = savgol_filter(xyz, window, 2, axis=0)
     return float(np.linalg.norm(np.diff(xyz, axis=0), axis=1).sum())

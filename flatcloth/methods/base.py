@@ -393,6 +393,10 @@ class Method(Protocol):
         """Return whether the other views contradict the view accepted last; False if not checked."""
         return False
 
+    def is_outgrown(self, document: Document) -> bool:
+        """Return whether a floating piece is larger than the shape; False if the method keeps none."""
+        return False
+
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the cloth that a component and the shape have in common; None if the method finds none."""
         return None

@@ -185,8 +185,10 @@ def accumulate(
             alike += m[a] * n[a]
         if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
+        unlikely = 1.0
         if spread[0] > 0.0:
-            likely = 1.0 / (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
+            unlikely = (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
+            likely = 1.0 / unlikely
             sums.tally[1] += likely
             sums.tally[2] += likely * distance**2
         # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
@@ -207,8 +209,7 @@ def accumulate(
         if spread[0] > 0.0:
             _row(x, (n[0], n[1], n[2]), transforms, row)
             row[6] = by_fat
-            robust = weight / (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
-            _add(0, block, row, robust, distance, sums)
+            _add(0, block, row, weight / unlikely, distance, sums)
         if source.inner[r_own, c_own] and target.inner[r, c]:
             point = _MovedPoint(p, by_fattening, x, r_at, col, block, row)
             own = source.texture[:, r_own, c_own]

@@ -42,9 +42,10 @@ def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> I
 
 
 def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
-    if not 0 <= stroke.view_index < observed.view_count:
+    if stroke.view_index not in observed.view_numbers:
         raise SegmentationError(
-            f"{name}: view {stroke.view_index} does not exist; the recording has {observed.view_count}."
+            f"{name}: view {stroke.view_index} does not exist; "
+            f"the recording has {len(observed.view_numbers)}."
         )
     view = observed.views.get(stroke.view_index)
     if view is None:

@@ -76,13 +76,14 @@ class ObservedView:
 class Observed:
     """What the views show, before any stroke; immutable.
 
-    ``views`` the views that show the item, by their number in the recording; ``clusters``,
-    ``graph`` the evidence; ``partition`` the sides it says, ``samples`` (K, M) those of disturbed
-    evidence; ``start_view`` the view that shows most of the item; ``cut_off`` what was no item.
+    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of
+    all views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says,
+    ``samples`` (K, M) those of disturbed evidence; ``start_view`` the view that shows most of the item;
+    ``cut_off`` what was no item.
     """
 
     views: dict[int, ObservedView]
-    view_count: int
+    view_numbers: frozenset[int]
     clusters: Clusters
     graph: SignedGraph
     partition: Partition
@@ -107,7 +108,7 @@ def observe(
     Parameters
     ----------
     frames : sequence of RgbdFrame
-        All views, in the order of the recording.
+        The views, in the order of the recording; all of them, or some.
     axis : RotationAxis
         Turning axis, camera frame of view 0.
     held_point_m : (3,) float64
@@ -122,8 +123,11 @@ def observe(
     Raises
     ------
     SegmentationError
-        If no view shows an item, or there are two.
+        If no view shows an item, or there are two; or if two frames have the same number.
     """
+    at = {frame.view_index: n for n, frame in enumerate(frames)}
+    if len(at) != len(frames):
+        raise SegmentationError("Two frames have the same view number; give each view once.")
     settings = settings or SegmentationConfig()
     progress(0.0, "looking for the item")
     item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
@@ -148,12 +152,14 @@ def observe(
     graph = signed_graph(clusters, links, noise_m, settings)
     progress(0.8, "sides")
     views = {
-        surface.frame.view_index: _view(surface, item, pose, label, cos, frames, settings)
+        surface.frame.view_index: _view(
+            surface, item.masks[at[surface.frame.view_index]], pose, label, cos, settings
+        )
         for surface, pose, label, cos in zip(surfaces, poses, labels, facing, strict=True)
     }
     return Observed(
         views=views,
-        view_count=len(frames),
+        view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
         partition=partition(graph),
@@ -222,18 +228,16 @@ def _clustered(
 
 def _view(
     surface: Surface,
-    item: Item,
+    item: Bool,
     pose: Rigid3,
     label: Int32,
     facing: Float32,
-    frames: Sequence[RgbdFrame],
     settings: SegmentationConfig,
 ) -> ObservedView:
     frame = surface.frame
-    full = frames[frame.view_index - frames[0].view_index]
     top, left = frame.offset_rc
     rows, cols = frame.depth_m.shape
-    own = item.masks[frame.view_index - frames[0].view_index][top : top + rows, left : left + cols]
+    own = item[top : top + rows, left : left + cols]
     k = frame.intrinsics
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
@@ -242,7 +246,7 @@ def _view(
     return ObservedView(
         view_index=frame.view_index,
         offset_rc=frame.offset_rc,
-        full_shape=full.depth_m.shape,
+        full_shape=(item.shape[0], item.shape[1]),
         intrinsics=k,
         object_from_camera=pose,
         item=own,

@@ -160,10 +160,14 @@ class Followed:
 
 @dataclass(frozen=True)
 class NothingMore:
-    """Answer: no view can add anything; ``reason`` says why."""
+    """Answer: no view can add anything; ``reason`` says why.
+
+    ``takes_largest``: a floating piece is larger than the shape, and becomes the shape.
+    """
 
     token: int
     reason: str
+    takes_largest: bool = False
 
 
 @dataclass(frozen=True)

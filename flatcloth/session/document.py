@@ -126,7 +126,11 @@ class Pending:
 
 @dataclass(frozen=True)
 class Document:
-    """The result of all decisions: everything that undo restores."""
+    """The result of all decisions: everything that undo restores.
+
+    ``largest_after``: after so many accepted views the integration ended, and the largest piece, which
+    floated, became the shape.
+    """
 
     start_view: int | None = None
     accepted: tuple[Accepted, ...] = ()
@@ -137,6 +141,7 @@ class Document:
     later: tuple[Later, ...] = ()
     strokes: tuple[Decision, ...] = ()
     garment: GarmentDecisions = field(default_factory=GarmentDecisions)
+    largest_after: tuple[int, ...] = ()
 
     @property
     def put_off(self) -> frozenset[int]:
@@ -204,6 +209,13 @@ def accept(document: Document, score: float | None) -> Document:
         added = before  # unchanged: the views that follow it stay unchanged
     document = _without_verdict(document, pending.view_index)
     return replace(document, accepted=(*document.accepted, added), pending=None)
+
+
+def finish(document: Document, reason: str, *, takes_largest: bool) -> Document:
+    """End the integration; the largest piece becomes the shape if it ``takes_largest``."""
+    if takes_largest:
+        document = replace(document, largest_after=(*document.largest_after, len(document.accepted)))
+    return replace(document, finished=reason)
 
 
 def reject(document: Document, view_index: int, reason: str) -> Document:

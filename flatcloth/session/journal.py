@@ -117,6 +117,7 @@ _ADDED: dict[type[Any], set[str]] = {
     session.Nudge: {"how"},
     session.Proposed: {"why", "also"},
     session.Followed: {"also"},
+    session.NothingMore: {"takes_largest"},
 }
 """Fields that journals of earlier versions lack; they take the default."""
 

@@ -396,8 +396,8 @@ def _answer(state: SessionState, event: Event) -> SessionState:
             return replace(state, document=edits.propose(document, _pending_of(event)))
         case Followed(current_from_new=motion, score=score, component=component, also=also):
             return _go_on(replace(state, document=edits.follow(document, motion, score, component, also)))
-        case NothingMore(reason=reason):
-            return replace(state, document=replace(document, finished=reason))
+        case NothingMore(reason=reason, takes_largest=takes_largest):
+            return replace(state, document=edits.finish(document, reason, takes_largest=takes_largest))
         case Failed():
             return state
 

@@ -28,7 +28,7 @@ export class SceneMarks {
     this.width = this.height = 0;
     this.busy = false;
     this.wanted = null;
-    this.messages = { hover_ray: (message) => this.take(message) };
+    this.messages = { hover_ray: (message) => this.take(message), picked: (message) => this.highlight(message) };
     page.canvas.drawers.push((_, context, style) => this.drawOnPlane(context, style));
     this.frame.addEventListener("load", () => this.listen());
     const tick = () => {
@@ -41,6 +41,13 @@ export class SceneMarks {
   update(state) {
     this.picks = state.picks ?? [];
     this.current = state.pick?.id ?? null;
+    this.dirty = true;
+  }
+
+  /** A new pick is shown at once; its name, its place on the plane and its numbers come with the next state. */
+  highlight(pick) {
+    this.picks = [...this.picks.filter(({ id }) => id !== pick.id), pick];
+    this.current = pick.id;
     this.dirty = true;
   }
 

@@ -4,11 +4,13 @@ import { byId, make, setAllowed } from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
+import { SIDE_STAGES } from "/static/teaching/sides.js";
 
 /** @type {[string, any[]][]} */
 const GROUPS = [
   ["Flattening one view", FLATTENING_STAGES],
   ["Adding the next view", EXTENDING_STAGES],
+  ["Without masks", SIDE_STAGES],
 ];
 export const STAGES = GROUPS.flatMap(([, stages]) => stages);
 

@@ -8,7 +8,8 @@ import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
-const PARTS = ["flattening", "planning", "alignment"];
+const AHEAD = ["flattening", "planning", "alignment"]; // asked for before they are wanted
+const PARTS = [...AHEAD, "sides"];
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
@@ -143,6 +144,7 @@ export class Teaching {
   }
 
   query(part) {
+    if (part === "sides") return {}; // the same whatever is changed
     const start = this.session.startView();
     const query = start === null ? {} : { start_view: start };
     for (const [name, value] of Object.entries(this.changed))
@@ -154,7 +156,7 @@ export class Teaching {
   async load() {
     const first = STAGES[this.at].part;
     const round = (this.round = (this.round ?? 0) + 1);
-    for (const part of [first, ...PARTS.filter((p) => p !== first)]) {
+    for (const part of [first, ...AHEAD.filter((p) => p !== first)]) {
       if (round !== this.round || !this.open) return;
       await this.fetch(part, part === first);
     }
@@ -370,7 +372,7 @@ export class Teaching {
 
   showSliders(stage) {
     const lesson = PARTS.map((p) => this.lessons[p]?.lesson).find(Boolean);
-    byId("teaching-sliders").hidden = !lesson;
+    byId("teaching-sliders").hidden = !lesson || !stage.parameters.length;
     if (!lesson) return;
     const values = this.parameters();
     for (const label of this.root.querySelectorAll(".teaching-slider")) {

@@ -207,6 +207,17 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
     assert isinstance(made.answer(state.document, apply(state, Propose()).request), NothingMore)  # type: ignore[arg-type]
 
 
+def test_at_the_end_a_larger_piece_takes_the_place_of_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Integration(Cylinder(angles_deg=(0.0,)))
+    state = started(made)
+    monkeypatch.setattr(made.algorithm, "is_outgrown", lambda _document: True)
+    ended = stepped(made, state, Propose())
+    assert ended.document.largest_after == (0,)
+    assert "takes its place" in (ended.document.finished or "")
+    made.canonical(ended.document)  # nothing floats here: the shape is the largest piece
+    assert not Integration(Cylinder(angles_deg=(0.0,))).algorithm.is_outgrown(state.document)
+
+
 def test_an_unknown_method_names_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="paper"):
         Integration(Cylinder(), method="magic")

@@ -1,13 +1,19 @@
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import pytest
+from plates import plate
 from scenes import AXIS, Cylinder, box, frame, plane
 
+from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.playing.camera import CameraPlayer
 from flatcloth.engine.playing.recording import LivePlayer
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_item
@@ -86,3 +92,25 @@ def test_both_interpolations_agree_inside_and_the_smooth_one_reaches_further() -
     assert both.mean() > 0.99
     off = linear.xyz_m[at[both, 0], at[both, 1]] - smooth.xyz_m[rc[both, 0], rc[both, 1]]
     assert np.percentile(np.linalg.norm(off, axis=1), 95) < 1.5e-3
+
+
+def test_a_camera_shows_the_item_without_the_gripper() -> None:
+    (view,) = plate((0.0,), gripper=True)
+    shown = CameraPlayer(Integration(Cylinder()), cast("CameraFeed", OneFrame(view.frame))).show(0)
+    row, col = np.rint(shown.view.source_rc[shown.view.valid]).astype(int).T
+    assert view.front[row, col].all()
+    assert len(np.unique(row)) > 0.9 * view.front.any(axis=1).sum()
+    assert len(shown.cloud.xyz_m) > view.front.sum()  # the cloud shows what the camera sees
+
+
+class OneFrame:
+    """A camera that always sees the same."""
+
+    def __init__(self, frame: RgbdFrame) -> None:
+        self.frame, self.camera, self.time_s = frame, None, 0.0
+
+    def newest(self, _than_s: float | None, _timeout_s: float) -> OneFrame:
+        return self
+
+    def rgbd(self, _camera: object) -> RgbdFrame:
+        return self.frame

@@ -16,7 +16,14 @@ from flatcloth.garments.distance import inside_outline, outside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
 from flatcloth.garments.placing import place_piece
-from flatcloth.garments.recognition import NONE, held_fit, probabilities_of, recognise
+from flatcloth.garments.recognition import (
+    NONE,
+    Point,
+    dimensions_of,
+    held_fit,
+    probabilities_of,
+    recognise,
+)
 from flatcloth.garments.registry import kind_named, known_kinds
 
 KINDS = (
@@ -166,6 +173,36 @@ def test_where_the_cloth_goes_on_or_is_covered_is_no_true_edge() -> None:
     assert len(evidence.unseen_uv_m) > 15
 
 
+def test_an_edge_that_more_views_saw_is_trusted_more() -> None:
+    shape, view = sheet_seen(measured(19, 101))
+    once, often = (evidence_of(shape, [view] * count) for count in (1, 6))
+    assert len(once.edge_trust) == len(once.edge_uv_m)
+    assert (once.edge_trust > 0.0).all()
+    assert (often.edge_trust < 1.0).all()
+    assert often.edge_trust.min() > once.edge_trust.max()
+
+
+def test_an_outline_keeps_to_trusted_edges_where_others_contradict_them() -> None:
+    main = evidence_from(at_mean("towel"))
+    right = main.edge_normal[:, 0] > 0.9
+    # A fold inside of the towel, seen by one view, beside the edge that many saw.
+    folded = main.edge_uv_m[right] - np.array([0.03, 0.0])
+    both = dataclasses.replace(
+        main,
+        edge_uv_m=np.concatenate([main.edge_uv_m, folded]),
+        edge_normal=np.concatenate([main.edge_normal, main.edge_normal[right]]),
+        edge_std_m=np.zeros(len(right) + right.sum()),
+        edge_free=np.ones(len(right) + right.sum(), dtype=bool),
+        edge_trust=np.concatenate([np.full(len(right), 0.9), np.full(right.sum(), 0.1)]),
+        inside_uv_m=main.inside_uv_m[:0],
+        inside_std_m=main.inside_std_m[:0],
+        inside_xyz_m=main.inside_xyz_m[:0],
+    )
+    kind = kind_named("towel")
+    fitted = refine(kind, (both,), kind.mean, (Rigid2(),))
+    assert abs(fitted.parameters[0] - kind.mean[0]) < 0.004
+
+
 def _listed(seen: tuple[FlattenedView, SeenFrom]) -> tuple[FlattenedView, list[SeenFrom]]:
     return seen[0], [seen[1]]
 
@@ -237,7 +274,7 @@ def test_a_star_is_none_of_these() -> None:
 
 def test_a_hole_with_edges_all_round_speaks_for_no_known_kind() -> None:
     main = evidence_from(at_mean("towel"))
-    holed = dataclasses.replace(main, hole_edge_m=1.2)
+    holed = dataclasses.replace(main, hole_edge_m=0.38)  # 12 cm wide
     assert probabilities_of(main)[NONE] < 0.05
     assert probabilities_of(holed)[NONE] > 0.9
 
@@ -279,10 +316,32 @@ def test_named_points_are_found_with_their_cloth_and_predicted_without() -> None
         abs(answer.dimensions["width"].value_m - 0.5) < 0.01
         or abs(answer.dimensions["length"].value_m - 0.5) < 0.01
     )
+    sides = {frozenset(points) for points in answer.fit.kind.dimensions.values()}
+    off = {side: np.linalg.norm(np.subtract(*(answer.points[end].uv_m for end in side))) for side in sides}
+    for name, (a, b) in answer.fit.kind.dimensions.items():
+        assert abs(answer.dimensions[name].value_m - off[frozenset((a, b))]) < 1e-9
     half = view.valid.copy()
     half[:, 250:] = False
     predicted = recognise(blank_view(half), [main])
     assert {point.pixel is None for point in predicted.points.values()} == {True, False}
+
+
+def test_a_dimension_is_between_the_points_found_the_better_known_side_counting_more() -> None:
+    _view, main = towel_shape(Rigid2(0.1, 0.45, 0.5))
+    fit = refine(kind_named("skirt"), (main,), kind_named("skirt").mean, (Rigid2(),))
+    places = {
+        "waist_left": (0.0, 0.0),
+        "waist_right": (0.4, 0.0),
+        "hem_left": (0.0, 0.5),
+        "hem_right": (0.4, 0.6),
+    }
+    stds = {name: 0.01 if name.endswith("left") else 0.03 for name in places}
+    points = {name: Point(uv_m=np.array(uv), std_m=stds[name], pixel=None) for name, uv in places.items()}
+    found = dimensions_of(fit, points)
+    assert abs(found["waist_width"].value_m - 0.4) < 1e-9
+    assert abs(found["side_length"].value_m - (0.9 * 0.5 + 0.1 * 0.6)) < 1e-9
+    doubted = {name: dataclasses.replace(point, doubt_m=0.3) for name, point in points.items()}
+    assert dimensions_of(fit, doubted)["side_length"].std_m > 0.3 > found["side_length"].std_m
 
 
 def test_a_held_point_stays_where_it_was_put() -> None:

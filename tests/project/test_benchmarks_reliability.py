@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.confidence import Laid, figures_of
-from benchmarks.reliability import Sureness, curve, least_factor, roc, rows_of
+from benchmarks.reliability import PixelErrors, curve, least_factor, roc, rows_of
 from benchmarks.speed import best_s, unit_s
 
 RANDOM = np.random.default_rng(0)
 
 
-def sure(garment: str, claimed_too_small_by: float = 1.0) -> Sureness:
+def sure(garment: str, claimed_too_small_by: float = 1.0) -> PixelErrors:
     std = RANDOM.uniform(2.0, 14.0, 20000)
     error = np.abs(RANDOM.standard_normal(std.size)) * std * claimed_too_small_by
-    return Sureness(f"{garment}-clean", garment, error, std)
+    return PixelErrors(f"{garment}-clean", garment, error, std)
 
 
 def laid(error_m: float, *, moved: bool = False) -> Laid:

@@ -216,3 +216,20 @@ def test_an_empty_foreground_is_refused():
 def test_one_view_is_enough():
     found = solver_of(VIEWS[:1]).solve(())
     assert shares(found, VIEWS[:1])[0] == 1.0
+
+
+def test_some_views_of_a_recording_keep_their_numbers(solver):
+    chosen = [0, 2, 3, 7, 8, 9, 11, 16, 17]
+    some = solver_of([VIEWS[n] for n in chosen])
+    found = some.solve(())
+    assert set(some.observed.views) == set(chosen)
+    right = sum((found.mask(n) & VIEWS[n].front).sum() for n in chosen)
+    assert right == sum(found.mask(n).sum() for n in chosen)
+    assert right > 0.9 * sum(VIEWS[n].front.sum() for n in chosen)
+    back = some.solve((stroke(view=9),))
+    assert not (back.mask(0) & VIEWS[0].front).any()
+    assert back.changed.views == tuple(chosen)
+    with pytest.raises(SegmentationError, match="decision 1: view 1 does not exist; the recording has 9"):
+        some.solve((stroke(view=1),))
+    with pytest.raises(SegmentationError, match="same view number"):
+        solver_of([VIEWS[0], VIEWS[0]])

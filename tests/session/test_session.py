@@ -134,6 +134,14 @@ def test_the_end_is_told_and_a_view_chosen_by_hand_goes_on() -> None:
     assert apply(on, Undo()).phase is Phase.FINISHED
 
 
+def test_a_piece_that_is_the_shape_at_the_end_stays_it_while_the_session_goes_on() -> None:
+    state = after(*STARTED, Propose(), NothingMore(2, "The turn is complete.", takes_largest=True))
+    assert state.document.largest_after == (0,)
+    on = apply(apply(state, Propose(4)), Proposed(3, 4, Rigid2()))
+    assert apply(on, Accept(4)).document.largest_after == (0,)
+    assert apply(on, Restart()).document.largest_after == ()
+
+
 @pytest.mark.parametrize(
     ("steps", "command", "reason"),
     [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -152,6 +153,28 @@ def test_frames_come_with_all_that_both_sides_need(serve):
     assert state["live"] == {"playing": True, "forward": True, "fps": STILL}
     position = server._scene._frustum.position
     np.testing.assert_allclose(position, 0, atol=1e-9)
+
+
+def test_without_masks_the_side_is_looked_for_and_the_frame_is_flattened_again(serve, integration, player):
+    found, strokes = threading.Event(), []
+
+    def segment(asked):
+        strokes.append(asked)
+        assert found.wait(WAIT_S)
+        return SimpleNamespace(segmentation=SimpleNamespace(text="Side of interest: 7 cm2 seen."))
+
+    integration.sides, integration.segment = object(), segment
+    with LiveTab(serve(STILL)) as tab:
+        tab.frame_where(lambda _: True)
+        tab.until(lambda m: any("all of the item is shown" in n["text"] for n in m.get("log", ())))
+        tab.say(type="play", playing=False)
+        tab.state_where(lambda s: not s["live"]["playing"])
+        before = len(player.shown)
+        found.set()
+        tab.frame_where(lambda f: f["sequence"] > before)
+        tab.until(lambda m: any("7 cm2" in n["text"] for n in tab.state["log"]))
+    assert player.shown[before:] == [player.shown[before - 1]]  # paused: the same frame, with its mask
+    assert strokes == [()]
 
 
 def test_playing_goes_on_by_itself(serve):

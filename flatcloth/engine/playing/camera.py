@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,13 @@ import numpy as np
 from flatcloth.cameras.base import CameraError
 from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
-from flatcloth.core.errors import FlatclothError, SurfaceError
+from flatcloth.core.errors import FlatclothError, SegmentationError, SurfaceError
 from flatcloth.core.geometry import back_project
-from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
+from flatcloth.segmentation.item import find_item
 
 NOTHING_YET_S = 2.0
 """A camera that delivers no new frame for this long is reported. Set by hand."""
@@ -22,10 +24,14 @@ MOST_POINTS = 25_000
 """Most points of a live cloud; browsers cannot receive more at 30 frames per second. Set by hand."""
 BEHIND_M = 0.7
 """Points farther than this behind the nearest one are not drawn. Set by hand."""
+HOLDER_INTERVAL_S = 1.0
+"""How often the gripper is looked for, which takes two frames' time. Chosen."""
+HOLDER_M = 0.02
+"""What lies this near to where the gripper was is the gripper. Chosen: it moves little in a second."""
 
 
 class CameraPlayer(LivePlayer):
-    """Flattens the newest frame of a camera; not thread-safe.
+    """Flattens the newest frame of a camera, without what holds the item; not thread-safe.
 
     Parameters
     ----------
@@ -39,6 +45,8 @@ class CameraPlayer(LivePlayer):
         super().__init__(integration)
         self._feed = feed
         self._shown_s: float | None = None
+        self._holder_m: Float32 | None = None
+        self._looked_s = -HOLDER_INTERVAL_S
 
     def show(self, view_index: int) -> LiveFrame:
         """Wait for a new frame and flatten it.
@@ -56,6 +64,7 @@ class CameraPlayer(LivePlayer):
         item = check_frame(frame).item
         if not item.any():
             raise SurfaceError("The camera sees no item to flatten.")
+        item = self._without_holder(frame, item)
         try:
             view, took_ms = self.flattened(replace(frame, mask=item))
         except FlatclothError as error:
@@ -66,6 +75,21 @@ class CameraPlayer(LivePlayer):
             view_index=view_index, xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_)
         )
         return LiveFrame(view_index=view_index, angle_deg=0.0, view=view, cloud=cloud, flatten_ms=took_ms)
+
+    def _without_holder(self, frame: RgbdFrame, item: Bool) -> Bool:
+        """Return the item (H, W) without the gripper and other things, as they were a moment ago."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s >= HOLDER_INTERVAL_S:
+            self._looked_s = now_s
+            try:
+                found = find_item([replace(frame, mask=None)], None, None, self._integration.config.surface)
+                self._holder_m = np.where(item & ~found.masks[0], frame.depth_m, np.inf).astype(np.float32)
+            except SegmentationError:  # two items, say: the frame is shown as it is
+                self._holder_m = None
+        if self._holder_m is None or self._holder_m.shape != item.shape:
+            return item
+        own = item & (np.abs(frame.depth_m - self._holder_m) > HOLDER_M)
+        return own if own.any() else item
 
 
 class CameraRecording:

@@ -8,7 +8,7 @@ from flatcloth.garments.sizes import FREE, SIZES
 
 
 def _nodes(p: Float64) -> Float64:
-    chest, hem_ratio, length, neck, neck_depth, strap, drop, armhole, cut, bulge, flare = p
+    chest, hem_ratio, length, neck, neck_depth, roundness, strap, drop, armhole, cut, bulge, flare = p
     half = chest / 2
     zero = 0.0 * half
     shoulder_x = neck / 2 + strap
@@ -20,7 +20,7 @@ def _nodes(p: Float64) -> Float64:
         (half, armhole),
         (hem_x, length),
         (zero, length + bulge),
-        (0.45 * neck, neck_depth),
+        ((0.25 + 0.25 * roundness) * neck, (0.5 + 0.5 * roundness) * neck_depth),
         (shoulder_x - cut, 0.85 * armhole),
         ((half + hem_x) / 2 - 2 * flare, (armhole + length) / 2),
         (0.55 * hem_x, length + bulge),
@@ -35,6 +35,7 @@ KIND = Kind(
         Parameter("length", 0.88, 0.18, 0.40, 1.5, SIZES),
         Parameter("neck_width", 0.19, 0.04, 0.10, 0.34, SIZES),
         Parameter("neck_depth", 0.10, 0.05, 0.0, 0.30, FREE),
+        Parameter("neck_roundness", 0.8, 0.2, -0.2, 1.2, FREE, "1"),
         Parameter("strap_width", 0.065, 0.025, 0.015, 0.14, FREE),
         Parameter("shoulder_drop", 0.020, 0.012, 0.0, 0.07, FREE),
         Parameter("armhole_depth", 0.225, 0.035, 0.12, 0.36, SIZES),

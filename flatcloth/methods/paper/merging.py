@@ -145,7 +145,7 @@ def without(
 
     Another component of this view is other cloth, so it lies nowhere else.
     """
-    valid = current.valid.copy()
+    valid: Bool = np.array(current.valid)
     rc = np.argwhere(valid)
     uv = current.uv_from_rc(rc)
     for layer in layers:

@@ -246,9 +246,7 @@ class PaperMethod(Method):
                         found.append(self._aligned(document, view, view, n, progress, beside))
         return found
 
-    def _starts_on(
-        self, current: FlattenedView, document: Document, view_index: int, component: int
-    ) -> bool:
+    def _starts_on(self, current: FlattenedView, document: Document, view_index: int, component: int) -> bool:
         """Tell whether the initial estimate of a component of an accepted view overlaps the current view."""
         canonical, angle = self.canonical(document), self.angles_deg[view_index]
         new = self._views.part(view_index, component)

@@ -157,7 +157,7 @@ def _composite(view: _PlacedView, canvas: _Canvas) -> None:
             present = cloth_triangles(part, steps, r, c)
             for k in range(4):
                 if present[k]:
-                    _fill(points, pixel_cost, (r, c), BLOCK_TRIANGLES[k], number, source, cost, label)
+                    _fill(view, (r, c), BLOCK_TRIANGLES[k], canvas)
     # Pixels without triangles (strips of one pixel, folded outlines) are drawn as points.
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
@@ -171,16 +171,11 @@ def _composite(view: _PlacedView, canvas: _Canvas) -> None:
 
 @njit(cache=True, nogil=True)
 def _fill(
-    points: Float64,
-    pixel_cost: Float32,
-    at: tuple[int, int],
-    corners: tuple[tuple[int, int], ...],
-    number: int,
-    source: Float32,
-    cost: Float32,
-    label: NDArray[np.int16],
+    view: _PlacedView, at: tuple[int, int], corners: tuple[tuple[int, int], ...], canvas: _Canvas
 ) -> None:
     """Fill one triangle of the block of pixels at (row, col); mirrored ones are left out."""
+    points, _, _, pixel_cost, number = view
+    source, cost, label = canvas
     (r0, c0), (r1, c1), (r2, c2) = corners
     r0, r1, r2 = at[0] + r0, at[0] + r1, at[0] + r2
     c0, c1, c2 = at[1] + c0, at[1] + c1, at[1] + c2

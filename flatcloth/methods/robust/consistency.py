@@ -27,7 +27,7 @@ _FAR_M = 0.045
 hand."""
 _SAME_SURFACE_M = 0.030
 """Nodes that lie on others are one layer if they are nearer to each other in space than this. Set by hand."""
-_MOST_OFF_M = 0.04
+_MOST_APART_M = 0.04
 """Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
 _OTHER_PIECE_M = 5.0
 """Floating pieces lie farther apart than this on the plane. Set by hand."""
@@ -82,7 +82,8 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     nodes = np.unique(pairs)
     near = cKDTree(xyz_m[nodes]).query_pairs(_SAME_SURFACE_M, output_type="ndarray")
     layer = np.full(len(xyz_m), -1)
-    layer[nodes] = connected_components(_graph(near, np.ones(len(near)), nodes.size), directed=False)[1]
+    nearby = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(nodes.size,) * 2)
+    layer[nodes] = connected_components(nearby, directed=False)[1]
     both, count = np.unique(np.sort(layer[pairs], axis=1), axis=0, return_counts=True)
     count = np.where(both[:, 0] == both[:, 1], 0, count)
     if count.any():
@@ -135,11 +136,11 @@ def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence:
     edges, length_m, evidence
         The pairs of the view.
     """
-    place = _guessed_places(uv_m, edges, evidence, _MOST_OFF_M)
+    place = _guessed_places(uv_m, edges, evidence, _MOST_APART_M)
     apart = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
     guessed = np.isnan(uv_m[edges, 0]).sum(axis=1)
     with np.errstate(invalid="ignore"):
-        found: Bool = (apart - (1 + guessed) * length_m > _MOST_OFF_M) & (apart < _OTHER_PIECE_M)
+        found: Bool = (apart - (1 + guessed) * length_m > _MOST_APART_M) & (apart < _OTHER_PIECE_M)
     return found
 
 
@@ -163,7 +164,3 @@ def _guessed_places(uv: Float64, edges: Int32, evidence: Float64, agreed_m: floa
                 most[node] = agreed
                 place[node] = uv[known]
     return place
-
-
-def _graph(pairs: Int64, values: Float64, n: int) -> coo_matrix:
-    return coo_matrix((values, (pairs[:, 0], pairs[:, 1])), shape=(n, n))

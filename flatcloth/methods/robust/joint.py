@@ -25,7 +25,7 @@ from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
 from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
 from flatcloth.methods.robust.layout import (
-    MOST_OFF_M,
+    MOST_DRIFT_M,
     Links,
     grown_layout,
     lay_out,
@@ -213,6 +213,24 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
     return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
 
 
+def largest_piece(shape: JointShape) -> int:
+    """Return the number of the piece with the most nodes: 0 if it is the main one."""
+    sizes = np.bincount(shape.piece[shape.piece >= 0])
+    return int(sizes.argmax()) if sizes.size else 0
+
+
+def with_largest_piece(shape: JointShape) -> JointShape:
+    """Return the shape with its largest piece as the main one; the main piece floats in its place."""
+    largest = largest_piece(shape)
+    if largest == 0:
+        return shape
+    piece, uv = shape.piece.copy(), shape.all_uv_m.copy()
+    main, floating = piece == 0, piece == largest
+    piece[main], piece[floating] = largest, 0
+    uv[main] += np.nanmean(uv[floating], axis=0) - np.nanmean(uv[main], axis=0)
+    return _anchored(replace(shape, piece=piece, all_uv_m=uv))
+
+
 def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
     """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
 
@@ -315,7 +333,7 @@ def _grown_anew(
     reached = both_ends(np.isfinite(z.real), links.edges[within])
     inside, anew = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
-    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_OFF_M, 1.0, 0.0))
+    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
     left = _overlapping(shape, grown)
     if np.unique(left).size >= np.unique(overlapping).size:
         return uv_m, weight, overlapping

@@ -35,11 +35,11 @@ _MAJORISATIONS = 6
 """Limit of the steps of a minimisation. Chosen for speed; the weights are updated between minimisations."""
 _TOLERANCE = 2e-3
 """Relative decrease of the energy that ends it earlier. Chosen for speed."""
-MOST_OFF_M = 0.04
+MOST_DRIFT_M = 0.04
 """A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm. Set by
 hand."""
-_OPINION_M = 0.012
-"""In a layout grown anew, opinions about a place that differ by less than this agree: a node's distance. Set
+_SAME_PLACE_M = 0.012
+"""In a layout grown anew, predictions of a place that differ by less than this (a node's distance) agree. Set
 by hand."""
 
 Int64 = NDArray[np.int64]
@@ -146,11 +146,11 @@ def grown_layout(
     together = np.bincount(pair, evidence)[pair]
     seed = int(edges[together.argmax(), 0])
     ends_by_node = _EdgeEnds(first, order)
-    layout: Complex128 = _grow(edges, member, offset, evidence, n_members, ends_by_node, seed, _OPINION_M)
+    layout: Complex128 = _grow(edges, member, offset, evidence, n_members, ends_by_node, seed, _SAME_PLACE_M)
     return layout
 
 
-_MOST_OPINIONS = 256
+_MOST_PREDICTIONS = 256
 """Pairs of a node that are heard. Chosen: a node has at most eight in a view; it bounds the memory."""
 
 
@@ -173,7 +173,7 @@ def _grow(
     n_members: int,
     ends: _EdgeEnds,
     seed: int,
-    opinion_m: float,
+    same_place_m: float,
 ) -> Complex128:
     """See :func:`grown_layout`."""
     first, order = ends
@@ -181,28 +181,28 @@ def _grow(
     z = np.full(n, complex(np.nan, np.nan))
     placed, leads = np.zeros(n, dtype=np.bool_), np.zeros(n)
     rotation = np.zeros(n_members, dtype=np.complex128)
-    opinion, weight = np.empty(_MOST_OPINIONS, dtype=np.complex128), np.empty(_MOST_OPINIONS)
+    prediction, weight = np.empty(_MOST_PREDICTIONS, dtype=np.complex128), np.empty(_MOST_PREDICTIONS)
     node, count = seed, 0
     while node >= 0:
         known = 0
         for s in range(first[node], first[node + 1]):
             e, end = order[s] % m, order[s] // m
             other = edges[e, 1 - end]
-            if not placed[other] or known >= _MOST_OPINIONS:
+            if not placed[other] or known >= _MOST_PREDICTIONS:
                 continue
             turn = rotation[member[e, 1 - end]]
             if count == 1:
                 turn = complex(1.0, 0.0)
             if abs(turn) > 0.0:
                 along = offset[e, 1 - end] * turn / abs(turn)
-                opinion[known] = z[other] + (along if end == 1 else -along)
+                prediction[known] = z[other] + (along if end == 1 else -along)
                 weight[known] = evidence[e]
                 known += 1
         leads[node] = -1.0
         if count == 0:
             z[node] = complex(0.0, 0.0)
         elif known > 0:
-            z[node] = _agreed(opinion[:known], weight[:known], opinion_m)
+            z[node] = _agreed(prediction[:known], weight[:known], same_place_m)
         if math.isfinite(z[node].real):
             placed[node] = True
             count += 1
@@ -211,7 +211,7 @@ def _grow(
                 other = edges[e, 1 - end]
                 if placed[other]:
                     along = z[edges[e, 1]] - z[edges[e, 0]]
-                    if abs(abs(along) - abs(offset[e, 0])) < opinion_m:
+                    if abs(abs(along) - abs(offset[e, 0])) < same_place_m:
                         for k in range(2):
                             rotation[member[e, k]] += evidence[e] * along * np.conj(offset[e, k])
                 else:
@@ -224,15 +224,15 @@ def _grow(
 
 
 @njit(cache=True, nogil=True)
-def _agreed(opinion: Complex128, weight: Float64, opinion_m: float) -> complex:
-    """Return the mean of the opinions around the one with which the most weight agrees."""
+def _agreed(prediction: Complex128, weight: Float64, same_place_m: float) -> complex:
+    """Return the mean of the predictions around the one with which the most weight agrees."""
     best, most = complex(0.0, 0.0), -1.0
-    for a in range(opinion.size):
+    for a in range(prediction.size):
         total, place = 0.0, complex(0.0, 0.0)
-        for b in range(opinion.size):
-            if abs(opinion[a] - opinion[b]) < opinion_m:
+        for b in range(prediction.size):
+            if abs(prediction[a] - prediction[b]) < same_place_m:
                 total += weight[b]
-                place += weight[b] * opinion[b]
+                place += weight[b] * prediction[b]
         if total > most:
             best, most = place / total, total
     return best

@@ -22,6 +22,7 @@ from flatcloth.methods.base import (
     Views,
 )
 from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.joint import largest_piece
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -33,8 +34,8 @@ from flatcloth.session.machine import Accepted, Document, Later, Side
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
 hand."""
-_TOLD = 6
-"""Candidates of a plan that are told. Set by hand."""
+_LISTED = 6
+"""Candidates that a plan lists. Set by hand."""
 
 
 class RobustMethod(Method):
@@ -83,7 +84,7 @@ class RobustMethod(Method):
                 + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
             ),
             sides=(),
-            candidates=tuple(rated[:_TOLD]),
+            candidates=tuple(rated[:_LISTED]),
         )
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -139,6 +140,10 @@ class RobustMethod(Method):
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
+    def is_outgrown(self, document: Document) -> bool:
+        """Return whether a floating piece has more nodes than the shape."""
+        return largest_piece(self.shapes.shape(document)) != 0
+
     def is_contradicted(self, document: Document) -> bool:
         """Return whether this share is too large for acceptance without an operator."""
         return self.contradiction(document) > _MOST_CONTRADICTION
@@ -183,5 +188,5 @@ def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
 
 
 def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
-    candidates = tuple(rated[:_TOLD])
+    candidates = tuple(rated[:_LISTED])
     return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)

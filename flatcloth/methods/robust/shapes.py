@@ -17,7 +17,14 @@ from flatcloth.core.types import Bool, Float64, Int32, Rigid2
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import BroughtPiece, Canonical, Views
 from flatcloth.methods.robust.compositing import composite, pixel_cost
-from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint, floating_pieces, with_poses
+from flatcloth.methods.robust.joint import (
+    JointShape,
+    begin_joint,
+    extend_joint,
+    floating_pieces,
+    with_largest_piece,
+    with_poses,
+)
 from flatcloth.methods.robust.observations import Association, Observation, associate
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined, with_placement_std
 from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
@@ -78,14 +85,17 @@ class JointShapes:
 
     def _grown(self, document: Document) -> JointShape:
         """Extend the longest prefix of the decisions whose shape is kept."""
-        start, accepted = document.start_view, document.accepted
-        assert start is not None
-        known, made = self._prefixes.longest(start, accepted)
+        assert document.start_view is not None
+        start, *steps = prefix(document)
+        known, made = self._prefixes.longest(start, steps)
         if made is None:
-            made = self._kept((start,), self._begin(start))
-        for n in range(known, len(accepted)):
-            before = (start, *accepted[:n])
-            made = self._kept((*before, accepted[n]), self._extend(before, made, accepted[n]))
+            made = self._kept((start,), self._begin(document.start_view))
+        for n in range(known, len(steps)):
+            before, step = (start, *steps[:n]), steps[n]
+            if isinstance(step, Accepted):
+                made = self._kept((*before, step), self._extend(before, made, step))
+            else:
+                made = with_largest_piece(made)
         return made
 
     def _kept(self, key: Hashable, made: JointShape) -> JointShape:
@@ -287,10 +297,11 @@ class JointShapes:
 
     def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
         """Return for each view the rigid motion closest to the joint shape's effect on its component."""
-        motions = {}
-        for n, observation in enumerate(shape.observations):
+        motions, steps = {}, prefix(document)
+        keys = [steps[: n + 1] for n, step in enumerate(steps) if step != _LARGEST]
+        for key, observation in zip(keys, shape.observations, strict=True):
             view, there = observation.view_index, shape.all_uv_m[observation.node]
-            own, component = self._own_places((document.start_view, *document.accepted[:n]), observation)
+            own, component = self._own_places(key, observation)
             good = (
                 (component == document.placed_components.get(view, 0))
                 & np.isfinite(own[:, 0])
@@ -321,9 +332,16 @@ def _with_piece_moved(shape: JointShape, carried: CarriedPiece) -> JointShape:
     return replace(shape, all_uv_m=uv, piece=piece, by_hand=shape.by_hand | own)
 
 
-def prefix(document: Document) -> Hashable:
-    """Return the part of a document that its shape depends on."""
-    return (document.start_view, *document.accepted)
+_LARGEST = "the largest piece becomes the shape"
+
+
+def prefix(document: Document) -> tuple[Hashable, ...]:
+    """Return the part of a document that its shape depends on: the start view, then the steps from there."""
+    steps: list[Hashable] = [document.start_view]
+    for n in range(len(document.accepted) + 1):
+        steps += [_LARGEST] * (n in document.largest_after)
+        steps += document.accepted[n : n + 1]
+    return tuple(steps)
 
 
 def _own_bytes(shape: JointShape) -> int:

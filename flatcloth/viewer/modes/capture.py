@@ -35,7 +35,6 @@ from flatcloth.viewer.modes.player import Shown
 from flatcloth.viewer.modes.playhead import RateMeter
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.routes.capture import capture_routes
-from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute
@@ -114,7 +113,6 @@ class CaptureApplication(LiveApplication):
         self._camera_fps = 0.0
         self._told_s = self._looked_s = 0.0
         self._framed_at: np.ndarray[Any, Any] | None = None
-        self._beside = Worker("flatcloth-look")
         self._busy = threading.Event()
         feed.on_frame, feed.on_end = self._on_frame, self._on_end
 
@@ -127,7 +125,6 @@ class CaptureApplication(LiveApplication):
         """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
         super().stop()
-        self._beside.stop(timeout_s=2.0)
         with self._lock:
             if self._guided is not None:
                 self._guided.close()

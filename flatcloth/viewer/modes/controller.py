@@ -119,7 +119,7 @@ class PageController(ABC):
         self._page_settings = SettingsStore(
             getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
         )
-        self._picks = PickStore(folder, integration.axis, scene_view.show_pick)
+        self._picks = PickStore(folder, integration.axis, scene_view.show_pick, self._highlight)
         self._places = PlaceStore()
         self.garments = GarmentService(integration)
         self._picture: Picture | None = None
@@ -282,6 +282,11 @@ class PageController(ABC):
         self._picks.add(self._picture, u_m, v_m, name=name)
         self._turn_to_pick()
         self._publish()
+
+    def _highlight(self, pick: Pick) -> None:
+        """Let the tabs mark a new pick in the scene before its numbers and the scene itself follow."""
+        position = [float(x) for x in pick.position_held_m]
+        self._sink.tell(None, {"type": "picked", "id": pick.id, "position_held_m": position})
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg

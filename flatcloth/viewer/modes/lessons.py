@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
@@ -16,6 +17,7 @@ from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import diverging_table
 from flatcloth.rendering.pictures import grid_of
+from flatcloth.segmentation.result import Segmentation
 
 CM2 = 1e4
 """Square centimetres in a square metre."""
@@ -127,8 +129,7 @@ def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, 
 
 def _image(surface: Surface) -> Uint8:
     """Return the part of the image around the item, pale off the surface (H, W, 4)."""
-    alpha = np.where(surface.usable, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)
-    return np.dstack([surface.frame.color, alpha])
+    return _faded(surface.frame.color, surface.usable)
 
 
 def _normals(view: FlattenedView) -> Uint8:
@@ -250,3 +251,71 @@ def _line(parcel: Parcel, name: str, line: ZAngleLine) -> dict[str, Any]:
 
 def _motion(motion: Rigid2) -> list[float]:
     return [motion.theta_rad, motion.u_m, motion.v_m]
+
+
+# --- the side of interest --------------------------------------------------------------------------
+
+
+def sides_parcel(lesson: SidesLesson) -> Parcel:
+    """Return what the page draws of the side of interest."""
+    parcel, found, section = Parcel(), lesson.found, lesson.section
+    observed, frame = found.observed, lesson.frame
+    view = observed.views[frame.view_index]
+    item = view.whole(view.item)
+    parcel.picture("image", _faded(frame.color, item))
+    parcel.array("section_mm", 1e3 * section.place_m, "float32")
+    parcel.array("section_normal", section.normal, "float32")
+    parcel.array("section_side", found.side[section.cluster], "int8")
+    parcel.array("alike", section.alike, "int32")
+    parcel.array("opposite", section.opposite, "int32")
+    parcel.array("section_rc", np.argwhere(np.isin(view.cluster, section.cluster) & view.surface), "int16")
+    cut: dict[str, float] = {}
+    for piece in found.cut_off:
+        if piece.view_index == frame.view_index:
+            cut[piece.kind] = cut.get(piece.kind, 0.0) + CM2 * piece.area_m2
+    graph = observed.graph
+    parcel.values = {
+        "view_index": frame.view_index,
+        "item_px": int(item.sum()),
+        "cut_off_cm2": cut,
+        "n_views": len(observed.views),
+        "clusters": observed.clusters.count,
+        "n_alike": int((graph.weight > 0).sum()),
+        "n_opposite": int((graph.weight < 0).sum()),
+        "samples": len(observed.samples),
+        "certainty": found.mean_certainty,
+        "found_cm2": CM2 * found.area_of_interest_m2,
+        "undecided_cm2": CM2 * found.area_undecided_m2,
+        "first": _labels(parcel, "first", found, frame.view_index),
+        "stroke": None,
+    }
+    stroke, stroked = lesson.stroke, lesson.stroked
+    if stroke is not None and stroked is not None:
+        at = stroke.view_index
+        top, left = observed.views[at].offset_rc
+        row, col = stroke.points_rc[0]
+        parcel.values["stroke"] = {
+            "side": stroke.side,
+            "view_index": at,
+            "at": [col - left, row - top],
+            "before": _labels(parcel, "before", found, at),
+            "after": _labels(parcel, "after", stroked, at),
+            "certainty": stroked.mean_certainty,
+            "undecided_cm2": CM2 * stroked.area_undecided_m2,
+            "changed": "" if stroked.changed is None else stroked.changed.text,
+        }
+    return parcel
+
+
+def _labels(parcel: Parcel, name: str, found: Segmentation, view_index: int) -> dict[str, Any]:
+    labels = found.view(view_index)
+    assert labels is not None
+    parcel.array(f"{name}_side", labels.side, "int8")
+    parcel.array(f"{name}_percent", np.rint(100 * labels.certainty), "uint8")
+    rows, cols = labels.side.shape
+    return {"rows": rows, "cols": cols, "offset_rc": list(labels.offset_rc)}
+
+
+def _faded(color: Uint8, item: Bool) -> Uint8:
+    """Return an image, pale off the item (H, W, 4)."""
+    return np.dstack([color, np.where(item, 255, _OFF_THE_SURFACE_ALPHA).astype(np.uint8)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import struct
 import time
 from dataclasses import replace
@@ -22,6 +23,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.snapshot import live_snapshot
+from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -32,6 +34,7 @@ DEFAULT_FPS = 30.0
 STATE_INTERVAL_S = 0.25
 """Interval of updates of picks and numbers while playing; when paused they are immediate."""
 
+_log = logging.getLogger(__name__)
 _LENGTH = struct.Struct("<I")
 
 
@@ -61,6 +64,7 @@ class LiveApplication(PageController):
         self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._staged: Shown | None = None
+        self._beside = Worker("flatcloth-beside")
         self._loop = LiveLoop(
             player,
             integration.recording.angles_deg,
@@ -71,9 +75,31 @@ class LiveApplication(PageController):
         )
 
     def start(self) -> None:
-        """Start playing."""
+        """Start playing; without masks, the side of interest is found meanwhile."""
         self._put(None, self._begin)
         self._loop.start()
+        if self._integration.sides is not None:
+            self._beside.put(self._find_sides)
+
+    def _find_sides(self) -> None:
+        """Find the side of interest in all views, with the session's strokes."""
+        look = "Looking for the side of interest in all views; until it is found, all of the item is shown."
+        self._put(None, lambda: self._tell(None, "info", look))
+        try:
+            masks = self._integration.segment(self._folder.state.document.strokes)
+        except FlatclothError as error:
+            text = f"{error} All of the item is shown."
+            self._put(None, lambda: self._tell(None, "warning", text))
+            return
+        except Exception:  # noqa: BLE001 - told and logged
+            _log.exception("the side of interest could not be found")
+            text = "Unexpected error while finding the side of interest. See the terminal."
+            self._put(None, lambda: self._tell(None, "error", text))
+            return
+        assert masks is not None
+        found = masks.segmentation.text
+        self._put(None, lambda: self._tell(None, "info", found))
+        self._loop.again()
 
     def _prepare(self, frame: int) -> object:
         """Read a frame ahead, on a second thread."""
@@ -83,6 +109,7 @@ class LiveApplication(PageController):
         """Stop playing, and both threads."""
         self._loop.stop(timeout_s=5.0)
         self._front.stop(timeout_s=5.0)
+        self._beside.stop(timeout_s=2.0)
 
     def leave(self, client: int) -> None:
         """Handle the closing of a tab."""

@@ -135,6 +135,12 @@ class LiveLoop:
                 self._due_s = time.monotonic() + 1.0 / self._head.fps
             self._changed.notify()
 
+    def again(self) -> None:
+        """Flatten the present frame once more: its mask is another."""
+        with self._changed:
+            self._wanted = True
+            self._changed.notify()
+
     def hold(self, sequence: int | None) -> Shown | None:
         """Pause at a recently shown frame, or at the last one, and return it."""
         with self._changed:

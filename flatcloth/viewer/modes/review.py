@@ -188,7 +188,10 @@ class ReviewService:
         document = None if picture is None else picture.document
         if picture is None or document is None:
             return JSONResponse({"revision": 0})
-        key = document.start_view, document.accepted, document.rejected, document.skipped, document.strokes
+        key = (
+            *(document.start_view, document.accepted, document.largest_after),
+            *(document.rejected, document.skipped, document.strokes),
+        )
         try:
             found = await run_in_threadpool(
                 lambda: self._results.get(key, lambda: result_of(self._areas, document))

@@ -178,9 +178,8 @@ class Application(PageController):
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None
             case messages.WhereToStroke():
-                self._sides.where_next(
-                    self._state.document.strokes, lambda answer: self._sink.tell(client, answer)
-                )
+                strokes = self._state.document.strokes
+                self._sides.where_next(strokes, lambda answer: self._sink.tell(client, answer))
             case (
                 messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
             ):
@@ -261,10 +260,9 @@ class Application(PageController):
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
-        if changed:
-            self._tell(None, "info", changed)
-        else:
-            self._publish()
+        if not changed:
+            return self._publish()
+        self._tell(None, "info", changed)
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:

@@ -21,7 +21,14 @@ from starlette.types import Receive, Scope, Send
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress
 from flatcloth.engine.teaching import Parameters, Teaching
-from flatcloth.viewer.modes.lessons import CM2, alignment_parcel, flattening_parcel, planning_parcel, record
+from flatcloth.viewer.modes.lessons import (
+    CM2,
+    alignment_parcel,
+    flattening_parcel,
+    planning_parcel,
+    record,
+    sides_parcel,
+)
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -29,8 +36,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-PARTS = ("flattening", "planning", "alignment")
-"""The available parts: Fig. 2, Fig. 4a, and the rest of Fig. 4."""
+PARTS = ("flattening", "planning", "alignment", "sides")
+"""The available parts: Fig. 2, Fig. 4a, the rest of Fig. 4, and the side of interest without masks."""
 
 SLIDERS: dict[str, dict[str, float]] = {
     "sampling_interval_px": {"low": 8, "high": 24, "step": 2},
@@ -101,14 +108,18 @@ class TeachingRoutes:
             self._teaching = Teaching(self._integration)
         teaching, defaults = self._teaching, _plain(self._teaching.defaults)
         start = asked["start_view"]
-        view = teaching.start_view(progress) if start is None else start
+        if start is None and part != "sides":  # its start view is its own
+            start = teaching.start_view(progress)
         parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
         axis = self._integration.axis
+        view = 0 if start is None else start
         match part:
             case "flattening":
                 parcel = flattening_parcel(teaching.flattening(view, parameters, progress), axis)
             case "planning":
                 parcel = planning_parcel(teaching.planning(view, parameters, progress), axis)
+            case "sides":
+                parcel = sides_parcel(teaching.sides(progress))
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
         common = {

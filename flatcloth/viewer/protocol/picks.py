@@ -54,16 +54,13 @@ class CurrentPick:
     miss_m: float = 0.0
     grip: Grip = field(default_factory=Grip)
 
-    def pose(self, picture: Picture, axis: RotationAxis) -> GraspPose | None:
-        """Return its grasp pose on the present shape."""
-        return grasp_pose(picture.view, self.pick.position_held_m, self.pick.normal_held, axis, self.grip)
-
 
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
     ``show(position, normal, gripper)`` shows the ball, the arrow and the gripper's lines in the
-    scene, or hides them.
+    scene, or hides them. ``added(pick)`` is called as soon as a new pick is stored, before its grasp pose
+    is computed and the scene is drawn.
     """
 
     def __init__(
@@ -71,10 +68,13 @@ class PickStore:
         folder: SessionFolder,
         axis: RotationAxis,
         show: Callable[[Float64 | None, Float64 | None, Float64 | None], None],
+        added: Callable[[Pick], None] = lambda _pick: None,
     ) -> None:
         self._folder = folder
         self._axis = axis
         self._show = show
+        self._added = added
+        self._pose: tuple[Picture, CurrentPick, GraspPose | None] | None = None
         # A session in memory also has its grips in memory.
         self._book = GripStore(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
@@ -83,6 +83,18 @@ class PickStore:
     def turn_about(self, axis: RotationAxis) -> None:
         """Set the turning axis."""
         self._axis = axis
+        self._pose = None
+
+    def pose(self, picture: Picture) -> GraspPose | None:
+        """Return the current pick's grasp pose on a shape; None without one, or if its normal is unknown."""
+        current = self.current
+        if current is None:
+            return None
+        if self._pose is None or self._pose[0] is not picture or self._pose[1] is not current:
+            position, normal = current.pick.position_held_m, current.pick.normal_held
+            pose = grasp_pose(picture.view, position, normal, self._axis, current.grip)
+            self._pose = picture, current, pose
+        return self._pose[2]
 
     def add(
         self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None, name: str = ""
@@ -99,6 +111,7 @@ class PickStore:
             grasp.source_rc,
         )
         self.picks = (*self.picks, pick)
+        self._added(pick)
         self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m), picture)
 
     def add_on_ray(
@@ -175,7 +188,7 @@ class PickStore:
         if current is None:
             self._show(None, None, None)
         else:
-            pose = None if picture is None else current.pose(picture, self._axis)
+            pose = None if picture is None else self.pose(picture)
             gripper = None if pose is None else pose.gripper_m()
             self._show(current.pick.position_held_m, current.pick.normal_held, gripper)
 
@@ -240,8 +253,10 @@ class PlaceStore:
         return self._places[key]
 
 
-def numbers(current: CurrentPick, place: Place, picture: Picture, axis: RotationAxis) -> dict[str, Any]:
-    """Return all numbers of the current pick, for the page and the clipboard."""
+def numbers(
+    current: CurrentPick, place: Place, picture: Picture, axis: RotationAxis, pose: GraspPose | None
+) -> dict[str, Any]:
+    """Return all numbers of the current pick, with its grasp pose, for the page and the clipboard."""
     pick = current.pick
     position = np.asarray(pick.position_held_m, dtype=np.float64)
     normal = np.asarray(pick.normal_held, dtype=np.float64)
@@ -262,5 +277,5 @@ def numbers(current: CurrentPick, place: Place, picture: Picture, axis: Rotation
         "view_index": pick.view_index,
         "source_rc": list(pick.source_rc),
         "miss_m": current.miss_m,
-        "grip": grip_numbers(current.pose(picture, axis)),
+        "grip": grip_numbers(pose),
     }

@@ -16,7 +16,7 @@ from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table
-from flatcloth.viewer.protocol.picks import CurrentPick, PickStore, PlaceStore, numbers
+from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, numbers
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _common(
         "auto": {"running": status.auto},
         "edges": status.edges,
         "layers": None if picture is None else _layers(picture),
-        "pick": _pick(picks.current, picture, places, integration.axis),
+        "pick": _pick(picks, picture, places, integration.axis),
         "picks": [_listed(p, picture, places) for p in picks.picks],
         "log": [n.plain() for n in status.log],
     }
@@ -340,12 +340,13 @@ def center_uv_m(pending: Pending, overlay: Overlay) -> tuple[float, float]:
 
 
 def _pick(
-    current: CurrentPick | None, picture: Picture | None, places: PlaceStore, axis: RotationAxis
+    picks: PickStore, picture: Picture | None, places: PlaceStore, axis: RotationAxis
 ) -> dict[str, Any] | None:
+    current = picks.current
     if current is None or picture is None:
         return None
     place = places.place(picture, current.pick.position_held_m)
-    return numbers(current, place, picture, axis)
+    return numbers(current, place, picture, axis, picks.pose(picture))
 
 
 def _listed(pick: Pick, picture: Picture | None, places: PlaceStore) -> dict[str, Any]:

@@ -10,7 +10,14 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
-from flatcloth.methods.robust.joint import _anchored, _solved, floating_pieces, with_poses
+from flatcloth.methods.robust.joint import (
+    _anchored,
+    _solved,
+    floating_pieces,
+    largest_piece,
+    with_largest_piece,
+    with_poses,
+)
 from flatcloth.methods.robust.layout import _robust_weight
 from flatcloth.methods.robust.observations import averaged
 
@@ -104,6 +111,19 @@ def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     similar = (COLUMN >= 9) & (COLUMN < 16)  # 70 nodes beside 60
     shape = _solved(shape_of(UV, [views[0], observed(UV, similar, 1)], small))
     assert set(shape.piece[small]) == {0}
+    # At the end the larger one is the shape, in the middle of the plane, and stays it from there on.
+    assert largest_piece(shape) == 1
+    ended = with_largest_piece(shape)
+    assert set(ended.piece[similar]) == {0}
+    assert set(ended.piece[small]) == {1}
+    assert off_m(ended.uv_m[similar], UV[similar]) < 1e-4
+    assert off_m(ended.all_uv_m[small], UV[small]) < 1e-4
+    np.testing.assert_allclose(ended.uv_m[similar].mean(axis=0), 0.0, atol=1e-12)
+    apart = np.linalg.norm(ended.all_uv_m[small].mean(axis=0) - ended.uv_m[similar].mean(axis=0))
+    assert apart > 5.0
+    on = _solved(ended)
+    np.testing.assert_allclose(on.uv_m[similar], ended.uv_m[similar], atol=1e-6)
+    assert with_largest_piece(on) is on
 
 
 def test_unreliable_parts_of_the_main_piece_float_as_connected_pieces() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.engine import views
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust import shapes
+from flatcloth.methods.robust.joint import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
 
@@ -64,6 +66,30 @@ def test_small_caches_cost_no_work_as_a_shape_grows(monkeypatch: pytest.MonkeyPa
         other.canonical(documents[-1]).view.xyz_m, made.canonical(documents[-1]).view.xyz_m
     )
     assert len(extended) == 1
+
+
+def test_the_largest_piece_is_the_shape_from_where_the_integration_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken: list[tuple[int, ...]] = []
+
+    def taking(shape: JointShape) -> JointShape:
+        taken.append(shape.views)
+        return replace(shape, all_uv_m=shape.all_uv_m + 1.0, anchor_uv_m=shape.anchor_uv_m + 1.0)
+
+    monkeypatch.setattr(shapes, "with_largest_piece", taking)
+    made, own = integration()
+    document = grown(made, 1, 2, 3)[-1]
+    ended = replace(document, largest_after=(2,))
+    canonical, before = made.canonical(ended), made.canonical(document)
+    assert taken == [(0, 1, 2)]
+    np.testing.assert_array_equal(canonical.view.xyz_m, before.view.xyz_m)
+    moved = np.subtract(canonical.view.origin_uv_m, before.view.origin_uv_m)
+    np.testing.assert_allclose(moved, 1.0, atol=1e-3)
+    assert set(canonical.current_from_view) == {0, 1, 2, 3}
+    # What was before is as it was.
+    assert own.shape(replace(ended, accepted=ended.accepted[:1])).views == (0, 1)
+    assert len(taken) == 1
 
 
 def test_prefixes_are_counted_without_what_they_share() -> None:

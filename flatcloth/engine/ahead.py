@@ -1,0 +1,31 @@
+"""The shape that a page shows first, computed while the page and its libraries still load."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+
+from flatcloth.engine.integration import Integration
+from flatcloth.session.machine import SessionState, Start, apply
+
+
+def begin_ahead(integration: Integration, state: SessionState) -> None:
+    """Compute a session's present shape on a thread of its own; who asks for it meanwhile waits for this one.
+
+    A session without a start view gets one chosen. Where the side of interest must be found first, nothing
+    is done: that takes longer, and the session tells its progress.
+    """
+    if integration.sides is None:
+        threading.Thread(
+            target=_compute, args=(integration, state), name="flatcloth-ahead", daemon=True
+        ).start()
+
+
+def _compute(integration: Integration, state: SessionState) -> None:
+    # What fails here fails again when the session asks for it, which reports it.
+    with contextlib.suppress(Exception):
+        if state.document.start_view is None:
+            state = apply(state, Start())
+            assert state.request is not None
+            state = apply(state, integration.answer(state.document, state.request))
+        integration.canonical(state.document)

@@ -1,0 +1,271 @@
+// The stages of the side of interest: the item, the evidence of two layers, the sides, and a stroke.
+
+import { length, number } from "/static/page/format.js";
+import { imageBox, shareOf } from "/static/teaching/detail.js";
+import { columns, painted, rgbOf } from "/static/teaching/draw.js";
+import { cm2 } from "/static/teaching/fig2.js";
+import { cases, equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
+
+const UNDECIDED = 0;
+const NO_ITEM = 2;
+const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without colour, too
+
+const percent = (share) => `${number(100 * share, 0)} %`;
+
+// --- pictures of labels ----------------------------------------------------------------------------
+
+/** The labels of a view, or their certainty, as a picture of the size of its crop. */
+function labelPicture(sheet, lesson, name, grid, certain) {
+  const side = lesson.array[`${name}_side`];
+  const sure = lesson.array[`${name}_percent`];
+  const [ours, other, none, low] = ["kept", "new", "even", "panel"].map((color) => rgbOf(sheet.color[color]));
+  return painted(grid.rows, grid.cols, (i) => {
+    if (side[i] === NO_ITEM) return null;
+    if (certain) {
+      const share = Math.min(1, Math.max(0, (sure[i] - 50) / 50));
+      return [...ours.map((c, k) => c * share + low[k] * (1 - share)), 255];
+    }
+    const striped =
+      side[i] === UNDECIDED && (Math.floor(i / grid.cols) + (i % grid.cols)) % (2 * STRIPE_PX) < STRIPE_PX;
+    const color = side[i] === UNDECIDED ? (striped ? none : low) : side[i] > 0 ? ours : other;
+    return [...color, 235];
+  });
+}
+
+const boxOfGrid = (grid) => ({ left: -0.5, top: -0.5, right: grid.cols - 0.5, bottom: grid.rows - 0.5 });
+
+function drawLabels(sheet, rect, key, lesson, name, grid, certain) {
+  const box = boxOfGrid(grid);
+  const map = sheet.pane(key, box, rect);
+  sheet.within(rect, () => sheet.picture(map, labelPicture(sheet, lesson, name, grid, certain), box));
+  sheet.frame(rect);
+  return map;
+}
+
+// --- the slice seen from above ---------------------------------------------------------------------
+
+function drawSection(sheet, rect, lesson, colored) {
+  const { section_mm: place, section_normal: normal, section_side: side } = lesson.array;
+  const box = { left: Infinity, right: -Infinity, top: Infinity, bottom: -Infinity };
+  for (let i = 0; i < place.length; i += 2) {
+    box.left = Math.min(box.left, place[i]);
+    box.right = Math.max(box.right, place[i]);
+    box.top = Math.min(box.top, place[i + 1]);
+    box.bottom = Math.max(box.bottom, place[i + 1]);
+  }
+  const map = sheet.pane("section", box, rect, { margin: 24 });
+  const dot = Math.max(1.6, Math.min(4, 1.3 * map.scaleX));
+  sheet.within(rect, () => {
+    if (!colored) {
+      sheet.segments(map, place, lesson.array.alike, sheet.color.pair, 1.4);
+      sheet.segments(map, place, lesson.array.opposite, sheet.color.unused, 1.4);
+    }
+    const groups = colored ? { 1: "kept", "-1": "new", 0: "even" } : { all: "text" };
+    for (const [value, color] of Object.entries(groups)) {
+      const own = [];
+      for (let k = 0; k < side.length; k++) if (value === "all" || side[k] === Number(value)) own.push(k);
+      sheet.dots(
+        map,
+        own.flatMap((k) => [place[2 * k], place[2 * k + 1]]),
+        dot,
+        sheet.color[color],
+      );
+      for (const k of own) {
+        const [x, y] = map.at(place[2 * k], place[2 * k + 1]);
+        const along = 2.4 * dot * sheet.weight;
+        sheet.line([x, y], [x + along * normal[2 * k], y + along * normal[2 * k + 1]], sheet.color[color], 1);
+      }
+    }
+    sheet.text("camera of view 0 ↓", rect.x + rect.w / 2, rect.y + rect.h - 6, {
+      align: "center",
+      color: sheet.color.soft,
+      size: 0.85,
+      plate: true,
+    });
+  });
+  sheet.frame(rect);
+}
+
+/** The start view beside the slice, which is marked in it. */
+function drawEvidence(sheet, rect, { sides: lesson }) {
+  const image = lesson.picture.image;
+  const box = imageBox(image);
+  const share = shareOf(box, rect, 0.2, 0.4);
+  const [left, right] = columns(rect, [share, 1 - share]);
+  const map = sheet.pane("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"));
+  const { top, left: first } = { top: lesson.first.offset_rc[0], left: lesson.first.offset_rc[1] };
+  const points = [];
+  const rc = lesson.array.section_rc;
+  for (let i = 0; i < rc.length; i += 2) points.push(rc[i + 1] + first, rc[i] + top);
+  sheet.within(map.rect, () => {
+    sheet.picture(map, image, box, 0.8);
+    sheet.dots(map, points, 0.8, sheet.color.mark);
+  });
+  sheet.frame(map.rect);
+  drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, false);
+}
+
+function drawItem(sheet, rect, { sides: lesson }) {
+  const image = lesson.picture.image;
+  const box = imageBox(image);
+  const map = sheet.pane("image", box, sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item"));
+  sheet.within(map.rect, () => sheet.picture(map, image, box));
+  sheet.frame(map.rect);
+}
+
+function drawSides(sheet, rect, { sides: lesson }, ui) {
+  const grid = lesson.first;
+  const share = shareOf(boxOfGrid(grid), rect, 0.25, 0.5);
+  const [left, right] = columns(rect, [share, 1 - share]);
+  const certain = ui.layer === "certainty";
+  const title = certain ? "Certainty" : "Sides";
+  drawLabels(sheet, sheet.titled(left, title, `view ${lesson.view_index}`), "labels", lesson, "first", grid, certain);
+  drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, true);
+}
+
+function drawStroke(sheet, rect, { sides: lesson }) {
+  const stroke = lesson.stroke;
+  if (!stroke) {
+    sheet.text("All cloth is certain: no stroke is needed.", rect.x, rect.y + 2 * sheet.em);
+    return;
+  }
+  const [left, right] = columns(rect, [1, 1]);
+  for (const [name, part, title] of [
+    ["before", left, "Before"],
+    ["after", right, "After"],
+  ]) {
+    const inner = sheet.titled(part, title, `view ${stroke.view_index}`);
+    const map = drawLabels(sheet, inner, name, lesson, name, stroke[name], false);
+    sheet.within(inner, () => sheet.ring(map.at(...stroke.at), 8, sheet.color.mark, 3));
+  }
+}
+
+// --- the stages ------------------------------------------------------------------------------------
+
+const LEGEND = [
+  ["kept", "of interest"],
+  ["new", "the other side"],
+  ["even", "undecided (striped)"],
+];
+const w = () => sub("w", "ij");
+const n = (i) => sub("n", i);
+
+function itemFacts({ sides: lesson }) {
+  const cut = Object.entries(lesson.cut_off_cm2);
+  return [
+    ["Item in this view", `${number(lesson.item_px, 0)} px`],
+    ["Views that show it", String(lesson.n_views)],
+    ["Cut off here", cut.length ? cut.map(([kind, area]) => `${kind} ${cm2(area)}`).join(", ") : "nothing"],
+  ];
+}
+
+export const SIDE_STAGES = [
+  {
+    name: "The item",
+    figure: "no mask · docs/segmentation.md",
+    part: "sides",
+    parameters: [],
+    text: [
+      "The paper cuts the cloth of interest out of each image by hand. Without such masks, what hangs near the " +
+        "axis, in one piece, and turns with it is taken for the item.",
+      "The background is farther away; a stand does not turn; a gripper lies above the held point, or sticks to " +
+        "the top by a narrow neck.",
+    ],
+    math: () => [
+      equation("r", "=", "|", "x", "−", "c", "−", "(", "(", "x", "−", "c", ")", "·", "k", ")", "k", "|"),
+      equation("r", "≤", sub("r", "max"), "+", words(length(30))),
+    ],
+    facts: itemFacts,
+    draw: drawItem,
+  },
+  {
+    name: "Two layers",
+    figure: "evidence · docs/segmentation.md",
+    part: "sides",
+    parameters: [],
+    text: [
+      "Surface of all views is gathered by place and normal. What is next to each other in a view lies on one " +
+        "side, less surely across a sharp convex turn s, as at a side seam (weight w > 0).",
+      "Front and back of the item are two layers of cloth, back to back, less than 4 mm apart: they lie on " +
+        "opposite sides (w < 0). This tells most.",
+    ],
+    math: () => [
+      equation(
+        w(),
+        "∝",
+        cases(
+          [sup("e", row("−", sup("s", "2"))), words("neighbours")],
+          [row("−", "1"), row(n("i"), "·", n("j"), "<", "−", "0.85")],
+        ),
+      ),
+    ],
+    facts: ({ sides: lesson }) => [
+      ["Places on the cloth", String(lesson.clusters)],
+      ["Pairs alike", String(lesson.n_alike)],
+      ["Pairs opposite", String(lesson.n_opposite)],
+    ],
+    legend: [
+      ["pair", "same side"],
+      ["unused", "opposite sides"],
+      ["mark", "the slice"],
+    ],
+    draw: drawEvidence,
+  },
+  {
+    name: "Sides",
+    figure: "certainty · docs/segmentation.md",
+    part: "sides",
+    parameters: [],
+    layers: { color: "Sides", certainty: "Certainty" },
+    text: [
+      "Each place gets a side, +1 or −1, so that as much evidence as possible is satisfied: the strongest is " +
+        "joined first. The side that the largest sheet of this view lies on is of interest.",
+      "The same is done again with disturbed evidence. How often a place keeps its side tells how sure it is; " +
+        "what is not sure stays out.",
+    ],
+    math: ({ sides: lesson }) => [
+      equation(sub("max", "σ"), sum("ij"), w(), sub("σ", "i"), sub("σ", "j"), words(",   "), "σ", "=", "±", "1"),
+      equation("p", "≈", fraction(words("times it is the same"), String(lesson.samples))),
+    ],
+    facts: ({ sides: lesson }) => [
+      ["Mean certainty", percent(lesson.certainty)],
+      ["Of interest", cm2(lesson.found_cm2)],
+      ["Undecided", cm2(lesson.undecided_cm2)],
+    ],
+    legend: LEGEND,
+    draw: drawSides,
+  },
+  {
+    name: "A stroke",
+    figure: "correction · docs/segmentation.md",
+    part: "sides",
+    parameters: [],
+    text: [
+      "Where geometry does not decide, the operator does. A stroke in one view spreads over the cloth to all " +
+        "views: it turns over the region R around it whose border costs least for its size.",
+      "Here the stroke, at the ring, says the contrary of what was found where it would tell most. If no border " +
+        "is cheap, a first stroke turns all over: the start was the other side.",
+    ],
+    math: () => [
+      equation(
+        sub("min", "R"),
+        fraction(
+          row(sum(row("i", "∈", "R", ",", "j", "∉", "R")), w(), sub("σ", "i"), sub("σ", "j")),
+          sup(row("|", "R", "|"), "0.3"),
+        ),
+      ),
+    ],
+    facts: ({ sides: lesson }) => [
+      ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
+      ["What it changed", lesson.stroke?.changed || "nothing"],
+      [
+        "Mean certainty",
+        lesson.stroke
+          ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
+          : percent(lesson.certainty),
+      ],
+    ],
+    legend: [...LEGEND, ["mark", "the stroke"]],
+    draw: drawStroke,
+  },
+];
