@@ -145,16 +145,18 @@ def without(
 
     Another component of this view is other cloth, so it lies nowhere else.
     """
-    valid: Bool = np.array(current.valid)
-    rc = np.argwhere(valid)
+    rc = np.argwhere(current.valid)
     uv = current.uv_from_rc(rc)
+    free = np.ones(len(rc), dtype=bool)
     for layer in layers:
         if layer.view_index == view_index:
             part = parts(view_index, layer.component)
             at = np.rint(part.rc_from_uv(layer.current_from_new.inverse().apply(uv))).astype(np.int64)
             inside = ((at >= 0) & (at < np.array(part.shape))).all(axis=1)
             inside[inside] = part.valid[at[inside, 0], at[inside, 1]]
-            valid[rc[inside, 0], rc[inside, 1]] = False
+            free &= ~inside
+    valid = np.zeros(current.shape, dtype=bool)
+    valid[rc[free, 0], rc[free, 1]] = True
     return replace(current, valid=valid)
 
 
