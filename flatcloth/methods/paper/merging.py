@@ -152,9 +152,8 @@ def without(
         if layer.view_index == view_index:
             part = parts(view_index, layer.component)
             at = np.rint(part.rc_from_uv(layer.current_from_new.inverse().apply(uv))).astype(np.int64)
-            inside = ((at >= 0) & (at < np.array(part.shape))).all(axis=1)
-            inside[inside] = part.valid[at[inside, 0], at[inside, 1]]
-            free &= ~inside
+            inside = np.flatnonzero(((at >= 0) & (at < np.array(part.shape))).all(axis=1))
+            free[inside[part.valid[at[inside, 0], at[inside, 1]]]] = False
     valid = np.zeros(current.shape, dtype=bool)
     valid[rc[free, 0], rc[free, 1]] = True
     return replace(current, valid=valid)
