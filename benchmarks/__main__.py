@@ -13,7 +13,7 @@ ON_ALL_CORES = ("size", "page", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
 """Run by name only: an hour of work, weights that ``reliability`` measures, tables of given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "reliability", "axis", "registration", "segmentation", "segmented"),
+    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 

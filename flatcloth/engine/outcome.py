@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
-from flatcloth.core.types import FlattenedView
-from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.pixel_states import pixel_counts
+from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import SheetPiece, sheet_of
 from flatcloth.registration.cameras import describe
@@ -63,6 +62,7 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
+        "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
         **_segmentation(integration),
     }
@@ -115,17 +115,6 @@ def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
         for seen in registered.views
     ]
     return {"cameras": {"moved": registered.is_loose, "found": describe(registered), "views": views}}
-
-
-def uncertainty(view: FlattenedView) -> dict[str, float]:
-    """Return the median placement uncertainty and the reliable share; empty if the method computes none."""
-    if view.placement_std_m is None or not view.valid.any():
-        return {}
-    std = view.placement_std_m[view.valid]
-    return {
-        "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
-        "firm_share": round(float((std <= FIRM_M).mean()), 4),
-    }
 
 
 def _number(value: float) -> float | None:

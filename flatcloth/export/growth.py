@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.engine.result import at_step
+from flatcloth.engine.results.result import at_step
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 

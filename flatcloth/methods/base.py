@@ -15,12 +15,15 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.types import (
+    Bool,
     FlattenedView,
     Float64,
     Int32,
     Progress,
+    RgbdFrame,
     Rigid2,
     RotationAxis,
+    Uint8,
     no_progress,
 )
 from flatcloth.session.document import Document, Later, PlacedPart, Side
@@ -396,6 +399,13 @@ class Method(Protocol):
     def is_outgrown(self, document: Document) -> bool:
         """Return whether a floating piece is larger than the shape; False if the method keeps none."""
         return False
+
+    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
+        """Return what became of each pixel (H, W) of an accepted view; None if its components tell.
+
+        As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is.
+        """
+        return None
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the cloth that a component and the shape have in common; None if the method finds none."""

@@ -14,6 +14,7 @@ const PANE_OF = {
   diagnostics: "scene",
   source_image: "scene",
   source_mask: "scene",
+  source_states: "scene",
   follow: "scene",
   look: "details",
   pairs: "flat",

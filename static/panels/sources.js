@@ -3,6 +3,7 @@
 import { strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
+import { PixelStates } from "/static/panels/pixel_states.js";
 
 const FOLDED = "flatcloth-source-folded";
 const MASKED = "flatcloth-source-mask";
@@ -23,7 +24,15 @@ export class SourcePanel {
 
   constructor(page) {
     this.page = page;
-    this.actions = { source_image: () => this.fold(), source_mask: () => this.toggleMask() };
+    this.states = new PixelStates(() => this.show());
+    this.actions = {
+      source_image: () => this.fold(),
+      source_mask: () => this.toggleMask(),
+      source_states: () => {
+        this.states.toggle();
+        this.show();
+      },
+    };
     this.panel = byId("sources");
     this.folded = localStorage.getItem(FOLDED) === "yes";
     this.masked = localStorage.getItem(MASKED) !== "no";
@@ -55,6 +64,7 @@ export class SourcePanel {
     if (state.present_view !== this.present) this.pinned = null;
     this.present = state.present_view;
     this.angles = state.views.map((v) => v.angle_deg);
+    this.revision = state.layers?.revision ?? 0;
     this.takePick(state.pick);
     this.show();
   }
@@ -197,9 +207,11 @@ export class SourcePanel {
           make("h2", { id: "source-title" }),
           back,
           this.tipped(button("source_mask"), "source_mask"),
+          this.tipped(button("source_states"), "source_states"),
           this.tipped(button("source_image", "Fold"), "source_image"),
         ),
         make("div", { class: "source-body" }, this.canvas, make("div", { id: "source-seen", class: "source-seen" })),
+        make("div", { id: "source-states", class: "source-states" }),
       ];
     });
     if (this.folded || this.view === null) return;
@@ -207,7 +219,9 @@ export class SourcePanel {
     const back = byId("source-back");
     back.hidden = this.pinned === null;
     setText(back, `Back to view ${this.present}`);
-    this.panel.querySelector('[data-action="source_mask"]').setAttribute("aria-pressed", String(this.masked));
+    for (const [name, pressed] of Object.entries({ source_mask: this.masked, source_states: this.states.shown }))
+      this.panel.querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(pressed));
+    this.states.show(byId("source-states"), this.view, this.revision);
     this.showSeen();
     this.draw();
   }
@@ -290,7 +304,8 @@ export class SourcePanel {
     );
     const mask = this.image(`/source/${this.view}/mask.png`);
     const sides = this.page.brush?.addressOf(this.view);
-    const labels = sides && this.masked ? this.image(sides) : null;
+    const lost = this.states.addressOf(this.view, this.revision);
+    const labels = lost ? this.image(lost) : sides && this.masked ? this.image(sides) : null;
     this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     if (!color || !mask) return;
@@ -310,7 +325,7 @@ export class SourcePanel {
     const context = this.canvas.getContext("2d");
     context.scale(ratio, ratio);
     context.imageSmoothingQuality = "high";
-    for (const image of this.masked ? [color, labels ?? mask] : [color]) {
+    for (const image of this.masked || lost ? [color, labels ?? mask] : [color]) {
       context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
     }
     const style = getComputedStyle(this.canvas);
@@ -328,7 +343,16 @@ export class SourcePanel {
           style.getPropertyValue(name),
         );
     }
-    this.drawn = { labels: Boolean(labels), view: this.view, masked: this.masked, box, scale, pick, pointer };
+    this.drawn = {
+      labels: Boolean(labels),
+      states: Boolean(lost && labels),
+      view: this.view,
+      masked: this.masked,
+      box,
+      scale,
+      pick,
+      pointer,
+    };
     if (this.stroke) this.drawStroke(context);
   }
 

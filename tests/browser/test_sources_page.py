@@ -50,6 +50,14 @@ def test_the_source_image_follows_the_proposal_and_shows_where_a_pick_was_seen(o
 
     tab.page.keyboard.press("Shift+M")
     tab.until("flatcloth.sources.drawn.masked === false")
+    tab.page.keyboard.press("Shift+D")
+    tab.until("flatcloth.sources.drawn.states === true")
+    tab.page.wait_for_selector('#source-states [data-state="not_used"]')
+    assert "not part of the shape" in tab.page.inner_text("#source-states")
+    tab.shoot("source-states")
+    tab.page.keyboard.press("Shift+D")
+    tab.until("flatcloth.sources.drawn.states === false")
+    assert tab.page.locator("#source-states").is_hidden()
     tab.page.keyboard.press("Shift+I")
     assert tab.page.locator("#source-canvas").count() == 0
     folded = tab.page.locator("#sources button")

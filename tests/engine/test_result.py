@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from exported_sessions import cylinder_session
 
-from flatcloth.engine.result import Areas, left_out, result_of
+from flatcloth.engine.results.pixel_states import pixel_counts, pixel_states
+from flatcloth.engine.results.result import Areas, left_out, result_of
 from flatcloth.export.session import OpenedSession
+from flatcloth.flattening.pixel_states import PixelState
+from flatcloth.rendering.pixel_states import state_legend, state_rgba
 from flatcloth.session.machine import Rejected
 
 
@@ -46,6 +50,32 @@ def test_cloth_of_a_rejected_view_is_left_out_with_its_reason_and_counted_once(
     assert sum(left.area_m2 for left in found) == pytest.approx(lost, rel=0.25)
     # The cloth of the cylinder that its views show is all in the shape.
     assert left_out(integration, document, integration.canonical(document)) == []
+
+
+def test_every_pixel_of_the_item_is_counted_with_what_became_of_it(session: OpenedSession) -> None:
+    document, integration = session.history.document, session.integration
+    found = pixel_counts(integration, document)
+    masks = [integration.frame(view).mask for view in document.used_views]
+    assert sum(found.values()) == sum(int(mask.sum()) for mask in masks if mask is not None)
+    assert found["shape"] > 0.8 * sum(found.values())
+    assert found["unmeasured"] == found["ramp"] == found["floating"] == 0
+    # A view that is not part of the shape tells why its pixels are no part of a surface, not more.
+    last = document.accepted[-1].view_index
+    before = replace(document, accepted=document.accepted[:-1])
+    now, then = (pixel_states(integration, each, last) for each in (document, before))
+    assert set(np.unique(now.states[then.states == PixelState.NOT_USED])) <= {
+        PixelState.SHAPE,
+        PixelState.STRIP,
+        PixelState.NO_CHAIN,
+    }
+    assert not (now.is_missing & (now.states == PixelState.SHAPE)).any()
+    assert now.is_missing.sum() < then.is_missing.sum()
+    legend = {row["state"]: row for row in state_legend(then.states, then.is_missing)}
+    assert legend["not_used"]["missing"] > 0.05
+    assert sum(row["share"] for row in legend.values()) == pytest.approx(1.0, abs=1e-3)
+    image = state_rgba(then.states, then.is_missing)
+    assert image[then.is_missing & (then.states == PixelState.NOT_USED), 3].min() > 200
+    assert (state_rgba(now.states, now.is_missing)[now.states == PixelState.SHAPE, 3] == 0).all()
 
 
 def test_the_result_tells_what_the_planner_says(session: OpenedSession) -> None:

@@ -16,7 +16,7 @@ from scenes import Cylinder, sheet
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.result import at_step
+from flatcloth.engine.results.result import at_step
 from flatcloth.export.growth import grow, motion_between
 from flatcloth.export.session import OpenedSession, of_page, open_session
 from flatcloth.methods.base import Canonical

@@ -219,7 +219,7 @@ def test_a_tab_sees_the_camera_and_leads_a_capture(
         groups = ("page", "live", "view")
         refused = {a["name"] for a in state["actions"] if a["why_not"] and a["group"] in groups}
         frames, whole = {"live_back", "live_forward", "live_turn"}, {"teach", "export"}
-        assert refused == frames | whole | {"source_image", "source_mask"}
+        assert refused == frames | whole | {"source_image", "source_mask", "source_states"}
         assert [(v["angle_deg"], v["why_not"]) for v in state["views"]] == [(2.0, "It is on disk.")]
         assert open_recording(tmp_path / "coat").angles_deg == (2.0,)
         tab.say(type="capture", action="turned")

@@ -64,6 +64,28 @@ def test_the_mask_shades_what_is_not_the_item(server: PageServer) -> None:
     assert (cover[int(rows.mean()), cols.min() - 1, :3] == (60, 210, 255)).all()  # its outline, B G R
 
 
+def test_what_became_of_a_views_pixels_is_shown_and_told(server: PageServer) -> None:
+    with Tab(server) as tab:
+        state = tab.ready()
+        revision, start = state["layers"]["revision"], state["start_view"]
+    mask = Cylinder(angles_deg=ANGLES_DEG)[start].mask
+    assert mask is not None
+    image = decoded(get(server, f"/source/{start}/states-{revision}.png"))
+    assert (image[~mask, 3] > 100).all()
+    assert (image[mask, 3] == 0).mean() > 0.8  # cloth of the shape stays as it is
+    told = {row["state"]: row for row in get(server, f"/source/{start}/states-{revision}.json").json()}
+    assert told["shape"]["share"] > 0.8
+    assert told["edge"]["text"] == "beside a depth jump or an outline"
+    behind = {row["state"] for row in get(server, f"/source/4/states-{revision}.json").json()}
+    assert "not_used" in behind
+    for address in (
+        f"{start}/states-{revision + 1}.png",
+        f"9/states-{revision}.png",
+        f"0/states-{revision}.gif",
+    ):
+        assert get(server, f"/source/{address}").status_code == 410
+
+
 def test_a_view_that_does_not_exist_is_said(server: PageServer) -> None:
     answer = get(server, "/source/6/color.jpg")
     assert (answer.status_code, answer.text) == (404, "View 6 does not exist.")

@@ -11,12 +11,14 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis, Uint8
+from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles, read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
-from flatcloth.flattening.upsampling import Carrier
+from flatcloth.flattening.upsampling import Carrier, nearest_samples
 from flatcloth.methods.robust.joint import JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
 
@@ -109,6 +111,31 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
         edge_length_m=observation.edge_length_m[inside],
     )
     return samples, own[kept]
+
+
+def states_on_surface(
+    observation: Observation, surface: Surface, state: Uint8, flattening: FlatteningConfig
+) -> Uint8:
+    """Return the state (H, W) of each pixel of a view's surface: that of the node that carries it.
+
+    Parameters
+    ----------
+    observation : Observation
+        The nodes that the view shows; those without pairs carry nothing.
+    surface : Surface
+        The view's surface.
+    state : (N,) uint8
+        The state of each node, a :class:`PixelState`.
+    flattening : FlatteningConfig
+        Sampling interval.
+    """
+    interval_px = flattening.sampling_intervals_px[-1]
+    linked = np.unique(observation.edges)
+    rc = np.rint(observation.rc[linked]).astype(np.int32)
+    nearest = nearest_samples(surface.usable, surface.steps, rc, 2 * interval_px)
+    carried = np.append(state[observation.node[linked]], np.uint8(PixelState.STRIP))[nearest]
+    states: Uint8 = np.where(surface.usable, carried, np.uint8(PixelState.OFF_ITEM))
+    return states
 
 
 def pixel_cost(surface: Surface) -> Float32:

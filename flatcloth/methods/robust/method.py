@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
     BroughtPiece,
@@ -139,6 +139,10 @@ class RobustMethod(Method):
         links = shape.links
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
+
+    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
+        """Return what became of each pixel of an accepted view: that of the node that carries it."""
+        return self.shapes.pixel_states(document, frame, item)
 
     def is_outgrown(self, document: Document) -> bool:
         """Return whether a floating piece has more nodes than the shape."""

@@ -13,10 +13,11 @@ import numpy as np
 from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32, Rigid2
+from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame, Rigid2, Uint8
+from flatcloth.flattening.pixel_states import PixelState, states_of_view
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import BroughtPiece, Canonical, Views
-from flatcloth.methods.robust.compositing import composite, pixel_cost
+from flatcloth.methods.robust.compositing import composite, pixel_cost, states_on_surface
 from flatcloth.methods.robust.joint import (
     JointShape,
     begin_joint,
@@ -70,6 +71,7 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(3)
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
+        self._certainties: Cache[tuple[Float64, Bool]] = Cache(4)
         # A registration keeps the features and the surfaces of its views, so that few of both suffice.
         self._features: Cache[ViewFeatures] = Cache(12)
         self._registrations: Cache[Registered] = Cache(24)
@@ -118,6 +120,28 @@ class JointShapes:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
         shape = self.shape(document)
         return self._drawn.get(prefix(document), lambda: self._draw(document, shape))
+
+    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8:
+        """Return what became of each pixel (H, W) of an accepted view."""
+        shape = self.shape(document)
+        _, unreliable = self._certainty_of(document)
+        state = np.full(len(shape.nodes), PixelState.NO_CHAIN, dtype=np.uint8)
+        state[shape.has_place & (shape.piece >= 0)] = PixelState.FLOATING
+        state[shape.placed & ~unreliable] = PixelState.SHAPE
+        observation = shape.observations[shape.views.index(frame.view_index)]
+        surface = self.surfaces(shape)[frame.view_index]
+        carried = states_on_surface(observation, surface, state, self._config.flattening)
+        return states_of_view(frame, item, surface, carried)
+
+    def _certainty_of(self, document: Document) -> tuple[Float64, Bool]:
+        """Return the standard deviation of each node's place (N,), and which it leaves undetermined."""
+
+        def make() -> tuple[Float64, Bool]:
+            shape = self.shape(document)
+            std = placement_std_m(shape, self._views.held_point_m)
+            return std, undetermined(shape, std)
+
+        return self._certainties.get(prefix(document), make)
 
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
@@ -280,8 +304,7 @@ class JointShapes:
         surfaces, c = self.surfaces(shape), self._config
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
-        std = placement_std_m(shape, self._views.held_point_m)
-        unreliable = undetermined(shape, std)
+        std, unreliable = self._certainty_of(document)
         costs = {view: pixel_cost(surface) for view, surface in surfaces.items()}
         reliable, *pieces = [
             composite(shape, surfaces, self._views.axis, interval, size, costs, uv)

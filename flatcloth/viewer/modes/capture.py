@@ -61,6 +61,7 @@ _NOT_WITH_A_CAMERA = {
     "export": _NO_RECORDING,
     "source_image": _NO_RECORDING,
     "source_mask": _NO_RECORDING,
+    "source_states": _NO_RECORDING,
 }
 """Why actions that need a whole recording are not allowed here."""
 

@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.result import Areas, Result, result_of
+from flatcloth.engine.results.result import Areas, Result, result_of
 from flatcloth.export.history import read_history
 from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
 from flatcloth.flattening.surface import item_mask

@@ -288,6 +288,13 @@ ACTIONS: tuple[Action, ...] = (
         "view",
     ),
     Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
+    Action(
+        "source_states",
+        "Left out",
+        ("Shift+d",),
+        "Show on the source image which pixels are not in the shape, and why.",
+        "view",
+    ),
     Action("grid", "Grid", ("#",), "Show or hide a grid in centimetres.", "view"),
     Action(
         "ruler",

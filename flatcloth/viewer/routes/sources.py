@@ -16,9 +16,11 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
+from flatcloth.engine.results.pixel_states import PixelStates, pixel_states
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Projection, Visibility, project, visibility_in
 from flatcloth.rendering import layers
+from flatcloth.rendering.pixel_states import state_legend, state_rgba
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -58,6 +60,7 @@ class SourceRoutes:
         return [
             Route("/source/{view:int}/color.jpg", self._color),
             Route("/source/{view:int}/mask.png", self._mask),
+            Route("/source/{view:int}/states-{revision:int}.{kind}", self._states),
             Route("/source/seen/{pick:int}.json", self._seen),
         ]
 
@@ -71,6 +74,31 @@ class SourceRoutes:
             return layers.png(mask_rgba(item_mask(frame, integration.axis, integration.config.surface)))
 
         return await self._answer(request, "image/png", cover)
+
+    async def _states(self, request: Request) -> Response:
+        view, revision, kind = (request.path_params[name] for name in ("view", "revision", "kind"))
+        picture = self._application.picture
+        document = None if picture is None or picture.revision != revision else picture.document
+        if document is None or view >= len(self._integration.recording) or kind not in ("png", "json"):
+            text = "There is no such picture, or it is no longer shown; a newer state follows."
+            return PlainTextResponse(text, status_code=410)
+
+        def find() -> PixelStates:
+            key = "states", view, revision, self._axis_key()
+            found: PixelStates = self._remembered(
+                key, lambda: pixel_states(self._integration, document, view)
+            )
+            return found
+
+        try:
+            found = await run_in_threadpool(find)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=409)
+        if kind == "json":
+            legend = state_legend(found.states, found.is_missing)
+            return JSONResponse(legend, headers={"Cache-Control": "no-store"})
+        image = await run_in_threadpool(lambda: layers.png(state_rgba(found.states, found.is_missing)))
+        return Response(image, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     async def _seen(self, request: Request) -> Response:
         number = request.path_params["pick"]

@@ -10,18 +10,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
-from flatcloth.core.geometry import camera_from_held
-from flatcloth.core.types import Float64, Progress, no_progress
-from flatcloth.engine.outcome import uncertainty
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.types import FlattenedView, Float64, Progress, Uint8, no_progress
+from flatcloth.engine.evaluation import FIRM_M
+from flatcloth.engine.results.pixel_states import NEAR_M, states_of
+from flatcloth.flattening.pixel_states import TEXTS, PixelState
+from flatcloth.flattening.surface import foreground_mask
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
     from flatcloth.methods.base import Canonical
 
-NEAR_M = 0.015
-"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
-twice (methods/robust/scoring.py). Set by hand."""
 LEAST_M2 = 2e-4
 """Smaller areas left out are not reported. Set by hand."""
 _LAST_VIEWS = 6
@@ -31,7 +31,6 @@ by hand."""
 _APART_DEG = 30.0
 """Views nearer than this show much the same cloth, as the planner assumes (next_best_view). Set by hand."""
 
-STEEP = "seen too steeply, or in parts too small to be flattened"
 FOLDED = "folded in its flattened view"
 LOOSE = "its place is not determined well enough"
 
@@ -122,6 +121,17 @@ def _key(document: Document, order: int) -> Hashable:
     return document.start_view, document.accepted[:order], document.strokes
 
 
+def uncertainty(view: FlattenedView) -> dict[str, float]:
+    """Return the median placement uncertainty and the reliable share; empty if the method computes none."""
+    if view.placement_std_m is None or not view.valid.any():
+        return {}
+    std = view.placement_std_m[view.valid]
+    return {
+        "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
+        "firm_share": round(float((std <= FIRM_M).mean()), 4),
+    }
+
+
 def result_of(areas: Areas, document: Document, progress: Progress = no_progress) -> Result:
     """Compute the result of a document.
 
@@ -152,13 +162,17 @@ def left_out(
     for n, (view_index, why) in enumerate(views):
         progress(n / len(views), f"looking for cloth left out: view {view_index}")
         tree = cKDTree(np.concatenate(known))
-        for xyz, area_m2, reason in _parts(integration, view_index, why):
+        states = None if why else states_of(integration, document, view_index)
+        for part in _parts(integration, view_index, states):
+            xyz, area_m2 = part.xyz_m, part.area_m2
             off, _ = tree.query(xyz, distance_upper_bound=NEAR_M)
             beyond = ~np.isfinite(off)
-            area = float((area_m2 * beyond).sum())
-            if area < LEAST_M2:
+            if float(area_m2[beyond].sum()) < LEAST_M2:
                 continue
-            found.append(LeftOut(view_index=view_index, area_m2=area, reason=reason))
+            for state in np.unique(part.states[beyond]):
+                area = float(area_m2[beyond & (part.states == state)].sum())
+                reason = why or part.reason(PixelState(state))
+                found.append(LeftOut(view_index=view_index, area_m2=area, reason=reason))
             known.append(xyz[beyond])
             tree = cKDTree(np.concatenate(known))
     return _merged(found)
@@ -180,9 +194,30 @@ def _decided(document: Document) -> list[tuple[int, str]]:
     return [*((v, "") for v in used), *refused, *((s.view_index, "skipped") for s in document.skipped)]
 
 
-def _parts(integration: Integration, view_index: int, why: str) -> Iterator[tuple[Float64, Float64, str]]:
-    """Yield points (K, 3) of a view (object frame), the area (K,) of each, and why they may be left out."""
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """Points (K, 3) of a view (object frame), the area (K,) of each, and what became of its pixel (K,)."""
+
+    xyz_m: Float64
+    area_m2: Float64
+    states: Uint8
+    is_folded: bool = False
+
+    def reason(self, state: PixelState) -> str:
+        """Return why a point is left out."""
+        if state in (PixelState.STRIP, PixelState.NO_CHAIN) or state <= PixelState.STEEP:
+            return TEXTS[state]
+        return FOLDED if self.is_folded else LOOSE
+
+
+def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> Iterator[_Part]:
+    """Yield the cloth of a view: its flattened components, then all that was measured.
+
+    ``states`` (H, W) are those of its pixels, None if it is not part of the shape.
+    """
     most = integration.config.flattening.max_folded_share
+    frame = integration.frame(view_index)
+    states = np.zeros(frame.depth_m.shape, dtype=np.uint8) if states is None else states
     try:
         components = integration.flattening(view_index).components
     except (SurfaceError, FlatteningError):
@@ -190,14 +225,22 @@ def _parts(integration: Integration, view_index: int, why: str) -> Iterator[tupl
     for component in components:
         view = component.view
         xyz = view.xyz_m[view.valid].astype(np.float64)
-        reason = why or (FOLDED if component.folded_share > most else LOOSE)
-        yield xyz, np.full(len(xyz), view.pixel_size_m**2), reason
-    cloud = integration.cloud(view_index)
-    xyz = cloud.xyz_m[cloud.of_interest].astype(np.float64)
-    camera = integration.recording.intrinsics
-    angle_deg = integration.recording.angles_deg[view_index]
-    depth_m = camera_from_held(integration.axis, angle_deg).apply(xyz)[:, 2]
-    yield xyz, np.square(depth_m) / (camera.fx * camera.fy), why or STEEP
+        row, col = np.rint(view.source_rc[view.valid]).astype(np.intp).T
+        yield _Part(
+            xyz_m=xyz,
+            area_m2=np.full(len(xyz), view.pixel_size_m**2),
+            states=states[row, col],
+            is_folded=component.folded_share > most,
+        )
+    shown = foreground_mask(frame, integration.axis, integration.config.surface)
+    shown &= True if frame.mask is None else frame.mask
+    camera = frame.intrinsics
+    points = back_project(frame.depth_m, camera)[shown].astype(np.float64)
+    yield _Part(
+        xyz_m=held_from_camera(integration.axis, frame.angle_deg).apply(points),
+        area_m2=np.square(points[:, 2]) / (camera.fx * camera.fy),
+        states=states[shown],
+    )
 
 
 def _more(areas: Areas, document: Document) -> More:
