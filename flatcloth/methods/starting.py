@@ -48,7 +48,8 @@ def start_by_component(views: Views, progress: Progress = no_progress) -> int | 
 
 def overlap_area_m2(views: Views) -> float:
     """Return the desirable overlap S_0: as set, or a share of the largest area seen in one view."""
-    return views.config.planning.overlap_area_m2 or OVERLAP_SHARE * float(views.observed_areas_m2().max())
+    set_m2 = views.config.planning.overlap_area_m2
+    return set_m2 or max(round(1e4 * OVERLAP_SHARE * float(views.observed_areas_m2().max())), 1) / 1e4
 
 
 def _by_area(areas_m2: Float64) -> list[int]:

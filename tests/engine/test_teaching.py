@@ -69,7 +69,7 @@ def test_the_lessons_begin_with_the_numbers_of_the_session():
     assert Teaching(session).defaults == Parameters(
         sampling_interval_px=12,
         z_angle_limit_deg=40.0,
-        overlap_area_m2=0.2 * float(session.observed_areas_m2().max()),
+        overlap_area_m2=round(2000 * float(session.observed_areas_m2().max())) / 1e4,
     )
     given = replace(config, planning=replace(config.planning, overlap_area_m2=0.03))
     assert Teaching(Integration(Cylinder(), given)).defaults.overlap_area_m2 == 0.03

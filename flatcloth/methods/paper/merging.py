@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, FlattenedView, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2
 from flatcloth.flattening.resampling import (
     bounds,
     carry_labels,
@@ -129,13 +129,19 @@ def _merged(
     )
 
 
+def shows(view: FlattenedView, uv_m: Float64) -> Bool:
+    """Return whether a view has cloth at places (..., 2) of its plane."""
+    rc = np.rint(view.rc_from_uv(uv_m)).astype(np.int64)
+    inside = np.asarray(((rc >= 0) & (rc < view.shape)).all(axis=-1))
+    at = np.where(inside[..., None], rc, 0)
+    shown: Bool = inside & view.valid[at[..., 0], at[..., 1]]
+    return shown
+
+
 def covered_share(current: FlattenedView, new: FlattenedView, current_from_new: Rigid2) -> float:
     """Return the share of a component's area that lies on a view's cloth."""
     uv = current_from_new.apply(new.uv_from_rc(np.argwhere(new.valid)))
-    rc = np.rint(current.rc_from_uv(uv)).astype(np.int64)
-    inside = ((rc >= 0) & (rc < np.array(current.shape))).all(axis=1)
-    covered = current.valid[rc[inside, 0], rc[inside, 1]].sum()
-    return float(covered) / max(len(rc), 1)
+    return float(shows(current, uv).sum()) / max(len(uv), 1)
 
 
 def without(
@@ -150,10 +156,8 @@ def without(
     free = np.ones(len(rc), dtype=bool)
     for layer in layers:
         if layer.view_index == view_index:
-            part = parts(view_index, layer.component)
-            at = np.rint(part.rc_from_uv(layer.current_from_new.inverse().apply(uv))).astype(np.int64)
-            inside = np.flatnonzero(((at >= 0) & (at < np.array(part.shape))).all(axis=1))
-            free[inside[part.valid[at[inside, 0], at[inside, 1]]]] = False
+            placed = layer.current_from_new.inverse().apply(uv)
+            free &= ~shows(parts(view_index, layer.component), placed)
     valid = np.zeros(current.shape, dtype=bool)
     valid[rc[free, 0], rc[free, 1]] = True
     return replace(current, valid=valid)

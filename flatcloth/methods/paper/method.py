@@ -35,13 +35,14 @@ from flatcloth.methods.starting import overlap_area_m2, start_by_component
 from flatcloth.session.machine import Accepted, Document, Later, PlacedPart, Side
 
 _KNOWN_SHARE = 0.95
-"""A component of which more is part of the shape already adds next to nothing."""
+"""A component of which more is part of the shape already adds next to nothing. Set by hand."""
 _MOSTLY_KNOWN_SHARE = 0.75
-"""Of the further components, those are placed of which at least a quarter is new."""
+"""Of the further components, those are placed of which at least a quarter is new. Set by hand."""
 _LEAST_OVERLAP_SHARE = 0.05
-"""A component of an accepted view is searched for if its initial estimate overlaps the shape so much."""
+"""A component of an accepted view is searched for if its initial estimate overlaps the shape so much. Set by
+hand."""
 _MOST_OVERLAP_SHARE = 0.2
-"""Components of one view overlap by at most this share: their outlines are a few millimetres off."""
+"""Components of one view overlap by at most this share: outlines are a few millimetres off. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
