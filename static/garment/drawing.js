@@ -1,6 +1,6 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
-import { drawDot } from "/static/canvas/marks.js";
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
@@ -102,8 +102,20 @@ export class GarmentDrawing {
 
   draw(context, style) {
     const { drawn } = this;
+    this.drawLinks(context, style);
     if (!drawn) return;
     drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
+  }
+
+  /** The outlines of the parts whose links are doubted. */
+  drawLinks(context, style) {
+    if (!this.panel.shown || this.page.isLive) return;
+    const color = style.getPropertyValue("--warn");
+    for (const { outline_uv_m } of this.panel.found?.links ?? [])
+      for (const loop of outline_uv_m) {
+        const line = [...loop, loop[0]].map(([u, v]) => this.page.canvas.transform.toPane(u, v));
+        strokeLine(context, line, color, 2, [6, 4]);
+      }
   }
 
   drawInScene(context, style, place) {

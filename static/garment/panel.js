@@ -56,6 +56,7 @@ export class GarmentPanel {
       make("p", { id: "garment-text", role: "status" }),
       make("div", { id: "garment-tools", class: "group", role: "group", "aria-label": "Garment, shown" }),
       make("div", { id: "garment-kinds" }),
+      make("div", { id: "garment-links" }),
       make("div", { id: "garment-points" }),
       make("div", { id: "garment-dimensions" }),
     ]);
@@ -64,6 +65,7 @@ export class GarmentPanel {
     rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
       found ? this.kinds(found, told.kinds) : [],
     );
+    rebuild(byId("garment-links"), [found?.links, told.working], () => (found?.links ?? []).map(this.link, this));
     rebuild(byId("garment-points"), [found?.kind, found?.points], () => (found?.kind ? this.points(found) : []));
     rebuild(byId("garment-dimensions"), [found?.kind, found?.dimensions], () =>
       found?.kind ? [dimensions(found)] : [],
@@ -104,6 +106,35 @@ export class GarmentPanel {
       ),
     );
     return [shares(found.probabilities), make("label", { class: "field" }, make("span", {}, "Kind"), select)];
+  }
+
+  /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
+  link({ probability, area_cm2 }, index) {
+    const area = `${number(area_cm2, 0)} cm²`;
+    const decide = (title, taken_off, tip) =>
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button small",
+          "aria-label": `${title}: the part of ${area}`,
+          data: { id: `link-${index}-${taken_off}`, tip: `${tip}\nUndo takes it back.` },
+          on: { click: () => this.page.send({ type: "decide_link", index, taken_off }) },
+        },
+        title,
+      );
+    return make(
+      "div",
+      { class: "by-garment", role: "group", "aria-label": `Link of a part of ${area}` },
+      make(
+        "p",
+        { class: "note" },
+        `A part of ${area}, outlined in dashes, is joined where no garment allows it: its link is right with ` +
+          `${percent(probability)}.`,
+      ),
+      decide("Take it off", true, "It floats then, as a piece of its own; the measured data stay."),
+      decide("Keep it", false, "The link is right; it is not asked about again."),
+    );
   }
 
   points(found) {
