@@ -25,8 +25,7 @@ export class GarmentDrawing {
   update(revision) {
     if (revision !== this.revision && !this.grabbed && !this.panel.moved) this.preview = null;
     this.revision = revision;
-    this.page.canvas.redraw();
-    this.page.sceneMarks.dirty = true;
+    this.page.redrawMarks();
   }
 
   /** What is drawn: the dragged outline, or the one that was found; null: nothing. */

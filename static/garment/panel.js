@@ -1,7 +1,7 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
 import { GarmentDrawing } from "/static/garment/drawing.js";
-import { dimensions, percent, shares } from "/static/garment/lists.js";
+import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
@@ -165,7 +165,6 @@ export class GarmentPanel {
   }
 
   row(point) {
-    const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
     const what = point.seen
       ? "Click: pick it as a grasp."
       : "No view shows cloth there, so it cannot be grasped yet.";
@@ -173,34 +172,22 @@ export class GarmentPanel {
     return make(
       "li",
       { class: point.seen ? "seen" : "predicted" },
-      make(
-        "button",
+      pointButton(
+        point,
+        ` (one standard deviation).\n${what}\n` +
+          "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
         {
-          type: "button",
-          class: "point",
-          "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
-          data: {
-            id: `point-${point.name}`,
-            tip:
-              `${state}, known to ${number(point.std_mm, 0)} mm (one standard deviation).\n${what}\n` +
-              "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
+          click: () => this.page.send({ type: "pick_point", name: point.name }),
+          mouseenter: point_at(true),
+          mouseleave: point_at(false),
+          focus: point_at(true),
+          blur: () => {
+            this.settle();
+            this.pointAt(null);
           },
-          on: {
-            click: () => this.page.send({ type: "pick_point", name: point.name }),
-            mouseenter: point_at(true),
-            mouseleave: point_at(false),
-            focus: point_at(true),
-            blur: () => {
-              this.settle();
-              this.pointAt(null);
-            },
-            keydown: (event) => this.key(event, point),
-            keyup: (event) => event.key in WAYS && this.settle(),
-          },
+          keydown: (event) => this.key(event, point),
+          keyup: (event) => event.key in WAYS && this.settle(),
         },
-        make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
-        make("span", {}, words(point.name)),
-        make("small", {}, `± ${number(point.std_mm, 0)} mm`),
       ),
       point.held
         ? make(
@@ -253,8 +240,7 @@ export class GarmentPanel {
   pointAt(name) {
     if (this.pointed === name) return;
     this.pointed = name;
-    this.page.canvas.redraw();
-    this.page.sceneMarks.dirty = true;
+    this.page.redrawMarks();
   }
 
   /** Arrow keys on a point of the list move it by the increment of the nudges; letting go is the decision. */
