@@ -21,7 +21,6 @@ from flatcloth.core.errors import (
     SurfaceError,
 )
 from flatcloth.core.types import (
-    Bool,
     FlattenedView,
     Progress,
     no_progress,
@@ -47,9 +46,9 @@ from flatcloth.session.machine import (
 )
 
 _LIKELY_ROTATION_DEG = 30.0
-"""Views about this far from the present one are flattened ahead. Chosen; not measured."""
+"""Views about this far from the present one are decoded ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
-"""How many. Chosen: more compete with what the operator waits for."""
+"""Views that are decoded ahead. Chosen: more compete with what the operator waits for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,17 +169,6 @@ class Integration(RecordedViews):
             (*_shape_of(document), *placed),
             lambda: place(self.part(pending.view_index, pending.component), pending.current_from_new),
         )
-
-    def new_points(self, document: Document) -> Bool:
-        """Return the pixels (H, W) of :meth:`overlay` that lie beyond the canonical view."""
-        overlay, current = self.overlay(document), self.canonical(document).view
-        rc = np.rint(current.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
-        inside = ((rc >= 0) & (rc < current.shape)).all(axis=1)
-        known = np.zeros(len(rc), dtype=bool)
-        known[inside] = current.valid[rc[inside, 0], rc[inside, 1]]
-        fresh = overlay.valid.copy()
-        fresh[overlay.valid] = ~known
-        return fresh
 
     def score(self, document: Document) -> AlignmentScore:
         """Score the effective placement, with the operator's nudges."""

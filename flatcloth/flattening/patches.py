@@ -20,6 +20,31 @@ definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
 
 
+@njit(cache=True, nogil=True)
+def find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
+    """Mark the steps between measured neighbours that no depth jump separates.
+
+    The limit applies to the ratio of depths: a step of ``step_limit`` times the depth has the slope
+    of the grazing limit, so the test is the same at every distance.
+    """
+    rows, cols = inverse_depth.shape
+    steps = np.zeros((rows, cols), dtype=np.uint8)
+    for r in range(rows):
+        for c in range(cols):
+            q = inverse_depth[r, c]
+            if q <= 0:
+                continue
+            if c + 1 < cols:
+                p = inverse_depth[r, c + 1]
+                if p > 0 and abs(p - q) <= step_limit * min(p, q):
+                    steps[r, c] |= 1
+            if r + 1 < rows:
+                p = inverse_depth[r + 1, c]
+                if p > 0 and abs(p - q) <= step_limit * min(p, q):
+                    steps[r, c] |= 2
+    return steps
+
+
 def normals_from_fit(
     fit: Float64, rows: NDArray[np.number], cols: NDArray[np.number], frame: RgbdFrame
 ) -> tuple[Float64, Float64]:

@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
@@ -20,7 +19,8 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.jumps import cut_small_jumps
-from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, fit_planes, normals_from_fit
+from flatcloth.flattening.noise import smooth_noise
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 
 _NORMAL_WINDOW_PX = 3
@@ -42,8 +42,9 @@ class Surface:
     ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
     ``normal`` float32, unit, towards the camera (NaN off the surface); ``z_angle_deg`` float32;
     ``usable`` bool, the surface; ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``;
-    ``inverse_depth`` float64, 1/m as measured, 0 where the item was not measured; ``noise_m`` the
-    median deviation of the measured depth from its local planes; ``noisy`` whether it exceeds the limit.
+    ``inverse_depth`` float64, 1/m as measured (smoothed where that is noisier than a D435's), 0 where the
+    item was not measured; ``noise_m`` the median deviation of the measured depth from its local planes;
+    ``noisy`` whether it exceeds the limit.
     """
 
     frame: RgbdFrame
@@ -137,11 +138,13 @@ def observe_surface(
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
+    inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
-    steps = cut_small_jumps(inverse_depth, _find_steps(inverse_depth, step_limit))
+    steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
     item = inverse_depth > 0
     rows, cols = np.nonzero(item)
     fit, noise_m = fit_planes(inverse_depth, steps, item, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
+    noise_m = max(noise_m, rough_m)
     normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
     kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
     usable = np.zeros(item.shape, dtype=np.bool_)
@@ -179,7 +182,7 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     measured = frame.depth_m > 0
     inverse_depth = _inverse(frame.depth_m, measured)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    labels = _label_regions(_find_steps(inverse_depth, step_limit), measured)
+    labels = _label_regions(find_steps(inverse_depth, step_limit), measured)
     count = int(labels.max()) + 1
     if count == 0:
         raise SurfaceError(f"View {frame.view_index}: nothing was measured; use another view.")
@@ -233,28 +236,3 @@ def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
     labels = np.full(measured.shape, -1, dtype=np.int32)
     labels[measured] = connected_components(graph, directed=False)[1]
     return labels
-
-
-@njit(cache=True, nogil=True)
-def _find_steps(inverse_depth: Float64, step_limit: float) -> NDArray[np.uint8]:
-    """Mark the steps between measured neighbours that no depth jump separates.
-
-    The limit applies to the ratio of depths: a step of ``step_limit`` times the depth has the slope
-    of the grazing limit, so the test is the same at every distance.
-    """
-    rows, cols = inverse_depth.shape
-    steps = np.zeros((rows, cols), dtype=np.uint8)
-    for r in range(rows):
-        for c in range(cols):
-            q = inverse_depth[r, c]
-            if q <= 0:
-                continue
-            if c + 1 < cols:
-                p = inverse_depth[r, c + 1]
-                if p > 0 and abs(p - q) <= step_limit * min(p, q):
-                    steps[r, c] |= 1
-            if r + 1 < rows:
-                p = inverse_depth[r + 1, c]
-                if p > 0 and abs(p - q) <= step_limit * min(p, q):
-                    steps[r, c] |= 2
-    return steps

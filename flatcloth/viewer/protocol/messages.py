@@ -18,14 +18,14 @@ from flatcloth.rendering.layers import LAYERS
 from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 
-MAX_MESSAGE_CHARS = 100_000
-"""Limits of what a page may send. Chosen: far above what the page's own controls send."""
-MAX_NAME_CHARS = 80  # so too
-MAX_FPS = 240.0  # so too
-MAX_PAIRS = 50  # so too
-MAX_ANGLE_DEG = 3600.0  # so too
-MAX_STROKE_POINTS = 1000  # so too
-MAX_BRUSH_M = 0.2  # so too
+# Limits of what a page may send. Chosen: far above what the page's own controls send.
+MAX_MESSAGE_CHARS = 100_000  # of a whole message
+MAX_NAME_CHARS = 80  # of a pick
+MAX_FPS = 240.0  # of live mode
+MAX_PAIRS = 50  # of points of cloth, of which two fix a place
+MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
+MAX_STROKE_POINTS = 1000  # of one stroke
+MAX_BRUSH_M = 0.2  # radius
 
 Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
 """A place on a garment's plane, or a shift there."""
