@@ -29,6 +29,8 @@ from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place
+from flatcloth.garments.links import Cloth
+from flatcloth.garments.parting import parts_taken_off, without_parts
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
@@ -125,6 +127,7 @@ class Integration(RecordedViews):
         """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
+        self._without: Cache[Canonical] = Cache(2)
         before: Method | None = getattr(self, "algorithm", None)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
         if before is not None:
@@ -146,7 +149,40 @@ class Integration(RecordedViews):
             If the session has no start view.
         """
         self.segment(document.strokes)
-        return self.algorithm.canonical(document)
+        whole = self.algorithm.canonical(document)
+        if not document.garment.parts:
+            return whole
+        key = (*_shape_of(document), document.garment.parts)
+        return self._without.get(key, lambda: self._without_parts(whole, document))
+
+    def cloth(self, document: Document) -> Cloth | None:
+        """Return how the shape of a document hangs together; None if the method does not know.
+
+        Parts that were taken off have no place.
+        """
+        cloth = self._cloth(document)
+        if cloth is None or not document.garment.parts:
+            return cloth
+        off = np.any(
+            [np.zeros(len(cloth.uv_m), bool), *parts_taken_off(cloth, document.garment.parts)], axis=0
+        )
+        return replace(cloth, uv_m=np.where(off[:, None], np.nan, cloth.uv_m))
+
+    def _cloth(self, document: Document) -> Cloth | None:
+        found = self.algorithm.surface_edges(document)
+        if found.evidence is None:
+            return None
+        return Cloth(uv_m=found.uv_m, xyz_m=found.xyz_m, edges=found.edges, evidence=found.evidence)
+
+    def _without_parts(self, whole: Canonical, document: Document) -> Canonical:
+        """Return a shape without the parts that were taken off it by the garment; they float."""
+        cloth = self._cloth(document)
+        parts = [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
+        if cloth is None or not parts:
+            return whole
+        view, pieces = without_parts(whole.view, cloth, parts)
+        floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)
+        return replace(whole, view=view, floating=tuple(floating))
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""

@@ -1,8 +1,7 @@
 """The messages of the page to the server, parsed strictly; a bad message becomes a notification.
 
 Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
-which the page's own types can be generated. Bounds stand in the types: whatever number comes in, a
-garment and its plane hold it.
+which the page's own types are made. Bounds stand in the types: a garment and its plane hold each number.
 """
 
 from __future__ import annotations
@@ -327,12 +326,20 @@ class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
     accepted: bool
 
 
+class DecideLink(_Said, tag="decide_link", frozen=True, kw_only=True):
+    """Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list."""
+
+    index: Annotated[int, Meta(ge=0)]
+    taken_off: bool
+
+
 class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 
     name: GarmentName
 
 
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
 Message = (
     Do
     | Move
@@ -363,11 +370,8 @@ Message = (
     | CutShape
     | Brush
     | WhereToStroke
-    | SetKind
-    | HoldPoint
+    | GarmentDecision
     | PreviewPoint
-    | ReleasePoints
-    | DecidePiece
     | PickPoint
 )
 
