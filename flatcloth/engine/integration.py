@@ -53,6 +53,9 @@ _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
 """Views that are decoded ahead. Chosen: more compete with what the operator waits for."""
+_NEXT_VIEWS, _NEXT_APART_DEG = 2, 30.0
+"""The best candidates beside the planned view, this far from it (nearer ones show the same cloth): four times
+in five the next planned view has been among them. Measured on two recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +108,9 @@ class Integration(RecordedViews):
     ConfigError
         If the method is unknown.
     """
+
+    flattens_ahead = False
+    """Set by a run that has a second core: the views that are likely next are flattened meanwhile."""
 
     def __init__(
         self,
@@ -280,6 +286,8 @@ class Integration(RecordedViews):
                     reason += " A floating piece has outgrown the shape and takes its place."
                     return NothingMore(token, reason, takes_largest=True)
                 return NothingMore(token, reason)
+            if self.flattens_ahead:
+                self.flatten_ahead(self._likely_after(plan))
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
@@ -329,6 +337,16 @@ class Integration(RecordedViews):
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
         likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
         self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
+
+    def _likely_after(self, plan: Plan) -> list[int]:
+        """Return the views that will likely be planned after the planned one."""
+        angles, planned = self.recording.angles_deg, plan.view_index
+        assert planned is not None
+        turns = {
+            c.view_index: abs((angles[c.view_index] - angles[planned] + 180.0) % 360.0 - 180.0)
+            for c in plan.candidates
+        }
+        return [view for view, turn in turns.items() if turn >= _NEXT_APART_DEG][:_NEXT_VIEWS]
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)
