@@ -10,9 +10,9 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
-ASKED_FOR = ("soak", "confidence", "accuracy")
-"""Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, and
-``accuracy`` is about given recordings."""
+ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
+"""Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
+are about given recordings."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
@@ -46,6 +46,9 @@ def main() -> None:
         "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"
     )
     parser.add_argument("--views", type=int, default=0, help="batch: views of each (default: all)")
+    parser.add_argument(
+        "--keep", default="", metavar="DIR", help="reliability: keep what each recording gave, and reuse it"
+    )
     arguments = parser.parse_args()
     options = Options(
         arguments.recordings,
@@ -54,6 +57,7 @@ def main() -> None:
         copies=arguments.copies,
         timed=arguments.timed,
         views=arguments.views,
+        keep=arguments.keep,
     )
     # Imported late: the libraries read their number of threads when they are loaded.
     for name in (name for name in ASKED_FOR if name in arguments.name):
