@@ -9,7 +9,7 @@ import os
 from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
-ON_ALL_CORES = ("size", "page", "canvas", "batch")
+ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy")
 """Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
 ON_ONE_CORE = (

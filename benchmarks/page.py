@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.output import Options, save
@@ -66,6 +67,8 @@ ROWS = (
     ("first_picture_s", "process start to first picture drawn in the browser, s"),
     ("first_picture_cpu_s", "  processor seconds of the program by then"),
     ("scene_s", "process start to 3D scene drawn (software), s"),
+    ("fresh_address_s", "nothing compiled: process start to address printed, s"),
+    ("fresh_first_picture_s", "nothing compiled: process start to first picture, s"),
     ("click_ms", f"click to highlight drawn in 3D (median of {POINTS}), ms"),
     ("slowest_click_ms", "slowest click, ms"),
     ("hover_ms", f"pointer on the plane to cursor in 3D (median of {POINTS}), ms"),
@@ -83,9 +86,10 @@ def run(options: Options) -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         starts = [_one_start(browser) for _ in range(1 if options.quick else STARTS)]
+        fresh = _fresh_start(browser)
         version = browser.version
         browser.close()
-    found = {key: statistics.median(start[key] for start in starts) for key in starts[0]}
+    found = {key: statistics.median(start[key] for start in starts) for key in starts[0]} | fresh
     load = os.getloadavg()[0]
     for key, text in ROWS:
         print(f"{text:<66}{found[key]:10.2f}")
@@ -95,7 +99,16 @@ def run(options: Options) -> None:
         save("page", {"browser": drawn_by, "load": load, "starts": len(starts), **found}, [RECORDING])
 
 
-def _one_start(browser: Any) -> dict[str, float]:
+def _fresh_start(browser: Any) -> dict[str, float]:
+    """Start the program as on a machine that has compiled nothing yet."""
+    with tempfile.TemporaryDirectory() as cache:
+        found = _one_start(browser, {"NUMBA_CACHE_DIR": cache}, answers=False)
+    return {"fresh_address_s": found["address_s"], "fresh_first_picture_s": found["first_picture_s"]}
+
+
+def _one_start(
+    browser: Any, environment: Mapping[str, str] | None = None, *, answers: bool = True
+) -> dict[str, float]:
     page = browser.new_page(viewport=VIEWPORT)
     page.set_default_timeout(120_000)
     with tempfile.TemporaryDirectory() as folder:
@@ -104,6 +117,7 @@ def _one_start(browser: Any) -> dict[str, float]:
             [sys.executable, "app.py", "view", RECORDING, "--port", "0", "--session", f"{folder}/session"],
             stdout=subprocess.PIPE,
             text=True,
+            env={**os.environ, **(environment or {})},
         )
         try:
             assert process.stdout is not None
@@ -116,7 +130,7 @@ def _one_start(browser: Any) -> dict[str, float]:
             found["first_picture_cpu_s"] = _cpu_s(process.pid)
             page.wait_for_function(SCENE_STANDS)
             found["scene_s"] = time.perf_counter() - started
-            return found | _answers(page)
+            return found | _answers(page) if answers else found
         finally:
             page.close()
             process.terminate()

@@ -95,7 +95,9 @@ def soak(recording: str, seconds: float, *, trace: bool = False) -> dict[str, An
             url = re.match(r"(http://[^/]+)/\?token=(\S+)", process.stdout.readline())
             assert url is not None
             operator = Operator(url[1], url[2])
-            operator.until(lambda s: s["phase"] == "ready" and s["layers"])
+            operator.until(
+                lambda s: s["phase"] == "ready" and s["layers"], 600.0
+            )  # kernels may be compiled first
             return _watch(operator, process, seconds, trace)
         finally:
             process.stdin.close()

@@ -170,16 +170,6 @@ class CylinderIntegration:
             self._overlays[pending] = replace(view, origin_uv_m=(u + at.u_m, v + at.v_m))
         return self._overlays[pending]
 
-    def new_points(self, document: Document):
-        shape = self.canonical(document).view
-        overlay = self.overlay(document)
-        used = [self._held_angle(i) for i in document.used_views]
-        phi = np.degrees(
-            overlay.uv_from_rc(np.indices(overlay.shape).transpose(1, 2, 0).astype(float))[..., 0] / RADIUS_M
-        )
-        assert shape.valid.any()
-        return overlay.valid & np.all(np.abs(phi[..., None] - np.array(used)) > SEEN_DEG, axis=-1)
-
     def score(self, document: Document) -> AlignmentScore:
         nudge = document.pending.nudge
         off_mm = 1000 * float(np.hypot(nudge.u_m, nudge.v_m))

@@ -6,6 +6,7 @@ import contextlib
 import threading
 
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.session.machine import SessionState, Start, apply
 
 
@@ -24,6 +25,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
 def _compute(integration: Integration, state: SessionState) -> None:
     # What fails here fails again when the session asks for it, which reports it.
     with contextlib.suppress(Exception):
+        wait_until_compiled()
         if state.document.start_view is None:
             state = apply(state, Start())
             assert state.request is not None

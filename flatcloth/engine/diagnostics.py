@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
 
 LEAST_STRAIN = 0.04
-"""A distance between samples is reported if it is off by this share ... Chosen; not measured."""
+"""An edge is strained if its length is off by at least this share, and by ``LEAST_OFF_M``. Chosen; not
+measured."""
 LEAST_OFF_M = 0.0005
-"""... and by this much. Chosen: below it is the rounding of a D435 (1 mm units), averaged."""
+"""Chosen: smaller changes of length are the rounding of a D435 (1 mm units), averaged."""
 MOST_EDGES = 400
-"""Smallest strain and change of length of a strained edge; at most this many are reported, worst first. Set
-by hand."""
+"""Strained edges that are reported, the most strained first. Chosen: the page draws them in one frame."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,6 @@ from flatcloth.core.errors import (
     SurfaceError,
 )
 from flatcloth.core.types import (
-    Bool,
     FlattenedView,
     Progress,
     no_progress,
@@ -30,6 +29,8 @@ from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place
+from flatcloth.garments.links import Cloth
+from flatcloth.garments.parting import parts_taken_off, without_parts
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
@@ -47,9 +48,9 @@ from flatcloth.session.machine import (
 )
 
 _LIKELY_ROTATION_DEG = 30.0
-"""Views about this far from the present one are flattened ahead. Chosen; not measured."""
+"""Views about this far from the present one are decoded ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
-"""How many. Chosen: more compete with what the operator waits for."""
+"""Views that are decoded ahead. Chosen: more compete with what the operator waits for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +121,7 @@ class Integration(RecordedViews):
         """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
+        self._without: Cache[Canonical] = Cache(2)
         before: Method | None = getattr(self, "algorithm", None)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
         if before is not None:
@@ -141,7 +143,40 @@ class Integration(RecordedViews):
             If the session has no start view.
         """
         self.segment(document.strokes)
-        return self.algorithm.canonical(document)
+        whole = self.algorithm.canonical(document)
+        if not document.garment.parts:
+            return whole
+        key = (*_shape_of(document), document.garment.parts)
+        return self._without.get(key, lambda: self._without_parts(whole, document))
+
+    def cloth(self, document: Document) -> Cloth | None:
+        """Return how the shape of a document hangs together; None if the method does not know.
+
+        Parts that were taken off have no place.
+        """
+        cloth = self._cloth(document)
+        if cloth is None or not document.garment.parts:
+            return cloth
+        off = np.any(
+            [np.zeros(len(cloth.uv_m), bool), *parts_taken_off(cloth, document.garment.parts)], axis=0
+        )
+        return replace(cloth, uv_m=np.where(off[:, None], np.nan, cloth.uv_m))
+
+    def _cloth(self, document: Document) -> Cloth | None:
+        found = self.algorithm.surface_edges(document)
+        if found.evidence is None:
+            return None
+        return Cloth(uv_m=found.uv_m, xyz_m=found.xyz_m, edges=found.edges, evidence=found.evidence)
+
+    def _without_parts(self, whole: Canonical, document: Document) -> Canonical:
+        """Return a shape without the parts that were taken off it by the garment; they float."""
+        cloth = self._cloth(document)
+        parts = [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
+        if cloth is None or not parts:
+            return whole
+        view, pieces = without_parts(whole.view, cloth, parts)
+        floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)
+        return replace(whole, view=view, floating=tuple(floating))
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
@@ -170,17 +205,6 @@ class Integration(RecordedViews):
             (*_shape_of(document), *placed),
             lambda: place(self.part(pending.view_index, pending.component), pending.current_from_new),
         )
-
-    def new_points(self, document: Document) -> Bool:
-        """Return the pixels (H, W) of :meth:`overlay` that lie beyond the canonical view."""
-        overlay, current = self.overlay(document), self.canonical(document).view
-        rc = np.rint(current.rc_from_uv(overlay.uv_from_rc(np.argwhere(overlay.valid)))).astype(int)
-        inside = ((rc >= 0) & (rc < current.shape)).all(axis=1)
-        known = np.zeros(len(rc), dtype=bool)
-        known[inside] = current.valid[rc[inside, 0], rc[inside, 1]]
-        fresh = overlay.valid.copy()
-        fresh[overlay.valid] = ~known
-        return fresh
 
     def score(self, document: Document) -> AlignmentScore:
         """Score the effective placement, with the operator's nudges."""

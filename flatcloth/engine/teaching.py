@@ -44,17 +44,17 @@ INTERVALS_PX = (4, 40)
 Z_ANGLE_LIMITS_DEG = (10.0, 85.0)
 """Range of A_w in the page. Chosen: beyond it nothing or everything is measured."""
 OVERLAP_AREAS_M2 = (0.0001, 1.0)
-"""Ranges of the parameters; outside them the method shows nothing useful. Set by hand."""
+"""Range of S_0 in the page. Chosen: from 1 cm2, too little to align by, to more than a garment's face."""
 
 KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH = 1, 2, 3, 4
 """Origin of a pixel of the renewed view: seen by one of the two views only, or by both. By definition."""
 
 _INTERVALS_KEPT = 6
-"""How many results are kept, for going back and forth. Chosen for memory."""
+"""Integrations with another d, A_w or S_0 that are kept, for going back and forth. Chosen for memory."""
 _FLATTENINGS_KEPT = 12
-"""As above."""
+"""Views flattened with another d that are kept. Chosen for memory."""
 _ALIGNMENTS_KEPT = 6
-"""As above."""
+"""Alignments by other parameters that are kept. Chosen for memory."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,7 +98,7 @@ class RecordedViews:
         """
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 32 * _MIB)
-        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 112 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 96 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self.masks: Masks | None = None
         segmenter = self._segmenter

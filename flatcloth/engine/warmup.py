@@ -1,8 +1,9 @@
 """Compile the numerical kernels in advance, so that the first start is as fast as later ones.
 
-``python -m flatcloth.engine.warmup`` runs the whole method on two small synthetic views; numba caches
-the compiled code beside the sources. Where that was not done, the page opens all the same: a second process
-compiles (:func:`compile_beside`), and progress texts say so (:func:`is_compiled`).
+``python -m flatcloth.engine.warmup`` lets two processes compile a share of the kernels each, and then runs
+the whole method on two small synthetic views; numba caches the compiled code beside the sources. Where that
+was not done, the page opens all the same: it lets two processes compile (:func:`compile_beside`), and what
+needs the kernels waits for them and says so (:func:`wait_until_compiled`).
 """
 
 from __future__ import annotations
@@ -10,16 +11,22 @@ from __future__ import annotations
 import atexit
 import subprocess
 import sys
+import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
-from flatcloth.flattening.sampling import path_on_surface
-from flatcloth.methods.robust.compositing import _composite
+from flatcloth.engine.kernels.table import compile_share, kernels
 from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
+
+PROCESSES = 2
+"""That compile. Chosen: as many cores as any computer has; a third would mostly load the compiler."""
+_LOOK_S = 0.25
+"""Between two looks at what is compiled. Chosen."""
+
+_beside: list[subprocess.Popen[bytes]] = []
 
 
 class TurnedCylinder:
@@ -73,36 +80,46 @@ def warm_up() -> None:
 
 
 def is_compiled() -> bool:
-    """Return whether an early and the last kernel of an integration are compiled and kept on disk."""
-    return all(_is_kept(kernel) for kernel in (path_on_surface, _composite))
+    """Return whether all kernels of a typical integration are compiled and kept on disk."""
+    return all(kernel.is_kept for kernel in kernels())
 
 
-def _is_kept(kernel: Any) -> bool:
-    source = Path(kernel.py_func.__code__.co_filename)
-    kept = Path(kernel.stats.cache_path).glob(f"{source.stem}.{kernel.py_func.__qualname__}-*.nbi")
-    changed_s = source.stat().st_mtime
-    return any(index.stat().st_mtime >= changed_s for index in kept)
+def is_compiling() -> bool:
+    """Return whether processes of :func:`compile_beside` are at work."""
+    return any(process.poll() is None for process in _beside)
 
 
-def compile_beside() -> subprocess.Popen[bytes] | None:
-    """Compile all kernels in a process of its own, if they are not compiled yet; it ends with this one.
+def compile_beside() -> None:
+    """Compile all kernels in processes of their own, if they are not compiled yet; they end with this one."""
+    if is_compiled() or _beside:
+        return
+    for number in range(PROCESSES):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "flatcloth.engine.warmup", str(number)],
+            cwd=Path(__file__).parents[2],  # a checkout need not be installed
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # it does not hear Ctrl-C, and is ended here
+        )
+        atexit.register(process.terminate)
+        _beside.append(process)
 
-    What it has compiled this process reads from disk, and the other way round: the first view is flattened
-    here while the other process goes on to the kernels of placing and merging.
+
+def wait_until_compiled(progress: Progress = no_progress) -> None:
+    """Wait for the processes of :func:`compile_beside`, if there are any, and tell how far they are.
+
+    ``progress`` may raise ``CancelledError``. What they could not compile is compiled when it is called.
     """
-    if is_compiled():
-        return None
-    # In a session of its own it does not hear Ctrl-C, and is ended here.
-    process = subprocess.Popen(
-        [sys.executable, "-m", __name__],
-        cwd=Path(__file__).parents[2],  # a checkout need not be installed
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    atexit.register(process.terminate)
-    return process
+    while is_compiling():
+        done, of = sum(kernel.is_kept for kernel in kernels()), len(kernels())
+        progress(done / of, f"compiling, first start only: {done} of {of} functions")
+        time.sleep(_LOOK_S)
 
 
 if __name__ == "__main__":
-    warm_up()
+    if sys.argv[1:]:
+        compile_share(int(sys.argv[1]), PROCESSES)
+    else:
+        compile_beside()
+        wait_until_compiled()
+        warm_up()

@@ -168,6 +168,10 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
         "placed_by_the_garment": [floating_file(n + 1) for n in sorted(known.pieces.shape_from_piece)],
+        "doubted_links": [
+            {"part_cm2": round(1e4 * link.area_m2, 1), "probability": round(link.probability, 4)}
+            for link in known.links
+        ],
     }
 
 
@@ -181,7 +185,8 @@ def told(known: KnownGarment | str) -> list[str]:
         likeliest = found.fit.kind.name
         return [
             f"Garment: none of the known kinds ({found.probabilities[NONE]:.0%}); the likeliest kind is "
-            f"{likeliest} ({found.probabilities[likeliest]:.0%})."
+            f"{likeliest} ({found.probabilities[likeliest]:.0%}).",
+            *_doubts(known),
         ]
     seen = sum(point.pixel is not None for point in found.points.values())
     sizes = ", ".join(
@@ -192,8 +197,17 @@ def told(known: KnownGarment | str) -> list[str]:
         f"Garment: {name} ({found.probabilities[name]:.0%}); "
         f"{seen} of {len(found.points)} named points seen.",
         f"Dimensions in mm: {sizes}.",
+        *_doubts(known),
     ]
     placed = sorted(known.pieces.shape_from_piece)
     if placed:
         lines.append(f"Floating pieces placed by the garment: {', '.join(str(n + 1) for n in placed)}.")
     return lines
+
+
+def _doubts(known: KnownGarment) -> list[str]:
+    return [
+        f"A part of {1e4 * link.area_m2:.0f} cm2 is joined where no garment allows it (probability of the "
+        f"link {link.probability:.0%}); decide about it on the page."
+        for link in known.links
+    ]

@@ -24,7 +24,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 from numba import njit
-from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.linalg.lapack import dgesv, dpbtrf, dpbtrs
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -331,9 +331,22 @@ def _conjugate_gradients(
     return None
 
 
-@njit(cache=True, nogil=True)
 def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
     """Combine the past images so that the combined residual is smallest."""
+    gram, rhs = _normal_equations(past_f, kept, f)
+    # Not solved in the compiled function: there np.linalg.solve takes longer to compile than this module.
+    _, _, gamma, failed = dgesv(gram, rhs)
+    if failed or not np.isfinite(gamma).all():
+        raise np.linalg.LinAlgError("the past residuals cannot be combined")
+    mixed = g.copy()
+    for past, share in zip(past_x[:kept], gamma, strict=True):
+        mixed -= share * (g - past)
+    return mixed
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(past_f: Float64, kept: int, f: Float64) -> tuple[Float64, Float64]:
+    """Return the Gram matrix of the residual's changes, and their products with the residual."""
     size = f.size
     gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
     for i in range(kept):
@@ -351,12 +364,7 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
         largest = max(largest, gram[i, i])
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
-    gamma = np.linalg.solve(gram, rhs)
-    mixed = g.copy()
-    for i in range(kept):
-        for k in range(size):
-            mixed[k] -= gamma[i] * (g[k] - past_x[i, k])
-    return mixed
+    return gram, rhs
 
 
 @njit(cache=True, nogil=True)

@@ -80,7 +80,7 @@ def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> F
     small = stats[:, cv2.CC_STAT_AREA] <= max_area_px
     small[0] = False
     filled = inverse_depth.copy()
-    _relax(filled, np.argwhere(small[label]), 60)
+    _relax(filled, np.ascontiguousarray(np.argwhere(small[label])), 60)
     return filled
 
 

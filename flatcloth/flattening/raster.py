@@ -115,8 +115,9 @@ def rasterise_pixels(
     box = tuple(slice(start, start + size) for start, size in zip(corner_rc, part.shape, strict=True))
     points = uv_m[box]
     low, shape = _grid(points[part], pixel_size_m)
+    steps = np.ascontiguousarray(surface.steps[box])
     source_rc, flips, overlaps = _fill_pixels(
-        points / pixel_size_m - low, part, surface.steps[box], shape, np.array(corner_rc, dtype=np.float32)
+        points / pixel_size_m - low, part, steps, shape, np.array(corner_rc, dtype=np.float32)
     )
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 

@@ -97,7 +97,7 @@ class Carrier:
         return uv, stretch
 
     def _blended(self, rc: Int32) -> Float64:
-        surface = self._surface
+        surface, rc = self._surface, np.ascontiguousarray(rc)
         return _blend(rc, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
 
 
@@ -154,7 +154,7 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
         r, c = rc[n]
         if nearest[r, c] < 0:
             nearest[r, c] = n
-            queue[tail] = r, c
+            queue[tail, 0], queue[tail, 1] = r, c  # by number: compiling queue[tail] = r, c takes seconds
             tail += 1
     head = 0
     for _ in range(most_steps):
@@ -173,7 +173,7 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
                     rr, cc, good = r - 1, c, r > 0 and (steps[r - 1, c] & 2) > 0
                 if good and usable[rr, cc] and nearest[rr, cc] < 0:
                     nearest[rr, cc] = nearest[r, c]
-                    queue[tail] = rr, cc
+                    queue[tail, 0], queue[tail, 1] = rr, cc
                     tail += 1
     return nearest
 

@@ -110,6 +110,24 @@ class PieceEvidence:
         found[there] = self.depth_m[at[there, 1], at[there, 0]]
         return found
 
+    def part(self, edges: Bool, insides: Bool, pixels_rc: NDArray[np.int64]) -> PieceEvidence:
+        """Return the evidence of a part: its true edges (E,), places with cloth (I,) and pixels (K, 2)."""
+        solid = np.zeros(self.depth_m.shape, dtype=np.bool_)
+        solid[tuple(pixels_rc.T)] = True
+        return replace(
+            self,
+            edge_uv_m=self.edge_uv_m[edges],
+            edge_normal=self.edge_normal[edges],
+            edge_std_m=self.edge_std_m[edges],
+            edge_free=self.edge_free[edges],
+            edge_trust=self.edge_trust[edges],
+            inside_uv_m=self.inside_uv_m[insides],
+            inside_std_m=self.inside_std_m[insides],
+            inside_xyz_m=self.inside_xyz_m[insides],
+            area_m2=len(pixels_rc) * self.depth_pixel_m**2,
+            depth_m=_depth_m(solid, self.depth_pixel_m),
+        )
+
     def thinned(self, step: int) -> PieceEvidence:
         """Return every ``step``-th true edge and place with cloth only."""
         e, i = np.s_[::step], np.s_[::step]
@@ -176,11 +194,17 @@ def evidence_of(
         inside_xyz_m=piece.xyz_m[tuple(inside_rc.T)].astype(np.float64),
         area_m2=float(solid.sum()) * piece.pixel_size_m**2,
         hole_edge_m=_hole_edge_m(hole, known),
-        depth_m=cv2.distanceTransform(np.pad(solid.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-        * np.float32(piece.pixel_size_m),
+        depth_m=_depth_m(solid, piece.pixel_size_m),
         depth_origin_uv_m=np.array(piece.origin_uv_m),
         depth_pixel_m=piece.pixel_size_m,
     )
+
+
+def _depth_m(solid: Bool, pixel_m: float) -> Float32:
+    """Return how far each pixel (H, W) of the cloth is inside of its border."""
+    off = cv2.distanceTransform(np.pad(solid.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth: Float32 = off * np.float32(pixel_m)
+    return depth
 
 
 def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:

@@ -179,7 +179,8 @@ class _Problem:
         turn = _turn(pose[0])
         q = piece.edge_uv_m @ turn.T + pose[1:]
         found = _Found(len(q))
-        to_edges(q, piece.edge_normal @ turn.T, outline, found.side, found.share, found.away, found.distance)
+        turned, outline = piece.edge_normal @ turn.T, np.ascontiguousarray(outline)
+        to_edges(q, turned, outline, found.side, found.share, found.away, found.distance)
         std = widened * np.hypot(EDGE_STD_M, piece.edge_std_m)
         z = found.distance / std
         bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
@@ -194,7 +195,7 @@ class _Problem:
     ) -> float:  # fmt: skip
         q = piece.inside_uv_m @ _turn(pose[0]).T + pose[1:]
         found = _Found(len(q))
-        outside(q, outline, found.side, found.share, found.away, found.distance)
+        outside(q, np.ascontiguousarray(outline), found.side, found.share, found.away, found.distance)
         std = widened * np.hypot(INSIDE_STD_M, piece.inside_std_m)
         z = found.distance / std
         # Huber's cost: cloth far outside keeps its influence.

@@ -140,16 +140,17 @@ def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) ->
     pieces = (main.thinned(2), piece.thinned(2))
     steps = ((3.0, 6), (1.0, 8))
     refined = refine(fit.kind, pieces, fit.parameters, (fit.garment_from_piece[0], pose), annealed=steps)
-    extra = _contradiction(
-        refined.outline, refined.garment_from_piece[0], refined.garment_from_piece[1], main, piece
-    )
-    return refined.energy + extra, refined
+    return refined.energy + contradiction(refined, main, piece), refined
+
+
+def contradiction(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> float:
+    """Return what it costs that a piece lies on the main one, or nearer to it than it hangs in space."""
+    return _contradiction(fit.outline, fit.garment_from_piece[0], fit.garment_from_piece[1], main, piece)
 
 
 def _contradiction(
     outline: Float64, main_pose: Rigid2, pose: Rigid2, main: PieceEvidence, piece: PieceEvidence
 ) -> float:
-    """Return what it costs that a piece lies on the main one, or nearer to it than it hangs in space."""
     shape_from_piece = main_pose.inverse() @ pose
     there = shape_from_piece.apply(piece.inside_uv_m)
     laid = main.depth_at(there) - _LAID_ON_M

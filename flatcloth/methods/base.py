@@ -243,13 +243,15 @@ class SurfaceEdges:
     """The edges of Eq. (2) of a shape at their present position on its plane.
 
     ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
-    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth.
+    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth. ``evidence`` (M,) that both ends are one
+    sheet, from 0; None if the method does not know.
     """
 
     uv_m: Float64
     xyz_m: Float64
     edges: Int32
     length_m: Float64
+    evidence: Float64 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,9 @@ COLOR_DIFFERENCE_SPAN = 64.0
 """A quarter of the range of 8-bit color. Chosen."""
 POSITION_DIFFERENCE_SPAN_M = 0.020
 """Fixed ranges, so that the colours mean the same for every proposal."""
+CONFLICT_M = 0.010
+"""Points of proposal and shape at one place of the plane that are farther apart in space are in conflict.
+Chosen: half the range of the colours of this difference."""
 
 _UNKNOWN = (128, 128, 128)
 """Color of pixels without a value: middle grey."""

@@ -57,12 +57,30 @@ class PlacedPiece:
 
 
 @dataclass(frozen=True)
+class DoubtedPart:
+    """A part of the shape that is taken off it because no garment allows its link, or that stays on it.
+
+    ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, and where they lay.
+    ``probability`` is that of the link when it was decided.
+    """
+
+    taken_off: bool
+    part: ClothPlaces
+    rest: ClothPlaces
+    probability: float
+
+
+@dataclass(frozen=True)
 class GarmentDecisions:
-    """All decisions about the garment; ``kind`` None: by the evidence. Of a piece the last one counts."""
+    """All decisions about the garment; ``kind`` None: by the evidence.
+
+    Of a piece, and of a part, the last one counts.
+    """
 
     kind: str | None = None
     held: tuple[HeldPoint, ...] = ()
     pieces: tuple[PlacedPiece, ...] = ()
+    parts: tuple[DoubtedPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,7 +111,14 @@ class DecidePiece:
     piece: PlacedPiece
 
 
-GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece
+@dataclass(frozen=True)
+class DecideLink:
+    """Take a part off the shape because no garment allows its link, or keep it."""
+
+    part: DoubtedPart
+
+
+GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
 
 
 def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
@@ -109,6 +134,8 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
             return f"The point {name!r:.60} is not held."
         case DecidePiece() if len(decisions.pieces) >= MOST_PIECES:
             return f"{MOST_PIECES} pieces are decided about, which is the most there can be. Undo some."
+        case DecideLink() if len(decisions.parts) >= MOST_PIECES:
+            return f"{MOST_PIECES} parts are decided about, which is the most there can be. Undo some."
     return None
 
 
@@ -148,6 +175,9 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
         case DecidePiece(piece=piece):
             verb = "place a piece by the garment" if piece.accepted else "refuse a place by the garment"
             return verb, replace(decisions, pieces=(*decisions.pieces, piece))
+        case DecideLink(part=part):
+            verb = "take a part off by the garment" if part.taken_off else "keep a part on the shape"
+            return verb, replace(decisions, parts=(*decisions.parts, part))
 
 
 def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
@@ -157,13 +187,17 @@ def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
         case DecidePiece(piece=piece):
             yield piece.piece
             yield piece.shape
+        case DecideLink(part=part):
+            yield part.part
+            yield part.rest
 
 
 def _numbers(command: GarmentCommand) -> Iterator[float]:
     if isinstance(command, HoldPoint):
         yield from command.point.uv_m
-    if isinstance(command, DecidePiece):
-        yield 0.0 if math.isfinite(command.piece.probability) else math.nan
+    if isinstance(command, DecidePiece | DecideLink):
+        decided = command.piece if isinstance(command, DecidePiece) else command.part
+        yield 0.0 if math.isfinite(decided.probability) else math.nan
     for cloth in _cloths(command):
         for point in (*cloth.points_m, *cloth.uv_m):
             yield from point

@@ -99,6 +99,7 @@ _KINDS: dict[str, type[Any]] = {
     "hold point": garment.HoldPoint,
     "release points": garment.ReleasePoints,
     "decide piece": garment.DecidePiece,
+    "decide link": garment.DecideLink,
     "undo": session.Undo,
     "redo": session.Redo,
     "cancel": session.Cancel,

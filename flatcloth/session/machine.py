@@ -56,7 +56,7 @@ from flatcloth.session.document import (
     Side,
     Skipped,
 )
-from flatcloth.session.garment import DecidePiece, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, ReleasePoints, SetKind
 
 __all__ = [
     "UNSURE",
@@ -192,7 +192,7 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
         return None
     if isinstance(command, PaintImage | PaintSpace | CutCloth):
         return _why_not_paint(state, command)
-    if isinstance(command, SetKind | HoldPoint | ReleasePoints | DecidePiece):
+    if isinstance(command, SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink):
         return garments.why_not(state.document.garment, command)
     if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
@@ -274,7 +274,7 @@ def _check_bounds(document: Document, command: Command) -> None:
             placed = by @ pending.current_from_new
         case TakePart(current_from_new=placed):
             pass
-        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece():
+        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece() | DecideLink():
             garments.check_bounds(command, MAX_EXTENT_M)
             return
         case _:
@@ -319,7 +319,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
             return _go_on(painted)
-        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece():
+        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece() | DecideLink():
             name, decided = garments.decide(document.garment, command)
             # What is being computed does not depend on it.
             edited = _edit(state, name, replace(document, garment=decided))

@@ -11,7 +11,9 @@ from typing import Any, Literal
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import sample_recordings
+from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
+from flatcloth.session.journal import JOURNAL
 
 MOST_SESSIONS = 12
 """Sessions that are listed. Chosen: what a page shows without scrolling."""
@@ -31,7 +33,7 @@ class PlaceError(FlatclothError):
 class Chosen:
     """What is to be opened: a camera, or a recording and perhaps a session on it.
 
-    ``method`` and ``config_of`` are those of the session; None for a new one.
+    ``header`` is that of the session; None for a new one.
     """
 
     kind: Kind
@@ -66,7 +68,7 @@ class Places:
         """Return the offer for the page."""
         return {
             "examples": [{"name": name} for name in sample_recordings()],
-            "sessions": [_plain_session(folder, header) for folder, header in self._sessions()],
+            "sessions": [_plain_session(*session) for session in self._sessions()],
             "root": None if self._root is None else self._root.name or str(self._root),
         }
 
@@ -105,7 +107,7 @@ class Places:
                 raise PlaceError(f"There is no example {name!r:.60}.")
             return Chosen("example", str(source))
         if kind == "session":
-            for folder, header in self._sessions():
+            for folder, header, _ in self._sessions():
                 if folder.name == name:
                     return Chosen("session", header.recording.location, folder, header)
             raise PlaceError(f"There is no session {name!r:.60} any more.")
@@ -153,8 +155,8 @@ class Places:
                 if kind and found.is_relative_to(self._root):
                     yield {"name": entry.name, "kind": kind}
 
-    def _sessions(self) -> list[tuple[Path, Header]]:
-        """Return the user's sessions whose recordings are there, the last used first."""
+    def _sessions(self) -> list[tuple[Path, Header, float]]:
+        """Return the user's sessions whose recordings are there, and when each was used, the latest first."""
         if not self._own:
             return []
         found = []
@@ -163,9 +165,9 @@ class Places:
                 with contextlib.suppress(OSError, FlatclothError):
                     header = read_header(folder)
                     if Path(header.recording.location).exists():
-                        found.append((_used_at(folder), folder, header))
-        found.sort(key=lambda item: item[0], reverse=True)
-        return [(folder, header) for _, folder, header in found[:MOST_SESSIONS]]
+                        found.append((folder, header, _used_at(folder)))
+        found.sort(key=lambda session: session[2], reverse=True)
+        return found[:MOST_SESSIONS]
 
 
 def _kind_of(path: Path) -> str:
@@ -173,17 +175,17 @@ def _kind_of(path: Path) -> str:
     if path.is_dir():
         if (path / HEADER).is_file():
             return "session"
-        return "recording" if (path / "recording.json").is_file() else "folder"
+        return "recording" if (path / MANIFEST).is_file() else "folder"
     return "file" if path.is_file() and path.suffix in FILES else ""
 
 
 def _used_at(folder: Path) -> float:
-    journal = folder / "journal.jsonl"
+    journal = folder / JOURNAL
     return (journal if journal.exists() else folder / HEADER).stat().st_mtime
 
 
-def _plain_session(folder: Path, header: Header) -> dict[str, Any]:
-    used = datetime.fromtimestamp(_used_at(folder), UTC)
+def _plain_session(folder: Path, header: Header, used_at: float) -> dict[str, Any]:
+    used = datetime.fromtimestamp(used_at, UTC)
     about = header.recording
     return {
         "name": folder.name,

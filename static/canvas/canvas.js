@@ -2,7 +2,7 @@
 
 import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
 import { byId } from "/static/page/dom.js";
-import { contains, grown, Transform, union } from "/static/canvas/geometry.js";
+import { contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
 import { Picture } from "/static/canvas/picture.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
 
@@ -14,13 +14,6 @@ const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over
 
 /** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
-
-const cornersOf = ({ left, top, right, bottom }) => [
-  [left, top],
-  [right, top],
-  [left, bottom],
-  [right, bottom],
-];
 
 /** @type {{ paintShape: (canvas: any) => void }} */
 const ONE_LAYER = { paintShape: (canvas) => canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image) };

@@ -84,6 +84,26 @@ export function boxOf(grid) {
   return { left: u - d / 2, top: v - d / 2, right: u + (grid.cols - 0.5) * d, bottom: v + (grid.rows - 0.5) * d };
 }
 
+/** The corners of a box, in turn. */
+export const cornersOf = ({ left, top, right, bottom }) => [
+  [left, top],
+  [right, top],
+  [right, bottom],
+  [left, bottom],
+];
+
+/** A point of the plane moved by a rigid motion: turn (radians), then u and v (metres). */
+export function applied([theta, du, dv], u, v) {
+  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  return [cos * u - sin * v + du, sin * u + cos * v + dv];
+}
+
+/** A point moved back by a rigid motion. */
+export function unapplied([theta, du, dv], u, v) {
+  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  return [cos * (u - du) + sin * (v - dv), -sin * (u - du) + cos * (v - dv)];
+}
+
 export const contains = (a, b) => a.left <= b.left && a.top <= b.top && a.right >= b.right && a.bottom >= b.bottom;
 
 export const grown = (box, by) => ({

@@ -1,5 +1,6 @@
 // The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
 
+import { boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { number } from "/static/page/format.js";
 
 const FONT = "600 13px system-ui, sans-serif";
@@ -7,7 +8,7 @@ const FONT = "600 13px system-ui, sans-serif";
 /** Draw them all; the rectangle of the `chosen` one (its letter) is not broken. */
 export function drawPieces(canvas, context, style, pieces, chosen) {
   for (const piece of pieces) {
-    const corners = cornersOf(piece.grid).map(([u, v]) => canvas.transform.toPane(u, v));
+    const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => canvas.transform.toPane(u, v));
     context.beginPath();
     corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
     context.closePath();
@@ -18,17 +19,6 @@ export function drawPieces(canvas, context, style, pieces, chosen) {
     context.setLineDash([]);
     drawLabel(context, style, corners, piece);
   }
-}
-
-/** The corners of a grid on the plane, in turn. */
-export function cornersOf({ origin_uv_m: [left, top], pixel_size_m: d, rows, cols }) {
-  const [right, bottom] = [left + d * cols, top + d * rows];
-  return [
-    [left, top],
-    [right, top],
-    [right, bottom],
-    [left, bottom],
-  ];
 }
 
 function drawLabel(context, style, corners, piece) {

@@ -1,6 +1,6 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
-import { drawDot } from "/static/canvas/marks.js";
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
@@ -25,8 +25,7 @@ export class GarmentDrawing {
   update(revision) {
     if (revision !== this.revision && !this.grabbed && !this.panel.moved) this.preview = null;
     this.revision = revision;
-    this.page.canvas.redraw();
-    this.page.sceneMarks.dirty = true;
+    this.page.redrawMarks();
   }
 
   /** What is drawn: the dragged outline, or the one that was found; null: nothing. */
@@ -102,8 +101,20 @@ export class GarmentDrawing {
 
   draw(context, style) {
     const { drawn } = this;
+    this.drawLinks(context, style);
     if (!drawn) return;
     drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
+  }
+
+  /** The outlines of the parts whose links are doubted. */
+  drawLinks(context, style) {
+    if (!this.panel.shown || this.page.isLive) return;
+    const color = style.getPropertyValue("--warn");
+    for (const { outline_uv_m } of this.panel.found?.links ?? [])
+      for (const loop of outline_uv_m) {
+        const line = [...loop, loop[0]].map(([u, v]) => this.page.canvas.transform.toPane(u, v));
+        strokeLine(context, line, color, 2, [6, 4]);
+      }
   }
 
   drawInScene(context, style, place) {

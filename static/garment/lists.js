@@ -1,7 +1,7 @@
 // Kinds with their probabilities, and dimensions, as lists.
 
 import { words } from "/static/garment/marks.js";
-import { make } from "/static/page/dom.js";
+import { make, valueRow } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const LEAST_SHOWN = 0.005; // of a probability
@@ -23,13 +23,32 @@ export function shares(probabilities) {
   );
 }
 
+const stateOf = (point) => (point.held ? "held by hand" : point.seen ? "seen" : "predicted");
+
+/** The button of a named point: its state as a sign and in words, its name, how well it is known. */
+export function pointButton(point, more, on) {
+  const about = `${stateOf(point)}, known to ${number(point.std_mm, 0)} mm`;
+  return make(
+    "button",
+    {
+      type: "button",
+      class: "point",
+      "aria-label": `${words(point.name)}, ${about}`,
+      data: { id: `point-${point.name}`, tip: about + more },
+      on,
+    },
+    make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
+    make("span", {}, words(point.name)),
+    make("small", {}, `± ${number(point.std_mm, 0)} mm`),
+  );
+}
+
 export function dimensions(found) {
   return make(
     "dl",
     { class: "values" },
-    ...found.dimensions.flatMap(({ name, mm, std_mm }) => [
-      make("dt", { data: { tip: "Measured flat; one standard deviation" } }, words(name)),
-      make("dd", {}, `${number(mm, 0)} ± ${number(std_mm, 0)} mm`),
-    ]),
+    ...found.dimensions.flatMap(({ name, mm, std_mm }) =>
+      valueRow(words(name), `${number(mm, 0)} ± ${number(std_mm, 0)} mm`, "Measured flat; one standard deviation"),
+    ),
   );
 }

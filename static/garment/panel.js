@@ -1,10 +1,9 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
 import { GarmentDrawing } from "/static/garment/drawing.js";
-import { dimensions, percent, shares } from "/static/garment/lists.js";
+import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
 
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
@@ -56,6 +55,7 @@ export class GarmentPanel {
       make("p", { id: "garment-text", role: "status" }),
       make("div", { id: "garment-tools", class: "group", role: "group", "aria-label": "Garment, shown" }),
       make("div", { id: "garment-kinds" }),
+      make("div", { id: "garment-links" }),
       make("div", { id: "garment-points" }),
       make("div", { id: "garment-dimensions" }),
     ]);
@@ -64,6 +64,7 @@ export class GarmentPanel {
     rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
       found ? this.kinds(found, told.kinds) : [],
     );
+    rebuild(byId("garment-links"), [found?.links, told.working], () => (found?.links ?? []).map(this.link, this));
     rebuild(byId("garment-points"), [found?.kind, found?.points], () => (found?.kind ? this.points(found) : []));
     rebuild(byId("garment-dimensions"), [found?.kind, found?.dimensions], () =>
       found?.kind ? [dimensions(found)] : [],
@@ -106,6 +107,35 @@ export class GarmentPanel {
     return [shares(found.probabilities), make("label", { class: "field" }, make("span", {}, "Kind"), select)];
   }
 
+  /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
+  link({ probability, area_cm2 }, index) {
+    const area = `${number(area_cm2, 0)} cm²`;
+    const decide = (title, taken_off, tip) =>
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button small",
+          "aria-label": `${title}: the part of ${area}`,
+          data: { id: `link-${index}-${taken_off}`, tip: `${tip}\nUndo takes it back.` },
+          on: { click: () => this.page.send({ type: "decide_link", index, taken_off }) },
+        },
+        title,
+      );
+    return make(
+      "div",
+      { class: "by-garment", role: "group", "aria-label": `Link of a part of ${area}` },
+      make(
+        "p",
+        { class: "note" },
+        `A part of ${area}, outlined in dashes, is joined where no garment allows it: its link is right with ` +
+          `${percent(probability)}.`,
+      ),
+      decide("Take it off", true, "It floats then, as a piece of its own; the measured data stay."),
+      decide("Keep it", false, "The link is right; it is not asked about again."),
+    );
+  }
+
   points(found) {
     const held = found.points.filter((point) => point.held).length;
     const release = make(
@@ -134,7 +164,6 @@ export class GarmentPanel {
   }
 
   row(point) {
-    const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
     const what = point.seen
       ? "Click: pick it as a grasp."
       : "No view shows cloth there, so it cannot be grasped yet.";
@@ -142,34 +171,22 @@ export class GarmentPanel {
     return make(
       "li",
       { class: point.seen ? "seen" : "predicted" },
-      make(
-        "button",
+      pointButton(
+        point,
+        ` (one standard deviation).\n${what}\n` +
+          "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
         {
-          type: "button",
-          class: "point",
-          "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
-          data: {
-            id: `point-${point.name}`,
-            tip:
-              `${state}, known to ${number(point.std_mm, 0)} mm (one standard deviation).\n${what}\n` +
-              "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
+          click: () => this.page.send({ type: "pick_point", name: point.name }),
+          mouseenter: point_at(true),
+          mouseleave: point_at(false),
+          focus: point_at(true),
+          blur: () => {
+            this.settle();
+            this.pointAt(null);
           },
-          on: {
-            click: () => this.page.send({ type: "pick_point", name: point.name }),
-            mouseenter: point_at(true),
-            mouseleave: point_at(false),
-            focus: point_at(true),
-            blur: () => {
-              this.settle();
-              this.pointAt(null);
-            },
-            keydown: (event) => this.key(event, point),
-            keyup: (event) => event.key in WAYS && this.settle(),
-          },
+          keydown: (event) => this.key(event, point),
+          keyup: (event) => event.key in WAYS && this.settle(),
         },
-        make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
-        make("span", {}, words(point.name)),
-        make("small", {}, `± ${number(point.std_mm, 0)} mm`),
       ),
       point.held
         ? make(
@@ -222,8 +239,7 @@ export class GarmentPanel {
   pointAt(name) {
     if (this.pointed === name) return;
     this.pointed = name;
-    this.page.canvas.redraw();
-    this.page.sceneMarks.dirty = true;
+    this.page.redrawMarks();
   }
 
   /** Arrow keys on a point of the list move it by the increment of the nudges; letting go is the decision. */

@@ -74,6 +74,7 @@ export class Layout {
 
   update(state) {
     this.foldButton.dataset.tip = this.page.tip("readout");
+    if (this.listed === byId("review-list").hidden) this.apply();
     this.show();
     if (this.present === state.present_view) return;
     this.present = state.present_view;
@@ -105,7 +106,9 @@ export class Layout {
     dataset.layout = kind;
     dataset.pane = this.pane ?? "all";
     const folded = localStorage.getItem(FOLDED);
-    const fold = folded === null ? kind !== "wide" : folded === "yes";
+    // The list of the views takes the height that the read-out has otherwise.
+    this.listed = !byId("review-list").hidden;
+    const fold = folded === null ? kind !== "wide" || this.listed : folded === "yes";
     document.querySelector(".readouts").classList.toggle("folded", fold);
     this.foldButton.setAttribute("aria-expanded", String(!fold));
     this.foldButton.textContent = fold ? "▴" : "▾";

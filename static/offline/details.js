@@ -1,6 +1,6 @@
 // Beside the pictures of the exported page: the current pick, all picks, the decisions, the values under the pointer.
 
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, valueRow } from "/static/page/dom.js";
 import { degrees, number, vector } from "/static/page/format.js";
 
 const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level" };
@@ -13,38 +13,41 @@ export function showPick(page) {
         make("h2", {}, "Grasp point"),
         make("p", { class: "nothing" }, "Click the cloth, flat or in 3D, or choose a pick."),
       ];
-    const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
     const { grip } = pick;
     return [
       make("div", { class: "heading" }, make("h2", {}, pick.name), page.button("copy")),
       make(
         "dl",
         { class: "values" },
-        ...row(
+        ...valueRow(
           "held",
           `${vector(pick.position_held_m, 1, 1000)} mm`,
           "Position x y z in the held frame: the camera frame of view 0, the item turned back",
         ),
-        ...row("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
+        ...valueRow("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
         ...(pick.z_angle_deg === null
           ? []
-          : row("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen")),
-        ...row(
+          : valueRow("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen")),
+        ...valueRow(
           "source",
           `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`,
           "View and image pixel (row, column) it was measured in",
         ),
-        ...(pick.rc ? row("pixel", pick.rc.join(", "), "Row, column of the flattened view") : []),
+        ...(pick.rc ? valueRow("pixel", pick.rc.join(", "), "Row, column of the flattened view") : []),
         ...(grip
           ? [
-              ...row("approach", vector(grip.approach_held, 3), "Direction in which the gripper comes, held frame"),
-              ...row(
+              ...valueRow(
+                "approach",
+                vector(grip.approach_held, 3),
+                "Direction in which the gripper comes, held frame",
+              ),
+              ...valueRow(
                 "axis",
                 vector(grip.axis_held, 3),
                 `In-plane axis of the gripper, held frame; ${AXIS_FROM[grip.axis_from]}`,
               ),
-              ...row("opening", `${number(1000 * grip.opening_m, 0)} mm`, "Distance of the fingers"),
-              ...row(
+              ...valueRow("opening", `${number(1000 * grip.opening_m, 0)} mm`, "Distance of the fingers"),
+              ...valueRow(
                 "known to",
                 grip.position_std_m === null
                   ? "–"

@@ -1,9 +1,8 @@
 // The garment beside the pictures of the exported page: kinds, named points, dimensions.
 
-import { dimensions, percent, shares } from "/static/garment/lists.js";
+import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
 
 export function showGarment(page) {
   const { text, found } = page.history.garment;
@@ -24,29 +23,16 @@ export function showGarment(page) {
 }
 
 function row(page, point) {
-  const state = point.held ? "held by hand" : point.seen ? "seen" : "predicted";
   const at = (on) => () => {
     page.pointed = on ? point.name : null;
     page.flat.redraw();
   };
-  const button = make(
-    "button",
-    {
-      type: "button",
-      class: "point",
-      "aria-label": `${words(point.name)}, ${state}, known to ${number(point.std_mm, 0)} mm`,
-      data: { id: `point-${point.name}`, tip: `${state}, known to ${number(point.std_mm, 0)} mm` },
-      on: {
-        mouseenter: at(true),
-        mouseleave: at(false),
-        focus: at(true),
-        blur: at(false),
-        click: () => point.seen && page.pickAt(...point.uv_m),
-      },
-    },
-    make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
-    make("span", {}, words(point.name)),
-    make("small", {}, `± ${number(point.std_mm, 0)} mm`),
-  );
+  const button = pointButton(point, "", {
+    mouseenter: at(true),
+    mouseleave: at(false),
+    focus: at(true),
+    blur: at(false),
+    click: () => point.seen && page.pickAt(...point.uv_m),
+  });
   return make("li", { class: point.seen ? "seen" : "predicted" }, button);
 }

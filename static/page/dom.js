@@ -24,6 +24,12 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
+/** A name and its value for a list of values (dl). */
+export const valueRow = (name, text, tip = null) => [
+  make("dt", { data: tip ? { tip } : {} }, name),
+  make("dd", {}, text),
+];
+
 /** Set text only if it has changed, so that screen readers do not repeat it. */
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;

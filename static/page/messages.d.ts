@@ -238,15 +238,6 @@ export interface HoldPoint {
   v_m: number;
 }
 
-/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
-export interface PreviewPoint {
-  type: "preview_point";
-  name: string;
-  u_m: number;
-  v_m: number;
-  id: number;
-}
-
 /** Let a held point go, or all of them. */
 export interface ReleasePoints {
   type: "release_points";
@@ -258,6 +249,22 @@ export interface DecidePiece {
   type: "decide_piece";
   label: string;
   accepted: boolean;
+}
+
+/** Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list. */
+export interface DecideLink {
+  type: "decide_link";
+  index: number;
+  taken_off: boolean;
+}
+
+/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
+export interface PreviewPoint {
+  type: "preview_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+  id: number;
 }
 
 /** Pick a named point of the garment as a grasp. */
@@ -298,7 +305,8 @@ export type ClientMessage = Do
   | WhereToStroke
   | SetKind
   | HoldPoint
-  | PreviewPoint
   | ReleasePoints
   | DecidePiece
+  | DecideLink
+  | PreviewPoint
   | PickPoint;

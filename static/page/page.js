@@ -78,6 +78,12 @@ export class Page {
     if (this.state) this.handlers.show(this.state);
   }
 
+  /** Draw the marks on the flattened view and over the scene again. */
+  redrawMarks() {
+    this.canvas.redraw();
+    this.sceneMarks.dirty = true;
+  }
+
   get isLive() {
     return this.state?.mode === "live";
   }

@@ -1,5 +1,6 @@
 // What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
+import { applied, unapplied } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { degrees, number } from "/static/page/format.js";
@@ -46,8 +47,7 @@ export class Diagnostics {
   /** Draw the panel, the canvas and the scene again. */
   drawAll() {
     this.draw();
-    this.canvas.redraw();
-    this.page.sceneMarks.dirty = true;
+    this.page.redrawMarks();
   }
 
   build() {
@@ -101,10 +101,7 @@ export class Diagnostics {
   update(state) {
     const overlay = state.pending ? state.layers?.overlay : null;
     const shown = this.open && Boolean(overlay);
-    if (this.panel.hidden === shown) {
-      this.canvas.redraw();
-      this.page.sceneMarks.dirty = true;
-    }
+    if (this.panel.hidden === shown) this.page.redrawMarks();
     this.panel.hidden = !shown;
     if (!shown) return;
     this.showChoices();
@@ -384,14 +381,4 @@ function nearest(values, x) {
   if (!values.length) return -1;
   const step = values.length > 1 ? values[1] - values[0] : 1;
   return Math.min(values.length - 1, Math.max(0, Math.round((x - values[0]) / step)));
-}
-
-function applied([theta, du, dv], u, v) {
-  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
-  return [cos * u - sin * v + du, sin * u + cos * v + dv];
-}
-
-function unapplied([theta, du, dv], u, v) {
-  const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
-  return [cos * (u - du) + sin * (v - dv), -sin * (u - du) + cos * (v - dv)];
 }

@@ -1,6 +1,6 @@
 // The current pick with its grip, and the list of all picks.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
 import { degrees, number, vector } from "/static/page/format.js";
 
 export class PicksPanel {
@@ -69,7 +69,6 @@ function gripTools(pick, send) {
     const value = event.target.valueAsNumber;
     if (Number.isFinite(value)) send({ type: "grip", id: pick.id, [field]: value * scale });
   };
-  const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
   const outline = grip.axis_from === "outline";
   const away = grip.outline_distance_m === null ? "–" : `${number(1000 * grip.outline_distance_m, 0)} mm away`;
   const noAxis = grip.axis_deg === null ? "The pick is not on the present shape." : null;
@@ -131,20 +130,24 @@ function gripTools(pick, send) {
     make(
       "dl",
       { class: "values" },
-      ...row("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
-      ...row(
+      ...valueRow("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
+      ...valueRow(
         "known to",
         stdMm(grip.position_std_m),
         "One standard deviation in space, from the scatter of depth nearby",
       ),
-      ...row(
+      ...valueRow(
         "normal, axis",
         `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
         "One standard deviation of each, from the scatter of normals and outline nearby",
       ),
       ...(grip.placement_std_m === null
         ? []
-        : row("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane")),
+        : valueRow(
+            "place",
+            stdMm(grip.placement_std_m),
+            "One standard deviation of its place on the flattened plane",
+          )),
     ),
   ];
 }
@@ -164,7 +167,6 @@ function showPick(state, copy, send) {
         ),
       ];
     }
-    const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
     return [
       make(
         "div",
@@ -185,26 +187,26 @@ function showPick(state, copy, send) {
       make(
         "dl",
         { class: "values" },
-        ...row("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
-        ...row(
+        ...valueRow("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
+        ...valueRow(
           `camera ${number(pick.angle_deg, 0)}°`,
           `${vector(pick.position_camera_m, 1, 1000)} mm`,
           "Position x y z in the camera frame at the present rotation",
         ),
-        ...row("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
-        ...row(
+        ...valueRow("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
+        ...valueRow(
           "n. camera",
           vector(pick.normal_camera, 3),
           "Outward normal in the camera frame at the present rotation",
         ),
-        ...row("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"),
-        ...row(
+        ...valueRow("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"),
+        ...valueRow(
           "source",
           `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`,
           "View and image pixel (row, column) it was measured in",
         ),
-        ...row("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
-        ...row(
+        ...valueRow("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
+        ...valueRow(
           "miss",
           pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth",
           "Distance between the click and the nearest cloth",

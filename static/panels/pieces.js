@@ -1,7 +1,8 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
 import { strokeLine } from "/static/canvas/marks.js";
-import { cornersOf, drawPieces } from "/static/canvas/pieces.js";
+import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
+import { drawPieces } from "/static/canvas/pieces.js";
 import { percent } from "/static/garment/lists.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { count, floatingOf, number } from "/static/page/format.js";
@@ -145,9 +146,8 @@ export class PiecesPanel {
     const piece = brings && this.pieces.find(({ label }) => label === brings.label);
     if (!piece) return;
     const { theta_rad: turn, u_m, v_m } = brings.placement;
-    const [cos, sin] = [Math.cos(turn), Math.sin(turn)];
-    const line = cornersOf(piece.grid).map(([u, v]) =>
-      this.canvas.transform.toPane(cos * u - sin * v + u_m, sin * u + cos * v + v_m),
+    const line = cornersOf(boxOf(piece.grid)).map(([u, v]) =>
+      this.canvas.transform.toPane(...applied([turn, u_m, v_m], u, v)),
     );
     strokeLine(context, [...line, line[0]], piece.color, 2.5, [2, 3]);
   }

@@ -1,6 +1,6 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
 import { degrees, floatingOf, number, vector } from "/static/page/format.js";
 
 function unitless(name) {
@@ -200,22 +200,21 @@ function showProposal(state, send, show) {
 /** What accepting would do. */
 function foreseen(told) {
   if (told?.added_cm2 === undefined) return null;
-  const row = (name, text, tip) => [make("dt", { data: { tip } }, name), make("dd", {}, text)];
   return make(
     "dl",
     { class: "values", id: "foreseen" },
-    ...row(
+    ...valueRow(
       "adds",
       `${number(told.added_cm2, 0)} cm²`,
       "Cloth of the proposal that neither the shape nor a piece has yet",
     ),
-    ...row(
-      "measures again",
+    ...valueRow(
+      "seen again",
       `${number(told.again_cm2, 0)} cm²`,
       "Cloth of the proposal that the shape or a piece already has",
     ),
     ...(told.joins.length
-      ? row("joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)")
+      ? valueRow("joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)")
       : []),
   );
 }
@@ -262,10 +261,10 @@ const PARTS = {
   place_agreement: "Agreement of the positions in space where both have cloth: 1 is the same place",
   color_agreement: "Agreement of the colour where both have cloth: 1 is the same colour",
   height_agreement: "Agreement of the height along the turning axis: 1 is the same height",
-  outline_agreement: "Share of the cloth in common that lies within the outline of the shape",
+  outline_agreement: CHECKS.outline.replace("outside", "within"),
   other_cloth_share: "Share of the overlap where the two are different cloth: far apart in space, or facing away",
-  twice_share: "Share of the cloth in common that would lie 15 mm or more from itself",
-  place_median_mm: "Median distance in space between proposal and shape",
+  twice_share: CHECKS.twice,
+  place_median_mm: CHECKS.apart,
   overlap_cm2: "Cloth of the proposal that lies on the shape",
   overlap_share: "The same as a share of the proposal",
   intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",

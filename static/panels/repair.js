@@ -152,12 +152,12 @@ export class Repair {
     if (!this.pending) return;
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
-    const reached = fit(message.refined_score, message.refined_apart_mm);
+    const refined = fit(message.refined_score, message.refined_apart_mm);
     const best = this.pending.hypotheses[0]?.score ?? this.pending.proposed_score;
     const gains = message.refined_score - message.score >= LEAST_GAIN;
     const far = best !== null && Math.max(message.score, message.refined_score) < best - FAR_BELOW;
     const more = gains
-      ? `Refined from here: ${reached}.`
+      ? `Refined from here: ${refined}.`
       : far
         ? "You are far from the best place: back to it?"
         : "Refine would not improve it.";

@@ -2,7 +2,7 @@
 
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
-import { added, doubtsOf, flagsOf, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
+import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
 
 const UNDECIDED = ["unused", "pending", "skipped", "later"];
 const LEFT_OUT = ["rejected", "skipped"];
@@ -142,7 +142,7 @@ export class ReviewList {
   row(view, state) {
     const [sign, word] = STATES[view.state];
     const flags = flagsOf(view, state);
-    const known = view.state !== "unused";
+    const known = isFlattened(view);
     const again = view.why_not_reopen === null;
     const may = again || view.why_not === null;
     const decide = () => (again ? this.verdicts.reopen(view) : this.verdicts.propose(view));

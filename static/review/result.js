@@ -1,6 +1,6 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
 import { count, floatingOf, number } from "/static/page/format.js";
 import { doubtsOf, flagsOf } from "/static/review/timeline.js";
@@ -88,9 +88,13 @@ export class ResultPanel {
       make(
         "dl",
         { class: "values" },
-        ...row("Shape", `${number(layers.area_cm2, 0)} cm² from ${count(state.step, "view")}`),
+        ...valueRow("Shape", `${number(layers.area_cm2, 0)} cm² from ${count(state.step, "view")}`),
         ...(floating
-          ? row("Floating", `${number(floating, 0)} cm² (${letters})`, "Cloth that no view connects to the shape yet")
+          ? valueRow(
+              "Floating",
+              `${number(floating, 0)} cm² (${letters})`,
+              "Cloth that no view connects to the shape yet",
+            )
           : []),
         ...(found && !found.trouble ? this.certainty(found) : []),
       ),
@@ -105,12 +109,12 @@ export class ResultPanel {
   certainty(found) {
     if (found.median_std_mm === null || found.median_std_mm === undefined) return [];
     return [
-      ...row(
+      ...valueRow(
         "Reliable",
         `${number(100 * found.reliable_share, 0)} %`,
         "Share of the shape placed to 10 mm or better",
       ),
-      ...row("Uncertainty", `${number(found.median_std_mm)} mm`, "Median standard deviation of a pixel's place"),
+      ...valueRow("Uncertainty", `${number(found.median_std_mm)} mm`, "Median standard deviation of a pixel's place"),
     ];
   }
 
@@ -240,5 +244,3 @@ export class ResultPanel {
     return { open: !this.section.hidden, found: this.found };
   }
 }
-
-const row = (name, text, tip = null) => [make("dt", { data: tip ? { tip } : {} }, name), make("dd", {}, text)];

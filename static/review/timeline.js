@@ -14,6 +14,8 @@ export const STATES = {
   pending: ["?", "proposed"],
   unused: ["", "not used"],
 };
+export const ACCEPTED = ["accepted", "fixed"];
+export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
 
 export class Timeline {
@@ -38,7 +40,8 @@ export class Timeline {
     const live = state.mode === "live";
     const small = live || Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
-    rebuild(this.row, [state.views, state.review?.token, labels], () =>
+    this.listed = !byId("review-list").hidden; // the list has the pictures then
+    rebuild(this.row, [state.views, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
     rebuild(this.tools, [small], () => (small ? [] : ["review", "result"].map((name) => this.page.button(name))));
@@ -48,11 +51,10 @@ export class Timeline {
   cell(view, state) {
     const live = state.mode === "live";
     const [sign] = STATES[view.state];
-    const kept = ["start", "pending"].includes(view.state);
-    const decided = !kept && view.state !== "unused";
+    const decided = DECIDED.includes(view.state);
     const about = live ? `View ${view.index}, ${number(view.angle_deg, 0)}°` : aboutView(view, state);
     const labelled = live || state.capture ? null : this.page.brush?.thumbsOf(view.index);
-    const shown = (isShown(view) || labelled) && state.review;
+    const shown = (isFlattened(view) || labelled) && state.review && !this.listed;
     return make(
       "button",
       {
@@ -78,7 +80,7 @@ export class Timeline {
 
   /** The image, under the sides of its cloth if they are found here, and the flattened view if there is one. */
   pictures(view, state, labelled) {
-    const [color, flat] = isShown(view) ? thumbsOf(view, state) : [];
+    const [color, flat] = isFlattened(view) ? thumbsOf(view, state) : [];
     if (!labelled) return [color, flat];
     const layers = labelled.map((src) => make("img", { src, alt: "", loading: "lazy", draggable: "false" }));
     return [make("span", { class: "labelled" }, ...layers), ...(flat ? [flat] : [])];
@@ -134,7 +136,7 @@ export class Timeline {
 }
 
 /** Views with a decision have pictures: the others are not flattened yet. */
-const isShown = (view) => view.state !== "unused";
+export const isFlattened = (view) => view.state !== "unused";
 
 /** The color image and the flattened view. */
 export function thumbsOf(view, state) {
@@ -176,10 +178,9 @@ export function aboutView(view, state) {
 function whatAPressDoes(view, state) {
   if (state.capture) return "\nOn disk.";
   if (state.mode === "live") return "\nClick: show this frame.";
-  const kept = ["start", "pending"].includes(view.state);
-  if (!kept && view.state !== "unused") return "\nClick: look at the decision, reopen it. Drag: turn the item.";
+  if (DECIDED.includes(view.state)) return "\nClick: look at the decision, reopen it. Drag: turn the item.";
   if (view.why_not === null) return "\nClick: propose this view. Drag: turn the item.";
-  return kept ? "" : `\nNot now: ${view.why_not}`;
+  return view.state === "unused" ? `\nNot now: ${view.why_not}` : "";
 }
 
 /** Mark the view at whose rotation the item stands. */

@@ -2,11 +2,9 @@
 
 import { byId, make } from "/static/page/dom.js";
 import { count, keyName, number } from "/static/page/format.js";
-import { doubtsInWords } from "/static/review/timeline.js";
+import { ACCEPTED, DECIDED, doubtsInWords } from "/static/review/timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
-const ACCEPTED = ["accepted", "fixed"];
-const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 
 export class Verdicts {
   name = "verdicts";

@@ -43,7 +43,7 @@ def test_the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(open_tab):
     assert pairs["total"] >= len(pairs["residual_mm"]) > 50
     assert pairs["median_mm"] < 5
     expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
-        f"{pairs['total']} pairs of the same cloth"
+        f"{pairs['total']} pairs of points that are the same cloth"
     )
     # The residual is that of the two ends on the canvas.
     (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]

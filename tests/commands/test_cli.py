@@ -190,7 +190,15 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
 
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
     command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
-    running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    running = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # Tests that run as a background job of a shell ignore Ctrl-C, and so would what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     assert running.stdout is not None
     said = next((line for line in running.stdout if "http://127.0.0.1:" in line), None)
     running.send_signal(signal.SIGINT)

@@ -9,6 +9,7 @@ from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, F
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.sheet import beyond
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -89,7 +90,8 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     assert proposal.plan is not None
     assert proposal.plan.view_index == proposal.view_index
     assert proposal.alignment.correspondence is not None
-    fresh, overlay = made.new_points(document), made.overlay(document)
+    overlay = made.overlay(document)
+    fresh = beyond(overlay, made.canonical(document).view)
     assert fresh.shape == overlay.valid.shape
     assert 0.1 < fresh.sum() / overlay.valid.sum() < 0.6
     assert not (fresh & ~overlay.valid).any()
@@ -100,7 +102,7 @@ def test_the_overlay_is_made_once_for_each_placement() -> None:
     made = integration()
     state = stepped(made, started(made, 0), Propose())
     before = made.overlay(state.document)
-    made.new_points(state.document)
+    beyond(before, made.canonical(state.document).view)
     assert made.overlay(state.document) is before
     moved = apply(state, Nudge(state.document.pending.view_index, Rigid2(0.0, 0.01, 0.0)))  # type: ignore[union-attr]
     assert made.overlay(moved.document) is not before

@@ -9,7 +9,9 @@ import pytest
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
     ClothPlaces,
+    DecideLink,
     DecidePiece,
+    DoubtedPart,
     HeldPoint,
     HoldPoint,
     PlacedPiece,
@@ -22,6 +24,7 @@ from flatcloth.session.machine import Redo, Restart, SessionState, Start, Starte
 CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
 HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
 PIECE = DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97))
+LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
 
 
 def states(*commands):
@@ -32,7 +35,11 @@ def states(*commands):
 
 
 def test_decisions_are_undone_and_redone_one_by_one() -> None:
-    state = states(SetKind("tshirt"), HOLD, PIECE)
+    state = states(SetKind("tshirt"), HOLD, PIECE, LINK)
+    assert state.document.garment.parts == (LINK.part,)
+    assert state.undo[-1].name == "take a part off by the garment"
+    state = apply(state, Undo())
+    assert state.document.garment.parts == ()
     assert state.document.garment.kind == "tshirt"
     assert state.document.garment.held == (HOLD.point,)
     assert [item.name for item in state.undo] == [
@@ -60,7 +67,7 @@ def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> No
     assert apply(started, Restart(1)).document.garment.kind == "skirt"
 
 
-@pytest.mark.parametrize("command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE])
+@pytest.mark.parametrize("command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE, LINK])
 def test_the_journal_gives_back_what_was_decided(command) -> None:
     line, _ = encode(3, command)
     assert decode(3, line.rstrip(b"\n")).entry == command
@@ -82,6 +89,8 @@ def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
         HoldPoint(dataclasses.replace(HOLD.point, cloth=ClothPlaces((), ()))),
         HoldPoint(dataclasses.replace(HOLD.point, name="n" * 100)),
         DecidePiece(dataclasses.replace(PIECE.piece, probability=float("nan"))),
+        DecideLink(dataclasses.replace(LINK.part, probability=float("nan"))),
+        DecideLink(dataclasses.replace(LINK.part, rest=ClothPlaces((), ()))),
         SetKind("k" * 100),
     ],
 )

@@ -8,17 +8,19 @@ import threading
 import numpy as np
 import pytest
 from garment_evidence import at_mean, blank_view, evidence_from
+from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import KnownGarment, place_sure_pieces
 from flatcloth.export.garment import garment_document, outcome_entry, told
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
+from flatcloth.garments.links import Cloth, DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import recognise
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecidePiece, HoldPoint, SetKind
+from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages
@@ -48,13 +50,20 @@ class Service:
         self._known = KnownGarment(
             canonical=self.canonical, evidence=(evidence,), by_evidence=found, found=found, pieces=nothing
         )
+        row, col = (each.ravel() for each in np.mgrid[0:40:4, 0:40:4])
+        at = self.canonical.view.uv_from_rc(np.stack([row, col], axis=1))
+        edges = cKDTree(at).query_pairs(0.0085, output_type="ndarray").astype(np.int32)
+        xyz = self.canonical.view.xyz_m[row, col].astype(float)
+        self.cloth = Cloth(uv_m=at, xyz_m=xyz, edges=edges, evidence=np.ones(len(edges)))
+        self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
             raise self.error
         decided = decided_pieces(document.garment, self.canonical.view, self.canonical.floating)
-        return dataclasses.replace(self._known, pieces=decided)
+        links = () if document.garment.parts else self.links
+        return dataclasses.replace(self._known, pieces=decided, cloth=self.cloth, links=links)
 
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)
@@ -158,6 +167,40 @@ def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_to
     finally:
         service.error = None
     assert (said["found"], said["text"]) == (None, "The shape has 20 cm2 of cloth.")
+
+
+@pytest.fixture
+def doubted(service):
+    link = DoubtedLink(part=service.cloth.uv_m[:, 0] > 0.05, probability=0.4, area_m2=0.0028)
+    service.links = (link,)
+    yield link
+    service.links = ()
+
+
+def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, doubted) -> None:
+    (link,) = page.follow()["found"]["links"]
+    assert (link["probability"], link["area_cm2"]) == (0.4, pytest.approx(28))
+    (loop,) = link["outline_uv_m"]
+    assert 0.045 < np.min(loop, axis=0)[0] < 0.055
+    command = page.decide(messages.DecideLink(index=0, taken_off=True))
+    assert isinstance(command, DecideLink)
+    assert command.part.taken_off
+    assert min(u for u, _ in command.part.part.uv_m) > 0.05 > max(u for u, _ in command.part.rest.uv_m)
+    with pytest.raises(FlatclothError, match="not doubted"):
+        page.decide(messages.DecideLink(index=1, taken_off=True))
+
+
+def test_run_takes_off_what_is_surely_wrong_and_tells_what_it_only_doubts(service, doubted) -> None:
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    known = place_sure_pieces(service, session)
+    assert not session.state.document.garment.parts
+    assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
+    assert any("A part of 28 cm2" in line for line in told(known))
+    service.links = (dataclasses.replace(doubted, probability=0.01),)
+    known = place_sure_pieces(service, session)
+    (part,) = session.state.document.garment.parts
+    assert part.taken_off
+    assert outcome_entry(known)["doubted_links"] == []
 
 
 def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:

@@ -7,12 +7,15 @@ import sys
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
-from exported_sessions import write_cylinder, write_session
+from exported_sessions import Operator, write_cylinder, write_session
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
+from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
+from flatcloth.session.machine import Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 
@@ -21,8 +24,6 @@ CLIENT = Path(__file__).parents[2] / "examples" / "robot_client.py"
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory):
-    import numpy as np
-
     place = tmp_path_factory.mktemp("robot")
     recording = write_cylinder(place / "recording")
     session = write_session(place / "session", recording)
@@ -71,3 +72,30 @@ def test_the_example_client_hears_the_picks(server: PageServer) -> None:
     refused = subprocess.run([*command[:3], "wrong", "1"], capture_output=True, text=True, timeout=60)
     assert refused.returncode != 0
     assert "403" in refused.stderr
+
+
+def test_a_pick_on_a_floating_piece_has_its_pixel_there_and_the_piece_is_not_in_the_area(
+    tmp_path: Path,
+) -> None:
+    # A band across the middle is never seen: the upper half floats.
+    opened = open_recording(write_cylinder(tmp_path / "cut", "cut", slice(112, 128)))
+    integration = Integration(opened)
+    folder = SessionFolder.open(tmp_path / "session", opened, integration.config, integration.method)
+    try:
+        Operator(integration, folder).do(Start(0))
+        shape = integration.canonical(folder.state.document)
+        (piece,) = shape.floating
+        row, col = (int(n.mean()) for n in np.nonzero(piece.valid))
+        u_m, v_m = piece.uv_from_rc(np.array([row, col]))
+        grasp = grasp_at(piece, (float(u_m), float(v_m)), integration.axis, 0.0)
+        folder.add_pick("upper", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc)
+        with PageServer(integration, folder, port=0) as running:
+            while (answer := ask(running, "/robot/grasps")).status_code != 200:
+                pass
+            (told,) = answer.json()["grasps"]
+            area_cm2 = ask(running, "/robot/shape").json()["area_cm2"]
+    finally:
+        folder.close()
+    at = told["flattened"]
+    assert (at["file"], at["row"], at["col"]) == ("floating-1.npz", row, col)
+    assert area_cm2 == pytest.approx(1e4 * shape.view.area_m2, abs=0.1)

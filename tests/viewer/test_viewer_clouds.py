@@ -17,13 +17,12 @@ from scenes import AXIS, Cylinder
 from flatcloth.core.errors import RecordingError
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering.colormaps import view_colors
-from flatcloth.rendering.layers import Appearance, rgba
+from flatcloth.rendering.layers import CONFLICT_M, Appearance, rgba
 from flatcloth.session.machine import Propose, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.picture import Picture, make_picture
 from flatcloth.viewer.scene.clouds import (
     ALL,
-    CONFLICT_M,
     CONFLICTS,
     HELD,
     LIVE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
@@ -18,12 +18,25 @@ from flatcloth.garments.deciding import (
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.links import SUSPECT_MISFIT, Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
+from flatcloth.garments.parting import decided_part, is_decided
 from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, Point, Recognition, is_sure, recognise
+from flatcloth.garments.recognition import (
+    NONE,
+    Point,
+    Recognition,
+    fits_of,
+    is_sure,
+    misfit_of,
+    recognise,
+)
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecidePiece, GarmentDecisions, PlacedPiece
+from flatcloth.session.garment import DecideLink, DecidePiece, GarmentDecisions, PlacedPiece
 from flatcloth.session.machine import Keeper
+
+_MOST_TAKEN_OFF = 3
+"""Parts that are taken off without asking. Chosen: each takes some seconds."""
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -60,7 +73,8 @@ class KnownGarment:
     """What is known of the garment of a document's shape.
 
     ``by_evidence`` is what the evidence alone says, ``found`` that with the operator's decisions;
-    ``pieces`` what was decided about the floating pieces of ``canonical``.
+    ``pieces`` what was decided about the floating pieces of ``canonical``. ``links`` are the links of
+    ``cloth`` that no garment allows and nobody decided about, the least probable first.
     """
 
     canonical: Canonical
@@ -68,6 +82,8 @@ class KnownGarment:
     by_evidence: Recognition
     found: Recognition
     pieces: DecidedPieces
+    cloth: Cloth | None = None
+    links: tuple[DoubtedLink, ...] = ()
 
     def cloth_of(self, point: Point) -> FlattenedView:
         """Return the view that a named point's pixel belongs to: the shape, or a placed piece."""
@@ -80,7 +96,7 @@ class GarmentService:
     def __init__(self, integration: Integration) -> None:
         self._integration = integration
         self._lock = threading.Lock()
-        self._shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition] | None = None
+        self._shape: KnownGarment | None = None
         self._last: tuple[GarmentDecisions, KnownGarment] | None = None
 
     def of(self, document: Document) -> KnownGarment:
@@ -93,7 +109,7 @@ class GarmentService:
         """
         with self._lock:
             canonical = self._integration.canonical(document)
-            if self._shape is None or self._shape[0] is not canonical:
+            if self._shape is None or self._shape.canonical is not canonical:
                 self._shape, self._last = self._recognised(canonical, document), None
             if self._last is None or self._last[0] != document.garment:
                 self._last = document.garment, self._decided(self._shape, document.garment)
@@ -106,30 +122,43 @@ class GarmentService:
         except GarmentError as error:
             return str(error)
 
-    def _recognised(
-        self, canonical: Canonical, document: Document
-    ) -> tuple[Canonical, tuple[PieceEvidence, ...], Recognition]:
+    def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
+        """Return what is known without any decision."""
         views = seen_from(self._integration, document)
         if len(views) < 2:
             raise GarmentError(
                 "The shape was made of one view; a garment is not recognised by one. Add views."
             )
         evidence = evidence_of_shape(canonical, views)
-        return canonical, evidence, recognise(canonical.view, evidence)
-
-    def _decided(
-        self, shape: tuple[Canonical, tuple[PieceEvidence, ...], Recognition], decisions: GarmentDecisions
-    ) -> KnownGarment:
-        canonical, evidence, by_evidence = shape
-        pulls = pulls_of(decisions, canonical.view)
-        pieces = decided_pieces(decisions, canonical.view, canonical.floating)
-        found = decided(by_evidence, evidence, canonical.view, decisions.kind, pulls)
+        found = recognise(canonical.view, evidence)
+        cloth, links = None, []
+        if misfit_of(found.fit, evidence[0]) > SUSPECT_MISFIT:
+            cloth = self._integration.cloth(document)
+        if cloth is not None:
+            links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,
-            by_evidence=by_evidence,
+            by_evidence=found,
+            found=found,
+            pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
+            cloth=cloth,
+            links=tuple(link for link in links if is_offered(link)),
+        )
+
+    def _decided(self, shape: KnownGarment, decisions: GarmentDecisions) -> KnownGarment:
+        canonical, evidence, cloth = shape.canonical, shape.evidence, shape.cloth
+        pulls = pulls_of(decisions, canonical.view)
+        pieces = decided_pieces(decisions, canonical.view, canonical.floating)
+        found = decided(shape.by_evidence, evidence, canonical.view, decisions.kind, pulls)
+        links = [
+            each for each in shape.links if cloth is None or not is_decided(cloth, each, decisions.parts)
+        ]
+        return replace(
+            shape,
             found=with_placed_cloth(found, pieces, canonical.floating),
             pieces=pieces,
+            links=tuple(links),
         )
 
 
@@ -141,9 +170,14 @@ def garment_of(integration: Integration, document: Document) -> KnownGarment | s
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces whose place by the garment is sure, as decisions of the session.
 
-    Pieces that were decided about before stay as they are.
+    Before, a part is taken off whose link is surely wrong. What was decided about before stays as it is.
     """
     known = service.known(session.state.document)
+    for _ in range(_MOST_TAKEN_OFF):
+        if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
+            break
+        session.record(link_decision(known, known.links[0], taken_off=True))
+        known = service.known(session.state.document)
     if isinstance(known, str) or known.found.kind == NONE:
         return known
     canonical, decided = known.canonical, known.pieces
@@ -151,6 +185,12 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
             session.record(DecidePiece(piece_decision(canonical, piece, accepted=True)))
     return service.known(session.state.document)
+
+
+def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:
+    """Return the decision about a link that no garment allows."""
+    assert known.cloth is not None, "links are doubted on known cloth"
+    return DecideLink(decided_part(known.cloth, link, taken_off=taken_off))
 
 
 def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:

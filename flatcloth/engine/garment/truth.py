@@ -34,10 +34,22 @@ class TruePoints(msgspec.Struct, frozen=True):
 class GarmentEvaluation:
     """A recognised garment compared with the truth.
 
-    ``kind``, ``true_kind``; ``probability`` of the true kind and ``none_probability``; for each named
-    point its error in mm (``seen_mm``, ``unseen_mm``) and in standard deviations (``normed``);
-    ``dimension_errors`` relative; ``pieces`` placed with certainty: the median error of each, mm. Points and
-    dimensions are compared if the answer is the true kind; an answer "none of these" tells none.
+    Points and dimensions are compared only if the kind is right; their tables are empty otherwise.
+
+    Attributes
+    ----------
+    kind, true_kind : str
+        The answer, and the garment that it is.
+    probability, none_probability : float
+        Of the true kind, and of "none of the known kinds".
+    seen_mm, unseen_mm : dict
+        Error of each named point that a view shows, and of each that is predicted, mm.
+    normed : dict
+        Error of each named point over its standard deviation.
+    dimension_errors : dict
+        Relative error of each dimension, positive if it was found too long.
+    pieces_mm : list of float
+        Median error of each floating piece that was placed with certainty, mm.
     """
 
     kind: str

@@ -13,14 +13,14 @@ from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Bool, Uint8
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
 from flatcloth.flattening.surface import item_mask
+from flatcloth.methods.robust.scoring import TWICE_M
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
     from flatcloth.session.document import Document
 
-NEAR_M = 0.015
-"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth that is present
-twice (methods/robust/scoring.py). Set by hand."""
+NEAR_M = TWICE_M
+"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth covered twice."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,9 +48,15 @@ class LeftOut:
 class More:
     """What other views would add.
 
-    ``expected`` are the planner's best candidates with their expected area (m2), far enough apart that they
-    show other cloth. ``share`` is the part of
-    what was expected that this session's views really added, None if unknown; ``reason`` the planner's words.
+    Attributes
+    ----------
+    reason : str
+        Why the planner proposes no further view, or which it proposes.
+    expected : tuple of (int, float)
+        The planner's best candidates with the area (m2) that it expects of each; they are so far apart that
+        they show different cloth.
+    share : float or None
+        The area that the last views really added over the area that was expected of them; None if unknown.
     """
 
     reason: str

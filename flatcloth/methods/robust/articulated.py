@@ -138,7 +138,14 @@ def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
         filled[j] += 1
     rim = np.ones(n, dtype=np.bool_)
     for node in range(n):
-        own = np.sort(angle[first[node] : first[node + 1]])
+        own = angle[first[node] : first[node + 1]]
+        # A few neighbours are sorted by insertion: compiling np.sort takes longer than the rest of this.
+        for k in range(1, own.size):
+            inserted, at = own[k], k
+            while at > 0 and own[at - 1] > inserted:
+                own[at] = own[at - 1]
+                at -= 1
+            own[at] = inserted
         if own.size:
             widest = own[0] + 2.0 * math.pi - own[-1]
             for k in range(own.size - 1):

@@ -162,5 +162,6 @@ def _guessed_places(uv: Float64, edges: Int32, evidence: Float64, agreed_m: floa
                             agreed += evidence[f]
             if agreed > most[node]:
                 most[node] = agreed
-                place[node] = uv[known]
+                # By coordinate: compiling place[node] = uv[known] takes seconds.
+                place[node, 0], place[node, 1] = uv[known, 0], uv[known, 1]
     return place

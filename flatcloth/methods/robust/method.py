@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
@@ -175,6 +177,7 @@ class RobustMethod(Method):
             xyz_m=shape.nodes.xyz_m,
             edges=shape.links.edges,
             length_m=shape.links.length_m,
+            evidence=np.where(shape.is_cut, 0.0, shape.weight * shape.links.evidence),
         )
 
 

@@ -62,7 +62,7 @@ class PlacementSearch:
     def __init__(self, views: Views, shapes: JointShapes, angles_deg: Sequence[float]) -> None:
         self._views, self._shapes, self._angles_deg = views, shapes, angles_deg
         self._config = views.config
-        self._references: Cache[ReferenceShape] = Cache(4)
+        self._references: Cache[ReferenceShape] = Cache(2)
         self._textures: Cache[TextureFeatures] = Cache(48)
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 

@@ -28,7 +28,7 @@ _COVER_M = 0.010
 _PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise. Set by
 hand."""
-_TWICE_M = 0.015
+TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane than this is present twice. Set by hand."""
 _TEXTURE_SIZE_M = 0.007
 """Texture is the intensity minus its mean over this size. Set by hand."""
@@ -258,7 +258,7 @@ def score_placement(
     placed = np.isfinite(own[:, 0])
     if placed.any():
         off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
-        parts["twice_share"] = float((off > _TWICE_M).mean())
+        parts["twice_share"] = float((off > TWICE_M).mean())
         parts["outline_agreement"] = float(covered[known][placed].mean())
     elif at.size:
         parts["twice_share"] = 0.0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -72,9 +73,9 @@ class JointShapes:
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(4)
-        # A registration keeps the features and the surfaces of its views, so that few of both suffice.
-        self._features: Cache[ViewFeatures] = Cache(12)
-        self._registrations: Cache[Registered] = Cache(24)
+        # Registrations keep the features of their views, and these the surfaces: each exists once.
+        self._registrations: Cache[Registered] = Cache(10)
+        self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
@@ -165,9 +166,11 @@ class JointShapes:
         return registered.held_from_camera if registered.is_loose else registered.known
 
     def _view_features(self, view_index: int) -> ViewFeatures:
-        return self._features.get(
-            view_index, lambda: extract_features(self._views.flattening(view_index).surface)
-        )
+        kept = self._features.get(view_index)
+        if kept is None:
+            made = extract_features(self._views.flattening(view_index).surface)
+            kept = self._features.setdefault(view_index, made)
+        return kept
 
     def _begin(self, start: int) -> JointShape:
         flattening = self._views.flattening(start)

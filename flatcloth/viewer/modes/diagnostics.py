@@ -17,6 +17,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, Uint8, finite
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.methods.base import ColumnCurves, Correspondence, ZAngleLine
+from flatcloth.methods.robust.scoring import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail
 from flatcloth.viewer.protocol.picture import Picture
@@ -34,8 +35,8 @@ _MOST_LINE_PIXELS = 1500
 """Pixels of a line that are sent. Chosen for speed."""
 _MOST_PAIRS = 400
 """Pairs that are sent. Chosen for speed."""
-PAIR_LIMIT_MM = 15.0
-"""Pairs farther apart on the plane count as cloth that is present twice (methods/robust/scoring.py)."""
+PAIR_LIMIT_MM = 1000.0 * TWICE_M
+"""Pairs farther apart on the plane count as cloth that is present twice."""
 _GONE = "This proposal is no longer shown; a newer state follows."
 
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import piece_decision
+from flatcloth.engine.garment.recognition import link_decision, piece_decision
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
+from flatcloth.garments.parting import without_parts
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
@@ -27,6 +28,7 @@ from flatcloth.viewer.worker import Worker
 if TYPE_CHECKING:
     from flatcloth.core.types import FlattenedView, Float64
     from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+    from flatcloth.garments.links import DoubtedLink
     from flatcloth.garments.placing import Placed
     from flatcloth.methods.base import Canonical
     from flatcloth.session.machine import Document
@@ -156,6 +158,8 @@ class GarmentController:
                 return DecidePiece(
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
+            case messages.DecideLink(index=index, taken_off=taken_off):
+                return link_decision(known, self._link(known, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
@@ -202,9 +206,18 @@ class GarmentController:
             raise FlatclothError(self.status.text or NOT_YET)
         return self.status.known
 
-    def _piece(self, known: KnownGarment, label: str) -> Placed:
+    def _link(self, known: KnownGarment, index: int) -> DoubtedLink:
+        self._not_while_working()
+        if index >= len(known.links):
+            raise FlatclothError("This link is not doubted any more; look again.")
+        return known.links[index]
+
+    def _not_while_working(self) -> None:
         if self.status.working:
             raise FlatclothError("The shape has changed, and its garment is being recognised; look again.")
+
+    def _piece(self, known: KnownGarment, label: str) -> Placed:
+        self._not_while_working()
         labels = _labels(known.canonical)
         piece = next((each for each in _shown(known) if labels[each.index] == label), None)
         if piece is None:
@@ -238,6 +251,7 @@ def _told(known: KnownGarment) -> dict[str, Any]:
         **summary(known),
         "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
         "pieces": _pieces(known) if found.kind != NONE else [],
+        "links": _links(known),
     }
 
 
@@ -267,6 +281,23 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
         }
         for piece in _shown(known)
     ]
+
+
+def _links(known: KnownGarment) -> list[dict[str, Any]]:
+    """Return the links that no garment allows: how probable, and the outline of the part."""
+    told = []
+    for link in known.links:
+        assert known.cloth is not None, "links are doubted on known cloth"
+        _, parts = without_parts(known.canonical.view, known.cloth, [link.part])
+        outline = [np.round(loop, 4).tolist() for part in parts for loop in _loops(part)]
+        told.append(
+            {
+                "probability": link.probability,
+                "area_cm2": 1e4 * link.area_m2,
+                "outline_uv_m": outline,
+            }
+        )
+    return told
 
 
 def _shown(known: KnownGarment) -> list[Placed]:

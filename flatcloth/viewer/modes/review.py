@@ -109,7 +109,7 @@ class ReviewService:
             views.append(
                 {
                     **view,
-                    "flagged": view["flagged"] or not SUSPECT.isdisjoint(flags),
+                    "flagged": not SUSPECT.isdisjoint(flags),
                     "order": order,
                     "added_cm2": None if area is None else 1e4 * area,
                     "flags": list(flags),

@@ -180,9 +180,7 @@ class Application(PageController):
             case messages.WhereToStroke():
                 strokes = self._state.document.strokes
                 self._sides.where_next(strokes, lambda answer: self._sink.tell(client, answer))
-            case (
-                messages.SetKind() | messages.HoldPoint() | messages.ReleasePoints() | messages.DecidePiece()
-            ):
+            case decision if isinstance(decision, messages.GarmentDecision):
                 self._garment.take(client, message, self._state.document, self._do)
             case messages.PickPoint(name=name):
                 self._pick_at(*self._garment.seen_point(name), name)

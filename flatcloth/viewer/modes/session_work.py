@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress, RotationAxis
 from flatcloth.engine.sheet import Sheet, place_of_piece
-from flatcloth.engine.warmup import is_compiled
+from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.session.machine import Command, Document, Event, Nudge, Pending, Reopen, Request, TakePart
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-
-_COMPILING = "compiling, first start only · "
 
 _log = logging.getLogger(__name__)
 
@@ -29,15 +27,15 @@ def answered(
     tell: Progress,
 ) -> Event | str | None:
     """Answer a request of a session; None if it was cancelled, a text if it failed."""
-    compiling = "" if is_compiled() else _COMPILING
 
     def progress(share: float, text: str) -> None:
         if cancelled.is_set():
             raise CancelledError
-        tell(share, compiling + text)
+        tell(share, text)
 
     try:
         progress(0.0, "Starting")
+        wait_until_compiled(progress)
         return integration.answer(document, request, progress)
     except CancelledError:
         return None
@@ -60,6 +58,7 @@ def turned_about(integration: Integration, axis: RotationAxis) -> str:
 
 def drawn(integration: Integration, document: Document, previous: Picture | None) -> Picture | str:
     """Draw a document; a text if it failed."""
+    wait_until_compiled()
     try:
         return make_picture(integration, document, previous)
     except FlatclothError as error:

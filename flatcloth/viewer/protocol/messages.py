@@ -1,8 +1,7 @@
 """The messages of the page to the server, parsed strictly; a bad message becomes a notification.
 
 Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
-which the page's own types can be generated. Bounds stand in the types: whatever number comes in, a
-garment and its plane hold it.
+which the page's own types are made. Bounds stand in the types: a garment and its plane hold each number.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from flatcloth.rendering.layers import LAYERS
 from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 
-MAX_MESSAGE_CHARS = 100_000
-"""Limits of what a page may send. Chosen: far above what the page's own controls send."""
-MAX_NAME_CHARS = 80  # so too
-MAX_FPS = 240.0  # so too
-MAX_PAIRS = 50  # so too
-MAX_ANGLE_DEG = 3600.0  # so too
-MAX_STROKE_POINTS = 1000  # so too
-MAX_BRUSH_M = 0.2  # so too
+# Limits of what a page may send. Chosen: far above what the page's own controls send.
+MAX_MESSAGE_CHARS = 100_000  # of a whole message
+MAX_NAME_CHARS = 80  # of a pick
+MAX_FPS = 240.0  # of live mode
+MAX_PAIRS = 50  # of points of cloth, of which two fix a place
+MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
+MAX_STROKE_POINTS = 1000  # of one stroke
+MAX_BRUSH_M = 0.2  # radius
 
 Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
 """A place on a garment's plane, or a shift there."""
@@ -327,12 +326,20 @@ class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
     accepted: bool
 
 
+class DecideLink(_Said, tag="decide_link", frozen=True, kw_only=True):
+    """Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list."""
+
+    index: Annotated[int, Meta(ge=0)]
+    taken_off: bool
+
+
 class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 
     name: GarmentName
 
 
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
 Message = (
     Do
     | Move
@@ -363,11 +370,8 @@ Message = (
     | CutShape
     | Brush
     | WhereToStroke
-    | SetKind
-    | HoldPoint
+    | GarmentDecision
     | PreviewPoint
-    | ReleasePoints
-    | DecidePiece
     | PickPoint
 )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from flatcloth.core.types import Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, label_of
+from flatcloth.engine.warmup import is_compiling
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
@@ -63,6 +64,8 @@ def snapshot(
     recording = integration.recording
     document = state.document
     present = document.present_view
+    # The session is ahead of what is shown until the shape is drawn anew.
+    drawing = document.start_view is not None and (picture is None or picture.document is not document)
     return {
         **_common(revision, status, picks, picture, integration, places),
         "mode": "session",
@@ -78,18 +81,22 @@ def snapshot(
         else {"kind": state.request.kind, "view_index": state.request.view_index},
         "present_view": present,
         "angle_deg": None if present is None else recording.angles_deg[present],
-        "views": [
-            _view(state, i, recording.angles_deg[i], integration.accept_score) for i in range(len(recording))
-        ],
+        "views": [_view(state, i, recording.angles_deg[i]) for i in range(len(recording))],
         "actions": action_table(state),
         "reject_reasons": list(REJECT_REASONS),
-        "progress": None
-        if status.progress is None
-        else {"share": status.progress[0], "text": status.progress[1]},
+        "progress": _progress(status, drawing),
         "pending": _pending(document, picture),
-        # The session is ahead of what is shown until the shape is drawn anew.
-        "drawing": document.start_view is not None and (picture is None or picture.document is not document),
+        "drawing": drawing,
     }
+
+
+def _progress(status: PageStatus, drawing: bool) -> dict[str, Any] | None:
+    if status.progress is not None:
+        share, text = status.progress
+        return {"share": share, "text": text}
+    if drawing and is_compiling():
+        return {"share": 0.0, "text": "compiling, first start only; then the shape is drawn"}
+    return None
 
 
 def live_snapshot(
@@ -157,7 +164,7 @@ def _common(
     }
 
 
-def _view(state: SessionState, index: int, angle_deg: float, accept_score: float) -> dict[str, Any]:
+def _view(state: SessionState, index: int, angle_deg: float) -> dict[str, Any]:
     document = state.document
     word, detail, score = _verdict(document, index)
     command = Start(index) if document.start_view is None else Propose(index)
@@ -167,7 +174,6 @@ def _view(state: SessionState, index: int, angle_deg: float, accept_score: float
         "state": word,
         "detail": detail,
         "score": score,
-        "flagged": word in {"accepted", "fixed", "later"} and score is not None and score < accept_score,
         "follows": _follows(document, index),
         "why_not": why_illegal(state, command) if word != "pending" else "This view is the proposal.",
         "why_not_reopen": why_illegal(state, Reopen(index)),

@@ -9,13 +9,12 @@ import numpy as np
 
 from flatcloth.core.types import Bool, FlattenedView, RotationAxis, finite
 from flatcloth.engine.sheet import label_of
-from flatcloth.rendering.layers import difference
+from flatcloth.rendering.layers import CONFLICT_M, difference
 
 if TYPE_CHECKING:
     from flatcloth.viewer.protocol.picture import Overlay
 
-APART_LIMIT_MM = 10.0
-"""As in the 3D scene: points of one place of the plane that are further apart in space are in conflict."""
+APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
 SHARE_LIMIT = 0.1
 """As without an operator: of a larger share that contradicts, no view is accepted."""
 _JOINS_M2 = 2e-4

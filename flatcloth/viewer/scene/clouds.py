@@ -13,7 +13,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import piece_color, view_colors
-from flatcloth.rendering.layers import PLAIN, Appearance, difference
+from flatcloth.rendering.layers import CONFLICT_M, PLAIN, Appearance, difference
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from flatcloth.engine.integration import Integration
 
-CONFLICT_M = 0.010
-"""Points of proposal and shape at one place of the plane that are further apart in space are in conflict."""
 MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""
 _HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)

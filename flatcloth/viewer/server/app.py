@@ -314,21 +314,13 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
-def serve(
-    integration: Integration | None = None,
-    folder: SessionFolder | None = None,
-    *,
-    open_url: Callable[[str], None] | None = None,
-    **options: Any,
-) -> None:
-    """Serve the operator page until Ctrl-C.
+def serve(**options: Any) -> None:
+    """Print the address of the operator page, and serve it until Ctrl-C.
 
     Parameters
     ----------
-    integration, folder, options
+    options
         See :class:`PageServer`.
-    open_url
-        Called with the page's address when it can be opened; by default prints it.
 
     Raises
     ------
@@ -336,8 +328,8 @@ def serve(
         If the address cannot be bound, or would admit everybody.
     """
     limit_logs()
-    with PageServer(integration, folder, **options) as server:
-        (open_url or _print_url)(server.url)
+    with PageServer(**options) as server:
+        _print_url(server.url)
         try:
             server.join()
         except KeyboardInterrupt:

@@ -1,0 +1,109 @@
+"""The compiled functions (kernels) of a typical integration, each with the types it is called with.
+
+``table.json`` lists them, so that they can be compiled in any order and by several processes; ``python -m
+benchmarks compiling`` writes it. A kernel that is missing there is compiled when it is first called.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+TABLE = Path(__file__).with_name("table.json")
+_types: Any = numba.types
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A line of the table.
+
+    ``name``: module and function below the package. ``arguments``: a type in numba's short form, a list
+    for a tuple, or {class of a named tuple: list}. ``compile_s``: measured processor seconds.
+    """
+
+    name: str
+    arguments: list[Any]
+    compile_s: float
+
+    @property
+    def dispatcher(self) -> Any:
+        """The compiled function."""
+        return _attribute(self.name)
+
+    def compile(self) -> None:
+        """Compile it for its arguments, or find that on disk."""
+        self.dispatcher.compile(tuple(_type(argument) for argument in self.arguments))
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is on disk, compiled since its source has changed."""
+        function, stats = self.dispatcher.py_func, self.dispatcher.stats
+        source = Path(function.__code__.co_filename)
+        changed_s = source.stat().st_mtime
+        kept = Path(stats.cache_path).glob(f"{source.stem}.{function.__qualname__}-*.nbi")
+        return any(index.stat().st_mtime >= changed_s for index in kept)
+
+
+@cache
+def kernels() -> tuple[Kernel, ...]:
+    """Return the lines of the table whose functions are there."""
+    found = []
+    for line in json.loads(TABLE.read_text()):
+        kernel = Kernel(**line)
+        # A function that was renamed since is compiled when it is called; a test finds such lines.
+        with contextlib.suppress(AttributeError, ModuleNotFoundError):
+            kernel.dispatcher  # noqa: B018 - looked up
+            found.append(kernel)
+    return tuple(found)
+
+
+def shares(count: int) -> list[list[Kernel]]:
+    """Divide the table into shares that take about as long."""
+    found: list[list[Kernel]] = [[] for _ in range(count)]
+    for kernel in sorted(kernels(), key=lambda kernel: -kernel.compile_s):
+        min(found, key=lambda share: sum(k.compile_s for k in share)).append(kernel)
+    return found
+
+
+def compile_share(number: int, count: int) -> None:
+    """Compile one of the shares, unless the program that asked for it ends.
+
+    What cannot be compiled from here is compiled when it is called.
+    """
+    parent = os.getppid()
+    for kernel in shares(count)[number]:
+        if os.getppid() != parent:
+            return
+        with contextlib.suppress(Exception):
+            kernel.compile()
+
+
+def _type(argument: Any) -> Any:
+    if isinstance(argument, list):
+        return _types.Tuple(tuple(_type(one) for one in argument))
+    if isinstance(argument, dict):
+        ((name, fields),) = argument.items()
+        of_fields = tuple(_type(one) for one in fields)
+        if len(set(of_fields)) == 1:
+            return _types.NamedUniTuple(of_fields[0], len(of_fields), _attribute(name))
+        return _types.NamedTuple(of_fields, _attribute(name))
+    scalar, _, order = argument.partition("[")
+    of_scalar = getattr(_types, scalar)
+    if not order:
+        return of_scalar
+    dimensions = order.count(":") - order.count("::")
+    layout = "C" if order.endswith("::1]") else "F" if order.startswith("::1") else "A"
+    return _types.Array(of_scalar, dimensions, layout)
+
+
+def _attribute(name: str) -> Any:
+    module, _, attribute = name.rpartition(".")
+    return getattr(importlib.import_module(f"flatcloth.{module}"), attribute)

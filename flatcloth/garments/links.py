@@ -1,0 +1,206 @@
+"""Links that no garment allows: a part of the shape that fits a garment only where it is not joined.
+
+Layers that touch are taken for one sheet now and then: a sleeve lies flush on the body, and grows from it
+in the flattened shape. Candidates of such parts are areas of well connected cloth that meet others where
+less evidence joins them (a watershed), cut off where the least does (a minimum cut). For each, garments are
+fitted to the rest of the shape, with the part wherever else it belongs. Joined or not is then decided as
+kinds are: by the evidence of both fits, where a part that lies freely costs its three degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+from scipy.spatial import cKDTree
+
+from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.fit import TEMPERATURE, Fit, refine
+from flatcloth.garments.placing import LEAST_AREA_M2, contradiction, place_piece
+
+SUSPECT_MISFIT = 0.08
+"""Below this misfit the shape is a garment as it is, and no link is doubted: of 25 right shapes of the
+development 24 are below it (``python -m benchmarks garments``)."""
+OFFERED_PROBABILITY = 0.90
+"""A link less probable than this is offered for rejection. Chosen: one in ten of these would be wrong."""
+WRONG_PROBABILITY = 0.05
+"""A link less probable than this is taken for wrong without asking. Chosen: a right link must not break."""
+_RIGHT_TO_WRONG = 50.0
+"""Links that are right for one that is wrong, before the garment is known: one of the 27 shapes of the
+development has a wrong one, and each has several. Set by hand."""
+_LEAST_CORE = 45
+"""Samples, 12 mm apart, of an area that may be a part. Chosen: 65 cm2, as ``placing.LEAST_AREA_M2``."""
+_SADDLE = 0.8
+"""Two areas are told apart if less than this share of the evidence within the smaller one joins them.
+Chosen: less than the unevenness of one area."""
+_SMOOTHED = 2
+"""Times that the evidence of a sample is averaged with its neighbours'. Chosen; 1 and 3 give the same."""
+_TRIED_FITS = 3
+"""Kinds that are fitted without the part. Chosen for speed."""
+_ELSEWHERE_M = 0.08
+"""A part that the garment has a place for nearer than this belongs where it is joined: flattened sleeves and
+legs are turned by some degrees, which moves them 2 to 5 cm. Set by hand."""
+_MOST_SHARE = 0.45
+"""A part is the smaller one. By definition, with some room."""
+_EVIDENCE_UNITS = 1000
+"""Evidence in whole numbers, as the maximum flow needs it. By definition."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cloth:
+    """How the shape hangs together: its samples and the pairs of them that were seen to be one sheet.
+
+    ``uv_m`` (N, 2) on the plane, NaN for samples of other pieces; ``xyz_m`` (N, 3), object frame; ``edges``
+    (M, 2) int32; ``evidence`` (M,) that both ends of a pair are one sheet, from 0.
+    """
+
+    uv_m: Float64
+    xyz_m: Float64
+    edges: Int32
+    evidence: Float64
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubtedLink:
+    """A part of the shape that no garment allows where it is joined.
+
+    ``part`` (N,) are its samples; ``probability`` that the link is right; ``area_m2`` of the part.
+    """
+
+    part: Bool
+    probability: float
+    area_m2: float
+
+
+def is_offered(link: DoubtedLink) -> bool:
+    """Return whether an operator is asked about a link."""
+    return link.probability < OFFERED_PROBABILITY
+
+
+def is_wrong(link: DoubtedLink) -> bool:
+    """Return whether a part may be taken off without asking the operator."""
+    return link.probability < WRONG_PROBABILITY
+
+
+def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> list[DoubtedLink]:
+    """Return the links of a shape that no garment allows, the least probable first; they do not overlap.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        The best fits to the shape as it is, the most probable first.
+    main : PieceEvidence
+        Of the shape.
+    cloth : Cloth
+        How it hangs together.
+    """
+    together = max(fit.log_evidence for fit in fits)
+    found: list[DoubtedLink] = []
+    for core, other in basins(cloth):
+        part = side_of(cloth, core, other)
+        if not 0.0 < part.sum() <= _MOST_SHARE * np.isfinite(cloth.uv_m[:, 0]).sum():
+            continue
+        own, rest = split(main, cloth, part)
+        if not LEAST_AREA_M2 <= own.area_m2 <= _MOST_SHARE * main.area_m2:
+            continue
+        gain = (_apart(fits, rest, own) - together) / TEMPERATURE
+        chance = 1.0 / (1.0 + math.exp(min(max(gain, -30.0), 30.0)) / _RIGHT_TO_WRONG)
+        found.append(DoubtedLink(part=part, probability=chance, area_m2=own.area_m2))
+    return sorted(found, key=lambda link: link.probability)
+
+
+def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
+    """Return pairs of areas of well connected samples that meet where less evidence joins them.
+
+    The watershed of the evidence: samples are added in the order of how much evidence joins them to their
+    neighbours; where two areas meet that are both large, the smaller one is a candidate of a part.
+    """
+    n = len(cloth.uv_m)
+    kept = np.isfinite(cloth.uv_m[cloth.edges, 0]).all(axis=1) & (cloth.evidence > 0.0)
+    ends = cloth.edges[kept]
+    rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
+    joined = coo_matrix((np.tile(cloth.evidence[kept], 2), (rows, columns)), shape=(n, n)).tocsr()
+    counts = np.diff(joined.indptr)
+    strength = np.asarray(joined.sum(axis=1)).ravel()
+    around = (joined > 0).astype(np.float64)
+    for _ in range(_SMOOTHED):
+        strength = (strength + around @ strength) / (1 + counts)
+    area = np.full(n, -1)
+    members: dict[int, list[int]] = {}
+    found = []
+    for node in np.argsort(-strength)[: int((counts > 0).sum())].tolist():
+        area[node], members[node] = node, [node]
+        for other in joined.indices[joined.indptr[node] : joined.indptr[node + 1]].tolist():
+            one, two = int(area[node]), int(area[other])
+            if two < 0 or one == two:
+                continue
+            if len(members[one]) < len(members[two]):
+                one, two = two, one  # an area is called by its first sample
+            if len(members[two]) >= _LEAST_CORE and strength[node] < _SADDLE * strength[two]:
+                found.append((np.array(members[two]), np.array(members[one])))
+            area[members[two]] = one
+            members[one] += members.pop(two)
+    return found
+
+
+def side_of(cloth: Cloth, own: NDArray[np.int64], others: NDArray[np.int64]) -> Bool:
+    """Return the samples (N,) on the side of ``own`` of the cut with the least evidence to ``others``."""
+    n = len(cloth.uv_m)
+    units = np.maximum(np.rint(_EVIDENCE_UNITS * cloth.evidence), 1).astype(np.int64)
+    both = np.isfinite(cloth.uv_m[cloth.edges, 0]).all(axis=1) & (cloth.evidence > 0.0)
+    edges, units = cloth.edges[both], units[both]
+    unbounded = int(units.sum()) + 1
+    rows = np.concatenate([edges[:, 0], edges[:, 1], np.full(own.size, n), others])
+    columns = np.concatenate([edges[:, 1], edges[:, 0], own, np.full(others.size, n + 1)])
+    capacity = np.concatenate([units, units, np.full(own.size + others.size, unbounded)])
+    network = coo_matrix((capacity, (rows, columns)), shape=(n + 2, n + 2)).tocsr().astype(np.int32)
+    rest = network - maximum_flow(network, n, n + 1).flow
+    rest.data[rest.data < 0] = 0
+    rest.eliminate_zeros()
+    side = np.zeros(n + 2, dtype=np.bool_)
+    side[breadth_first_order(rest, n, return_predecessors=False)] = True
+    part: Bool = side[:n] & np.isfinite(cloth.uv_m[:, 0])
+    return part
+
+
+def split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence, PieceEvidence]:
+    """Return the evidence of a part (N,) of the samples, and that of the rest."""
+    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
+    tree, of_part = cKDTree(cloth.uv_m[placed]), part[placed]
+    edges, insides = (of_part[tree.query(uv)[1]] for uv in (main.edge_uv_m, main.inside_uv_m))
+    pixels = np.argwhere(main.depth_m > 0)
+    there = of_part[tree.query(main.depth_origin_uv_m + main.depth_pixel_m * pixels[:, ::-1])[1]]
+    return main.part(edges, insides, pixels[there]), main.part(~edges, ~insides, pixels[~there])
+
+
+def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> float:
+    """Return the evidence of the rest of the shape with the part where else it belongs, by the best kind."""
+    best = -math.inf
+    for fit in fits[:_TRIED_FITS]:
+        begun = [fit, *(other for _, other in fit.others)]
+        alone = max(
+            (refine(fit.kind, (rest,), f.parameters, f.garment_from_piece[:1]) for f in begun),
+            key=lambda f: f.log_evidence,
+        )
+        placed = place_piece(alone, rest, own, 0)
+        if placed is not None:
+            both = refine(
+                fit.kind, (rest, own), placed.fit.parameters, placed.fit.garment_from_piece,
+                annealed=((1.0, 8),),
+            )  # fmt: skip
+            if _moved_m(both, own) > _ELSEWHERE_M:
+                best = max(best, both.log_evidence - contradiction(both, rest, own))
+    return best
+
+
+def _moved_m(both: Fit, own: PieceEvidence) -> float:
+    """Return how far a part lies, in the mean, from where it is joined."""
+    main, part = both.garment_from_piece
+    there = (main.inverse() @ part).apply(own.inside_uv_m)
+    return float(np.linalg.norm(there - own.inside_uv_m, axis=1).mean())

@@ -1,0 +1,117 @@
+"""Parts that are taken off the shape: decided once, found again by their cloth, and drawn apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int64
+from flatcloth.garments.links import Cloth, DoubtedLink, side_of
+from flatcloth.session.garment import ClothPlaces, DoubtedPart
+
+_SAME_M = 0.015
+"""A point of cloth found again: joint registration moves measured points by less (as in ``deciding``)."""
+_TIED = 48
+"""Points of cloth that a part, and the rest, are tied to. Chosen: more cost space in the journal."""
+_LEAST_FOUND = 0.5
+"""Share of them that is to be found again, or the part is not there any more. Set by hand."""
+
+
+def decided_part(cloth: Cloth, link: DoubtedLink, *, taken_off: bool) -> DoubtedPart:
+    """Return a decision about a part, tied to its cloth and to that of the rest."""
+    placed = np.isfinite(cloth.uv_m[:, 0])
+    return DoubtedPart(
+        taken_off=taken_off,
+        part=_tied(cloth, np.flatnonzero(link.part)),
+        rest=_tied(cloth, np.flatnonzero(placed & ~link.part)),
+        probability=float(link.probability),
+    )
+
+
+def _tied(cloth: Cloth, samples: Int64) -> ClothPlaces:
+    chosen = samples[np.linspace(0, len(samples) - 1, min(_TIED, len(samples))).astype(int)]
+    return ClothPlaces(
+        points_m=tuple((float(x), float(y), float(z)) for x, y, z in cloth.xyz_m[chosen]),
+        uv_m=tuple((float(u), float(v)) for u, v in cloth.uv_m[chosen]),
+    )
+
+
+def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
+    """Return the samples (N,) of a decided part on a shape as it is now; None if it is not on it."""
+    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
+    tree = cKDTree(cloth.xyz_m[placed])
+    ends = []
+    for tied in (decision.part, decision.rest):
+        off, nearest = tree.query(np.array(tied.points_m))
+        if (off <= _SAME_M).mean() < _LEAST_FOUND:
+            return None
+        ends.append(placed[nearest[off <= _SAME_M]])
+    own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
+    if not (own.size and others.size):
+        return None
+    return side_of(cloth, own, others)
+
+
+def is_decided(cloth: Cloth, link: DoubtedLink, decisions: Sequence[DoubtedPart]) -> bool:
+    """Return whether an operator has decided about the part of a link already."""
+    for decision in decisions:
+        part = found_again(cloth, decision)
+        if part is not None and (part & link.part).sum() > 0.5 * (part | link.part).sum():
+            return True
+    return False
+
+
+def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
+    """Return the samples (N,) of each part that is taken off now; of a part, the last decision counts."""
+    taken: list[Bool] = []
+    for decision in decisions:
+        part = found_again(cloth, decision)
+        if part is None:
+            continue
+        taken = [other for other in taken if (part & other).sum() <= 0.5 * (part | other).sum()]
+        if decision.taken_off:
+            taken.append(part)
+    return taken
+
+
+def without_parts(
+    view: FlattenedView, cloth: Cloth, parts: Sequence[Bool]
+) -> tuple[FlattenedView, list[FlattenedView]]:
+    """Return the shape without parts (N,) of its samples, and each part as a piece of its own."""
+    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
+    pixels = np.argwhere(view.valid)
+    nearest = placed[cKDTree(cloth.uv_m[placed]).query(view.uv_from_rc(pixels))[1]]
+    rest, pieces = view.valid.copy(), []
+    for part in parts:
+        own = np.zeros(view.shape, dtype=np.bool_)
+        own[tuple(pixels[part[nearest]].T)] = True
+        own &= rest
+        rest &= ~own
+        if own.any():
+            pieces.append(_only(view, own))
+    return _only(view, rest), pieces
+
+
+def _only(view: FlattenedView, kept: Bool) -> FlattenedView:
+    """Return a view with some of its pixels (H, W) only, cropped to them."""
+    rows, cols = (np.flatnonzero(kept.any(axis=axis)) for axis in (1, 0))
+    box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    valid = kept[box]
+    changed: dict[str, object] = {"valid": valid, "origin_uv_m": _origin(view, int(rows[0]), int(cols[0]))}
+    for field in fields(view):
+        values = getattr(view, field.name)
+        if isinstance(values, np.ndarray) and field.name != "valid":
+            cut = values[box].copy()
+            empty = np.nan if cut.dtype.kind == "f" else (-1 if field.name == "view_index" else 0)
+            cut[~valid] = empty
+            changed[field.name] = cut
+    made: FlattenedView = replace(view, **changed)  # type: ignore[arg-type]
+    return made
+
+
+def _origin(view: FlattenedView, row: int, col: int) -> tuple[float, float]:
+    corner: Float64 = view.uv_from_rc(np.array([row, col]))
+    return float(corner[0]), float(corner[1])
