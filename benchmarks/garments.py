@@ -19,8 +19,8 @@ from benchmarks.unattended import sources, unattended
 from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
 from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
 from flatcloth.garments import recognition
-from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import Pull
 
 _BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0001)
@@ -200,43 +200,7 @@ UNKNOWN: dict[str, list[list[tuple[float, float]]]] = {
 
 def unknown_evidence(loops: list[list[tuple[float, float]]]) -> PieceEvidence:
     """Return the evidence of a flat shape whose whole border was seen, off by 4 mm at random."""
-    random = np.random.default_rng(0)
-    places, normals = [], []
-    for loop in loops:
-        corners = np.array(loop)
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            length = float(np.linalg.norm(b - a))
-            count = max(1, int(length / 0.006))
-            share = (np.arange(count) + 0.5) / count
-            places.append(a + share[:, None] * (b - a))
-            normals.append(np.tile([(b - a)[1] / length, -(b - a)[0] / length], (count, 1)))
-    outer = np.array(loops[0])
-    low, high = outer.min(axis=0), outer.max(axis=0)
-    grid = np.stack(np.meshgrid(*(np.arange(a, b, 0.018) for a, b in zip(low, high, strict=True))), axis=-1)
-    inside = grid.reshape(-1, 2)
-    inside = inside[inside_outline(inside, outer)]
-    holes = 0.0
-    for loop in loops[1:]:
-        corners = np.array(loop)
-        inside = inside[~inside_outline(inside, corners)]
-        holes += float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
-    edges = np.concatenate(places)
-    return PieceEvidence(
-        edge_uv_m=edges + 0.004 * random.standard_normal(edges.shape),
-        edge_normal=np.concatenate(normals),
-        edge_std_m=np.zeros(len(edges)),
-        edge_free=np.ones(len(edges), dtype=bool),
-        edge_trust=np.ones(len(edges)),
-        unseen_uv_m=np.zeros((0, 2)),
-        inside_uv_m=inside,
-        inside_std_m=np.zeros(len(inside)),
-        inside_xyz_m=np.concatenate([inside, np.zeros((len(inside), 1))], axis=1),
-        area_m2=len(inside) * 0.018**2,
-        hole_edge_m=holes,
-        depth_m=np.zeros((1, 1), dtype=np.float32),
-        depth_origin_uv_m=low - 9.0,
-        depth_pixel_m=0.002,
-    )
+    return seen_outline([np.array(loop) for loop in loops])
 
 
 def unknown_of(loops: list[list[tuple[float, float]]]) -> tuple[str, float]:

@@ -69,6 +69,7 @@ const teaching = new Teaching({
   tip: (action) => toolbar.tip(action),
   name: () => page.state.recording.name,
   startView: () => page.state.start_view,
+  garment: () => page.state.garment?.revision ?? 0,
   notify,
   run,
 });

@@ -31,9 +31,9 @@ OFFERED_PROBABILITY = 0.90
 """A link less probable than this is offered for rejection. Chosen: one in ten of these would be wrong."""
 WRONG_PROBABILITY = 0.05
 """A link less probable than this is taken for wrong without asking. Chosen: a right link must not break."""
-_RIGHT_TO_WRONG = 50.0
-"""Links that are right for one that is wrong, before the garment is known: one of the 27 shapes of the
-development has a wrong one, and each has several. Set by hand."""
+_RIGHT_TO_WRONG = 10.0
+"""Links that are right for one that is wrong, on a shape that no garment fits. Set by hand: two of the 27
+shapes of the development are such, with four links, one of them wrong."""
 _LEAST_CORE = 45
 """Samples, 12 mm apart, of an area that may be a part. Chosen: 65 cm2, as ``placing.LEAST_AREA_M2``."""
 _SADDLE = 0.8

@@ -51,7 +51,7 @@ PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
 are."""
 OFFERED_PROBABILITY = 0.05
 """A place less probable than this is not offered to the operator. Chosen: one in twenty would be right."""
-_STARTS, _FINISHED, _THINNED = 6, 2, 3
+STARTS, _FINISHED, THINNED = 6, 2, 3
 """Poses tried for a kind, those refined with all points, and the thinning before. Chosen for speed."""
 
 
@@ -195,7 +195,12 @@ def fits_of(main: PieceEvidence) -> list[Fit]:
 
 def probabilities_of(main: PieceEvidence) -> dict[str, float]:
     """Return the probabilities of the kinds and of :data:`NONE` by one piece alone."""
-    return _probabilities(fits_of(main), {}, 0.0, main)
+    return probabilities_by(fits_of(main), main)
+
+
+def probabilities_by(fits: list[Fit], main: PieceEvidence) -> dict[str, float]:
+    """Return the probabilities of the kinds and of :data:`NONE` by the fits to one piece."""
+    return _probabilities(fits, {}, 0.0, main)
 
 
 def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
@@ -213,10 +218,10 @@ def _cost(placed: Placed, alone: Fit) -> float:
 
 def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
     """Return the best fit of one kind to the main piece, from many starts."""
-    coarse = main.thinned(_THINNED)
+    coarse = main.thinned(THINNED)
     first = [
         refine(kind, (coarse,), parameters, (pose,), annealed=((4.0, 5), (2.0, 6)))
-        for parameters, pose in starts(kind, main, _STARTS)
+        for parameters, pose in starts(kind, main, STARTS)
     ]
     first.sort(key=lambda f: -f.log_evidence)
     last = [
@@ -229,7 +234,7 @@ def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
     """Return the fit with named points held where they were put; the rest follows."""
-    coarse = main.thinned(_THINNED)
+    coarse = main.thinned(THINNED)
     return refine(
         fit.kind, (coarse,), fit.parameters, fit.garment_from_piece[:1], pulls=pulls, annealed=((1.0, 10),)
     )

@@ -4,6 +4,7 @@ import { GarmentDrawing } from "/static/garment/drawing.js";
 import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { number } from "/static/page/format.js";
 
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 

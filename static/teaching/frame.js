@@ -4,6 +4,7 @@ import { byId, make, setAllowed } from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
+import { GARMENT_STAGES } from "/static/teaching/garment.js";
 import { SIDE_STAGES } from "/static/teaching/sides.js";
 
 /** @type {[string, any[]][]} */
@@ -11,6 +12,7 @@ const GROUPS = [
   ["Flattening one view", FLATTENING_STAGES],
   ["Adding the next view", EXTENDING_STAGES],
   ["Without masks", SIDE_STAGES],
+  ["Which garment it is", GARMENT_STAGES],
 ];
 export const STAGES = GROUPS.flatMap(([, stages]) => stages);
 

@@ -9,14 +9,14 @@ import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
 const AHEAD = ["flattening", "planning", "alignment"]; // asked for before they are wanted
-const PARTS = [...AHEAD, "sides"];
+const PARTS = [...AHEAD, "sides", "garment"];
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
 export class Teaching {
-  /** `session`: actions(), tip(action), startView(), notify(level, text). */
+  /** `session`: actions(), tip(action), startView(), garment() (its revision), notify(level, text). */
   constructor(session) {
     this.session = session;
     this.at = 0;
@@ -145,6 +145,7 @@ export class Teaching {
 
   query(part) {
     if (part === "sides") return {}; // the same whatever is changed
+    if (part === "garment") return { revision: this.session.garment() };
     const start = this.session.startView();
     const query = start === null ? {} : { start_view: start };
     for (const [name, value] of Object.entries(this.changed))

@@ -6,7 +6,7 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-STAGES = 19
+STAGES = 22
 MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 8, 9, 10, 14
 
 

@@ -130,7 +130,7 @@ def test_progress_is_told_before_the_lesson(page):
     assert found[-1][0]["kind"] == "alignment"
 
 
-@pytest.mark.parametrize("part", [part for part in PARTS if part != "sides"])
+@pytest.mark.parametrize("part", [part for part in PARTS if part not in ("sides", "garment")])
 def test_arrays_and_pictures_are_whole(page, part):
     assert_whole(*lesson(page, part, start_view=0))
 
@@ -216,7 +216,7 @@ def test_the_sliders_reach_the_sessions_own_values():
         (
             "/teaching/magic",
             404,
-            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides.",
+            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment.",
         ),
         ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
         ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),
@@ -267,6 +267,33 @@ def test_the_sides_without_masks_are_shown_with_their_evidence():
     assert set(np.unique(first)) == {1, 2}
     certain = array(values, body, "first_percent")
     assert certain[first == 1].min() >= 50
+
+
+def test_the_garment_is_explained_by_an_example_until_there_is_a_shape(integration):
+    routes = TeachingRoutes(integration)
+    values, body = lesson(Page(routes), "garment", revision=3)
+    routes.stop()
+    assert_whole(values, body)
+    assert values["flat"] is None
+    assert values["kinds"][0]["name"] == "tshirt"
+    assert sum(kind["probability"] for kind in values["kinds"]) + values["none"] == pytest.approx(1.0)
+    states, energy = array(values, body, "states"), np.array(values["energy"])
+    assert list(states.shape[:2]) == list(energy.shape)
+    best = energy[-1].argmin()
+    assert energy[-1, best] < 0.3 * energy[0, best]
+    # The best start ends on the true edges.
+    edges, outline = array(values, body, "edge_uv"), array(values, body, "outline_tshirt")
+    assert dist_to(edges, outline) < 0.01
+    assert dist_to(edges, states[-1, best]) < 0.01 < dist_to(edges, states[0, best])
+
+
+def dist_to(places: np.ndarray, outline: np.ndarray) -> float:
+    """Return the median distance of places from a closed outline."""
+    a, b = outline[None], np.roll(outline, -1, axis=0)[None]
+    along = b - a
+    share = ((places[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-12)
+    off = places[:, None] - a - np.clip(share, 0, 1)[..., None] * along
+    return float(np.median(np.linalg.norm(off, axis=2).min(axis=1)))
 
 
 def test_a_number_that_cannot_be_shown_is_an_error_for_the_learner(page):

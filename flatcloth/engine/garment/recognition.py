@@ -99,6 +99,12 @@ class GarmentService:
         self._shape: KnownGarment | None = None
         self._last: tuple[GarmentDecisions, KnownGarment] | None = None
 
+    @property
+    def last(self) -> KnownGarment | None:
+        """What was recognised last, None if nothing was; does not wait for what is being recognised."""
+        last = self._last
+        return None if last is None else last[1]
+
     def of(self, document: Document) -> KnownGarment:
         """Return what is known of the garment of a document's shape.
 

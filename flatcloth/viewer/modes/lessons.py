@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
+from flatcloth.garments.evidence import SPACING_M
+from flatcloth.garments.fit import TEMPERATURE
+from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
 from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import diverging_table
@@ -304,6 +308,51 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
             "undecided_cm2": CM2 * stroked.area_undecided_m2,
             "changed": "" if stroked.changed is None else stroked.changed.text,
         }
+    return parcel
+
+
+# --- the garment -----------------------------------------------------------------------------------
+
+
+def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
+    """Return what the page draws of the recognition of the garment."""
+    parcel, evidence, view = Parcel(), lesson.evidence, lesson.view
+    if view is not None:
+        parcel.picture("shape", layers.rgba(view, "color", axis, 1))
+    parcel.array("edge_uv", evidence.edge_uv_m, "float32")
+    parcel.array("edge_normal", evidence.edge_normal, "float32")
+    parcel.array("edge_trust", evidence.edge_trust, "float32")
+    parcel.array("unseen_uv", evidence.unseen_uv_m, "float32")
+    parcel.array("inside_uv", evidence.inside_uv_m, "float32")
+    parcel.array("states", lesson.states, "float32")
+    for fit in lesson.fits:
+        outline = fit.garment_from_piece[0].inverse().apply(fit.outline)
+        parcel.array(f"outline_{fit.kind.name}", outline, "float32")
+    best = lesson.fits[0].log_evidence
+    parcel.values = {
+        "flat": None if view is None else grid_of(view),
+        "area_cm2": CM2 * evidence.area_m2,
+        "edges_m": SPACING_M * len(evidence.edge_uv_m),
+        "unseen_m": SPACING_M * len(evidence.unseen_uv_m),
+        "trust": float(evidence.edge_trust.mean()) if len(evidence.edge_trust) else None,
+        "state_shape": list(lesson.states.shape),
+        "energy": lesson.energy.tolist(),
+        "widened": lesson.widened.tolist(),
+        "temperature": TEMPERATURE,
+        "kinds": [
+            {
+                "name": fit.kind.name,
+                "below": finite(fit.log_evidence - best),
+                "energy": fit.energy,
+                "parameters": len(fit.kind.parameters),
+                "probability": lesson.probabilities[fit.kind.name],
+            }
+            for fit in lesson.fits
+        ],
+        "none": lesson.probabilities[NONE],
+        "misfit": misfit_of(lesson.fits[0], evidence),
+        "misfit_limit": MISFIT,
+    }
     return parcel
 
 

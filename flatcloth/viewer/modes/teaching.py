@@ -20,11 +20,13 @@ from starlette.types import Receive, Scope, Send
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Progress
+from flatcloth.engine.garment.lesson import garment_lesson
 from flatcloth.engine.teaching import Parameters, Teaching
 from flatcloth.viewer.modes.lessons import (
     CM2,
     alignment_parcel,
     flattening_parcel,
+    garment_parcel,
     planning_parcel,
     record,
     sides_parcel,
@@ -32,12 +34,15 @@ from flatcloth.viewer.modes.lessons import (
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
+    from flatcloth.engine.garment.recognition import KnownGarment
     from flatcloth.engine.integration import Integration
 
 _log = logging.getLogger(__name__)
 
-PARTS = ("flattening", "planning", "alignment", "sides")
-"""The available parts: Fig. 2, Fig. 4a, the rest of Fig. 4, and the side of interest without masks."""
+PARTS = ("flattening", "planning", "alignment", "sides", "garment")
+"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest without masks, and the garment."""
+_OF_ALL_VIEWS = ("sides", "garment")
+"""Parts without a start view of their own, and without parameters. By definition."""
 
 SLIDERS: dict[str, dict[str, float]] = {
     "sampling_interval_px": {"low": 8, "high": 24, "step": 2},
@@ -57,10 +62,14 @@ class TeachingRoutes:
     ----------
     integration : Integration
         The session's; only read.
+    garment : callable
+        Returns the garment of the shape that is shown, None if it is not known; from any thread.
     """
 
-    def __init__(self, integration: Integration) -> None:
-        self._integration = integration
+    def __init__(
+        self, integration: Integration, garment: Callable[[], KnownGarment | None] = lambda: None
+    ) -> None:
+        self._integration, self._garment = integration, garment
         self._worker = Worker("flatcloth-teaching")
         self._teaching: Teaching | None = None
 
@@ -108,7 +117,7 @@ class TeachingRoutes:
             self._teaching = Teaching(self._integration)
         teaching, defaults = self._teaching, _plain(self._teaching.defaults)
         start = asked["start_view"]
-        if start is None and part != "sides":  # its start view is its own
+        if start is None and part not in _OF_ALL_VIEWS:
             start = teaching.start_view(progress)
         parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
         axis = self._integration.axis
@@ -120,6 +129,8 @@ class TeachingRoutes:
                 parcel = planning_parcel(teaching.planning(view, parameters, progress), axis)
             case "sides":
                 parcel = sides_parcel(teaching.sides(progress))
+            case "garment":
+                parcel = garment_parcel(garment_lesson(self._garment(), progress), axis)
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
         common = {
@@ -209,6 +220,7 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
         "sampling_interval_px": int,
         "z_angle_limit_deg": float,
         "overlap_cm2": float,
+        "revision": int,  # of the garment: the page asks again when it has changed
     }
     asked: dict[str, Any] = {"start_view": None}
     for name, text in given.items():

@@ -92,7 +92,7 @@ class Workspace:
         if isinstance(self.application, Application):
             self.scene.offer_clouds(integration)
             self.scene.offer_axis(self.application.adjust_axis)
-        self._teaching = TeachingRoutes(integration)
+        self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
         self._exports = ExportRoutes(integration, folder)
         self.router = Router(
             [

@@ -1,0 +1,286 @@
+// The stages of the garment: true edges, starts and fits, and the evidence of each kind.
+
+import { boxOf } from "/static/canvas/geometry.js";
+import { words as asWords } from "/static/garment/marks.js";
+import { number } from "/static/page/format.js";
+import { boxOfPoints, columns } from "/static/teaching/draw.js";
+import { cm2 } from "/static/teaching/fig2.js";
+import { equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
+import { Plot } from "/static/teaching/plot.js";
+
+const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
+const SHOWN_KINDS = 3;
+const KIND_COLORS = ["mark", "kept", "new"];
+
+const percent = (share) => `${number(100 * share, 0)} %`;
+const metres = (value) => `${number(value, 2)} m`;
+
+// --- what all of them show ---------------------------------------------------------------------------
+
+const NONE = new Float32Array(0);
+
+/** The shape with its evidence, in a pane; returns the pane's map. */
+function drawShape(sheet, rect, lesson, more, draw) {
+  const { inside_uv: inside, edge_uv: edge } = lesson.array;
+  const box = boxOfPoints(Float32Array.from([...inside, ...edge, ...more]));
+  const map = sheet.pane("garment", box, rect, { margin: 18 });
+  sheet.within(rect, () => {
+    if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
+    else sheet.dots(map, inside, 1.4, sheet.color.line);
+    draw(map);
+    sheet.scaleBar(map);
+  });
+  sheet.frame(rect);
+  return map;
+}
+
+/** The true edges that are trusted, and those that are less. */
+function drawEdges(sheet, map, { array }, radius) {
+  const { edge_uv: uv, edge_trust: trust } = array;
+  const well = [];
+  const less = [];
+  for (let i = 0; i < trust.length; i++) (trust[i] >= TRUSTED ? well : less).push(uv[2 * i], uv[2 * i + 1]);
+  sheet.dots(map, well, radius, sheet.color.pair);
+  sheet.dots(map, less, radius, sheet.color.sample);
+}
+
+function drawOutline(sheet, map, uv, color, width, dash = []) {
+  for (let i = 0; i < uv.length; i += 2) {
+    const j = (i + 2) % uv.length;
+    sheet.line(map.at(uv[i], uv[i + 1]), map.at(uv[j], uv[j + 1]), color, width, dash);
+  }
+}
+
+const shapeName = (lesson) => (lesson.flat ? "The shape" : "An example");
+const detailOf = (lesson) => (lesson.flat ? "" : "no shape of two views yet");
+
+// --- true edges --------------------------------------------------------------------------------------
+
+function drawTrueEdges(sheet, rect, { garment: lesson }) {
+  const inner = sheet.titled(rect, shapeName(lesson), detailOf(lesson));
+  drawShape(sheet, inner, lesson, lesson.array.unseen_uv, (map) => {
+    sheet.dots(map, lesson.array.unseen_uv, 1.8, sheet.color.even);
+    const { edge_uv: uv, edge_normal: normal, edge_trust: trust } = lesson.array;
+    const along = 9 * sheet.weight;
+    for (let i = 0; i < uv.length; i += 8) {
+      const [x, y] = map.at(uv[i], uv[i + 1]);
+      const color = trust[i / 2] >= TRUSTED ? sheet.color.pair : sheet.color.sample;
+      sheet.line([x, y], [x + along * normal[i], y + along * normal[i + 1]], color, 1);
+    }
+    drawEdges(sheet, map, lesson, 2.4);
+  });
+}
+
+// --- starts and fits ---------------------------------------------------------------------------------
+
+/** The outlines at a time between the recorded steps, one a start, and their energies. */
+function outlinesAt(lesson, time) {
+  const [steps, starts, vertices] = lesson.state_shape;
+  const from = Math.min(steps - 1, Math.floor(time));
+  const to = Math.min(steps - 1, from + 1);
+  const share = time - from;
+  const size = 2 * vertices;
+  const all = lesson.array.states;
+  const outlines = Array.from({ length: starts }, (_, k) => {
+    const uv = new Float32Array(size);
+    for (let i = 0; i < size; i++) {
+      const a = all[(from * starts + k) * size + i];
+      uv[i] = a + share * (all[(to * starts + k) * size + i] - a);
+    }
+    return uv;
+  });
+  return { step: Math.round(time), outlines };
+}
+
+const lastEnergies = (lesson) => lesson.energy[lesson.energy.length - 1];
+const bestStart = (lesson) => lastEnergies(lesson).indexOf(Math.min(...lastEnergies(lesson)));
+
+function drawFits(sheet, rect, { garment: lesson }, ui) {
+  const [left, right] = columns(rect, [1.7, 1]);
+  const { outlines } = outlinesAt(lesson, ui.time);
+  const best = bestStart(lesson);
+  const inner = sheet.titled(left, shapeName(lesson), `starts: ${asWords(lesson.kinds[0].name)}`);
+  drawShape(sheet, inner, lesson, lesson.array.states, (map) => {
+    drawEdges(sheet, map, lesson, 1.8);
+    outlines.forEach((uv, k) => k !== best && drawOutline(sheet, map, uv, sheet.color.soft, 1.2, [5, 4]));
+    drawOutline(sheet, map, outlines[best], sheet.color.mark, 2.6);
+  });
+  drawEnergy(sheet, sheet.titled(right, "Energy E", "of each start, step by step"), lesson, ui.time, best);
+}
+
+function drawEnergy(sheet, rect, lesson, time, best) {
+  const all = lesson.energy.flat();
+  const [low, high] = [Math.min(...all), Math.max(...all)];
+  const steps = lesson.energy.map((_, i) => i);
+  const plot = new Plot(sheet, rect, {
+    x: [0, steps.length - 1],
+    y: [Math.max(0.5, 0.8 * low), 1.2 * high],
+    log: true,
+    xLabel: "step",
+    yLabel: "E",
+  });
+  lesson.energy[0].forEach((_, k) => {
+    const values = lesson.energy.map((row) => row[k]);
+    if (k !== best) plot.curve(steps, values, sheet.color.soft, { width: 1.2, dash: [5, 4] });
+  });
+  plot.curve(
+    steps,
+    lesson.energy.map((row) => row[best]),
+    sheet.color.mark,
+    { width: 2.5 },
+  );
+  plot.vertical(time, sheet.color.text, "", 1);
+}
+
+function fitFacts({ garment: lesson }, ui) {
+  const best = bestStart(lesson);
+  const step = Math.round(ui.time);
+  const [first, now, last] = [0, step, lesson.energy.length - 1].map((at) => lesson.energy[at][best]);
+  return [
+    ["Starts shown", String(lesson.state_shape[1])],
+    ["Step", `${step} of ${lesson.energy.length - 1}; deviations times ${number(lesson.widened[step], 0)}`],
+    ["E of the best, now", number(now, 1)],
+    ["First to last", `${number(first, 1)} → ${number(last, 1)}`],
+  ];
+}
+
+// --- evidence ----------------------------------------------------------------------------------------
+
+function drawEvidence(sheet, rect, { garment: lesson }) {
+  const [left, right] = columns(rect, [1.4, 1]);
+  const kinds = lesson.kinds.slice(0, SHOWN_KINDS);
+  const outlines = kinds.map(({ name }) => lesson.array[`outline_${name}`]);
+  const inner = sheet.titled(left, shapeName(lesson), "with three kinds");
+  drawShape(sheet, inner, lesson, outlines[0] ?? NONE, (map) => {
+    drawEdges(sheet, map, lesson, 1.8);
+    for (let k = kinds.length - 1; k >= 0; k--)
+      drawOutline(sheet, map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
+  });
+  drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
+}
+
+/** A bar a kind, with its probability and its evidence below the best. */
+function drawBars(sheet, rect, lesson) {
+  const all = [...lesson.kinds, { name: "none of these", probability: lesson.none, below: null }];
+  const high = Math.min(rect.h / all.length, 3.6 * sheet.em);
+  all.forEach(({ name, probability, below }, k) => {
+    const y = rect.y + k * high;
+    const color = sheet.color[KIND_COLORS[k]] ?? sheet.color.soft;
+    sheet.text(asWords(name), rect.x, y + 1.1 * sheet.em, { weight: k ? 400 : 600 });
+    sheet.text(percent(probability), rect.x + rect.w, y + 1.1 * sheet.em, { align: "right" });
+    const at = y + 1.75 * sheet.em;
+    sheet.line([rect.x, at], [rect.x + rect.w, at], sheet.color.line, 7);
+    if (probability > 0.002) sheet.line([rect.x, at], [rect.x + rect.w * probability, at], color, 7);
+    if (below !== null && below < 0)
+      sheet.text(`log Z: ${number(below, 1)}`, rect.x, at + 1.05 * sheet.em, { color: sheet.color.soft, size: 0.8 });
+  });
+}
+
+// --- the stages ----------------------------------------------------------------------------------------
+
+const EDGE_LEGEND = [
+  ["pair", "true edge, well seen"],
+  ["sample", "true edge, seen once or twice"],
+];
+const z = () => fraction(sub("d", "i"), sub("σ", "i"));
+
+export const GARMENT_STAGES = [
+  {
+    name: "True edges",
+    figure: "evidence · docs/garments.md",
+    part: "garment",
+    parameters: [],
+    text: [
+      "The border of the shape has two sorts of places. At a true edge some view saw the cloth end while it " +
+        "faced the camera; elsewhere it was only not seen further: hidden, grazing, or outside of the image.",
+      "Only true edges say where the outline is. One that many views saw from the front counts much; the " +
+        "silhouette of a fold passes for an edge in one view or two, so such edges count little.",
+    ],
+    math: () => [
+      equation(
+        sub("t", "i"),
+        "=",
+        fraction(sub("s", "i"), row("1", "+", sub("s", "i"))),
+        words(",   "),
+        sub("s", "i"),
+        "=",
+        sum(words("views")),
+        words("frontality"),
+      ),
+    ],
+    facts: ({ garment: lesson }) => [
+      ["True edges", metres(lesson.edges_m)],
+      ["Not seen further", metres(lesson.unseen_m)],
+      ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
+      ["Cloth", cm2(lesson.area_cm2)],
+    ],
+    legend: [...EDGE_LEGEND, ["even", "not seen further"]],
+    draw: drawTrueEdges,
+  },
+  {
+    name: "Starts and fits",
+    figure: "fit · docs/garments.md",
+    part: "garment",
+    parameters: [],
+    plays: ({ garment: lesson }) => lesson.energy.length - 1,
+    text: [
+      "An outline of each kind, with lengths in metres and wide priors, is laid on the evidence in many turns, " +
+        "places and sizes. The best starts are refined: lengths and pose together.",
+      "True edges belong on the outline, cloth inside of it; what was not seen costs nothing. The deviations σ " +
+        "are four times as wide at first, so that far edges pull, too; ρ limits what a false edge can do.",
+    ],
+    math: () => [
+      equation(
+        "E",
+        "=",
+        sum("i"),
+        sub("t", "i"),
+        "ρ",
+        "(",
+        z(),
+        ")",
+        "+",
+        sum(words("cloth")),
+        "…",
+        "+",
+        sum("k"),
+        fraction(sup(row("(", sub("p", "k"), "−", sub("m", "k"), ")"), "2"), row("2", sup(sub("s", "k"), "2"))),
+      ),
+    ],
+    facts: fitFacts,
+    legend: [["mark", "the best start"], ["soft", "the others"], ...EDGE_LEGEND],
+    draw: drawFits,
+  },
+  {
+    name: "Evidence",
+    figure: "kinds · docs/garments.md",
+    part: "garment",
+    parameters: [],
+    text: [
+      "Kinds are compared by evidence, not by how near they come: a kind with more parameters must explain more, " +
+        "as each of them could have been anything within its prior.",
+      "If even the best fits badly, or a hole has edges all round, it is none of these. Neighbouring edges err " +
+        "alike, so differences are divided by T.",
+    ],
+    math: ({ garment: lesson }) => [
+      equation(words("log "), "Z", "≈", "−", "E", "−", fraction("1", "2"), words("log det "), "H", words(" + prior")),
+      equation(
+        "p",
+        "∝",
+        sup("e", fraction(row(words("log "), "Z"), "T")),
+        words(",   "),
+        "T",
+        "=",
+        String(lesson.temperature),
+      ),
+    ],
+    facts: ({ garment: lesson }) => [
+      ["Likeliest", `${asWords(lesson.kinds[0].name)}, ${percent(lesson.kinds[0].probability)}`],
+      ["Its parameters", String(lesson.kinds[0].parameters)],
+      ["None of these", percent(lesson.none)],
+      ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
+    ],
+    legend: [["mark", "the likeliest kind"], ["kept", "the second"], ["new", "the third"], ...EDGE_LEGEND],
+    draw: drawEvidence,
+  },
+];
