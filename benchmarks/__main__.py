@@ -10,8 +10,8 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
-ASKED_FOR = ("soak", "confidence", "accuracy")
-"""Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
+ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
+"""Run by name only: an hour of work, weights that ``reliability`` measures, tables of given recordings."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
@@ -43,6 +43,9 @@ def main() -> None:
         "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"
     )
     parser.add_argument("--views", type=int, default=0, help="batch: views of each (default: all)")
+    parser.add_argument(
+        "--keep", default="", metavar="DIR", help="reliability: keep what each recording gave, and reuse it"
+    )
     arguments = parser.parse_args()
     options = Options(
         arguments.recordings,
@@ -51,6 +54,7 @@ def main() -> None:
         copies=arguments.copies,
         timed=arguments.timed,
         views=arguments.views,
+        keep=arguments.keep,
     )
     # Imported late: the libraries read their number of threads when they are loaded.
     for name in (name for name in ASKED_FOR if name in arguments.name):

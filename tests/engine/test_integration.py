@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import threading
+from typing import Any
+
 import numpy as np
 import pytest
 from scenes import Cylinder
@@ -207,6 +210,31 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
     state = started(made)
     assert made.canonical(state.document).view.valid.any()
     assert isinstance(made.answer(state.document, apply(state, Propose()).request), NothingMore)  # type: ignore[arg-type]
+
+
+def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the views that are used nor their shape, nor which views are known to be unusable."""
+    results, threads = [], []
+    for flattens_ahead in (False, True):
+        made = Integration(Cylinder(angles_deg=STEPS[::2], span_deg=(-100.0, 100.0)))
+        made.flattens_ahead = flattens_ahead
+        flatten, own = made._flatten, set[str]()
+
+        def watched(view: int, flatten: Any = flatten, own: set[str] = own) -> Any:
+            own.add(threading.current_thread().name)
+            return flatten(view)
+
+        monkeypatch.setattr(made, "_flatten", watched)
+        state = Run(made, MemorySession(SessionState(len(STEPS[::2])))).finish()
+        made._flattening_ahead.wait()
+        results.append((state.document, made.canonical(state.document).view, made._unusable()))
+        threads.append(own)
+    assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead"}]
+    (document, view, unusable), (other, same, also) = results
+    assert document == other
+    assert unusable == also
+    for name in ("xyz_m", "source_rc", "placement_std_m"):
+        np.testing.assert_array_equal(getattr(view, name), getattr(same, name))
 
 
 def test_at_the_end_a_larger_piece_takes_the_place_of_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
