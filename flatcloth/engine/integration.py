@@ -193,7 +193,8 @@ class Integration(RecordedViews):
             return whole
         view, pieces = without_parts(whole.view, cloth, parts)
         floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)
-        return replace(whole, view=view, floating=tuple(floating))
+        taken_off = frozenset(n for n, each in enumerate(floating) if any(each is piece for piece in pieces))
+        return replace(whole, view=view, floating=tuple(floating), taken_off=taken_off)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
