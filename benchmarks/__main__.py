@@ -8,10 +8,11 @@ import os
 
 from benchmarks.output import Options
 
-# Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
+# Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
-ASKED_FOR = ("soak", "confidence", "accuracy")
-"""Run by name only: an hour of work, weights that ``reliability`` measures, a table of given recordings."""
+ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
+"""Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
+are about given recordings."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
@@ -36,13 +37,18 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     parser.add_argument(
-        "--learn", action="store_true", help="confidence, segmentation: learn and print new weights"
+        "--learn",
+        action="store_true",
+        help="confidence, segmentation: also learn the weights anew, and print them",
     )
     parser.add_argument("--copies", type=int, default=200, help="batch: recordings in all (default: 200)")
     parser.add_argument(
         "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"
     )
     parser.add_argument("--views", type=int, default=0, help="batch: views of each (default: all)")
+    parser.add_argument(
+        "--keep", default="", metavar="DIR", help="reliability: keep what each recording gave, and reuse it"
+    )
     arguments = parser.parse_args()
     options = Options(
         arguments.recordings,
@@ -51,6 +57,7 @@ def main() -> None:
         copies=arguments.copies,
         timed=arguments.timed,
         views=arguments.views,
+        keep=arguments.keep,
     )
     # Imported late: the libraries read their number of threads when they are loaded.
     for name in (name for name in ASKED_FOR if name in arguments.name):

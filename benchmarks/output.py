@@ -21,7 +21,8 @@ class Options:
 
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
     repetition and no result file; ``learn`` for weights that are learned anew. ``copies``, ``timed`` and
-    ``views`` say how large the benchmark ``batch`` is.
+    ``views`` say how large the benchmark ``batch`` is. ``keep`` is a folder where ``reliability`` keeps what
+    it measured of each recording, so that many can be measured in pieces.
     """
 
     recordings: Sequence[str] = ()
@@ -30,6 +31,7 @@ class Options:
     copies: int = 200
     timed: int = 200
     views: int = 0
+    keep: str = ""
 
 
 def provenance(recordings: Sequence[str]) -> dict[str, Any]:

@@ -9,10 +9,14 @@ is 1 where they are right as they are.
 
 from __future__ import annotations
 
+import gc
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -106,20 +110,47 @@ def roc(laid: Sequence[Laid], scores: Float64) -> tuple[Float64, Float64]:
     return shares[0], shares[1]
 
 
+def measured(source: str) -> tuple[PixelErrors, list[Laid]]:
+    """Return the pixels' errors of a recording's unattended result, and the placements considered for it."""
+    found = watched(source)
+    recording, truth = found.integration.recording, found.truth
+    compared = compare(found.integration.canonical(found.document).view, truth, recording)
+    error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
+    errors = PixelErrors(recording.name, truth.garment, error_mm, compared.std_mm)
+    return errors, placements_of(found, np.random.default_rng(crc32(recording.name.encode())))
+
+
+def keep(file: Path, errors: PixelErrors, laid: Sequence[Laid]) -> None:
+    """Write what was measured of a recording."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    about = {"recording": errors.recording, "garment": errors.garment, "laid": [asdict(p) for p in laid]}
+    with file.open("wb") as stream:
+        np.savez_compressed(
+            stream, error_mm=errors.error_mm, std_mm=errors.std_mm, about=np.array(json.dumps(about))
+        )
+
+
+def kept(file: Path) -> tuple[PixelErrors, list[Laid]]:
+    """Read what :func:`keep` wrote."""
+    with np.load(file, allow_pickle=False) as data:
+        about = json.loads(str(data["about"]))
+        errors = PixelErrors(about["recording"], about["garment"], data["error_mm"], data["std_mm"])
+    return errors, [Laid(**placement) for placement in about["laid"]]
+
+
 def run(options: Options) -> None:
     """Measure and print; write ``results/reliability.json``, ``.md`` and ``.png`` unless ``quick``."""
-    random = np.random.default_rng(0)
     names = sources(options.recordings)
     errors, laid = [], []
     for name in names:
-        found = watched(name)
-        recording, truth = found.integration.recording, found.truth
-        view = found.integration.canonical(found.document).view
-        compared = compare(view, truth, recording)
-        error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
-        errors.append(PixelErrors(recording.name, truth.garment, error_mm, compared.std_mm))
-        laid += placements_of(found, random)
-        say(f"{recording.name:<24} {errors[-1].within():.1%} within three standard deviations")
+        file = Path(options.keep) / f"{Path(name).name}.npz" if options.keep else None
+        found = kept(file) if file is not None and file.exists() else measured(name)
+        if file is not None and not file.exists():
+            keep(file, *found)
+        gc.collect()  # an integration and its caches refer to one another
+        errors.append(found[0])
+        laid += found[1]
+        say(f"{errors[-1].recording:<24} {errors[-1].within():.1%} within three standard deviations")
     scores = np.array([confidence_of(p.parts, CONFIDENCE_WEIGHTS) for p in laid])
     left_out = left_out_scores(laid)
     figures = {

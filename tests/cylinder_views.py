@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -10,7 +11,8 @@ from viewer_fakes import CylinderRecording, cylinder_view
 
 from flatcloth.core.config import Config
 from flatcloth.core.types import Rigid2
-from flatcloth.methods.base import Canonical, Method
+from flatcloth.methods.base import Method
+from flatcloth.methods.paper.merging import begin
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.machine import Document, Pending
 
@@ -36,6 +38,7 @@ class CylinderViews:
 
     def __init__(self, method="robust"):
         self.recording, self.axis, self.config = RECORDING, RECORDING.rotation_axis, Config()
+        self.planning = replace(self.config.planning, overlap_area_m2=0.03)
         self.algorithm = (_Neighbouring if method == "robust" else _Fronts)(self, RECORDING.angles_deg)
         self.moved = Rigid2(0.0, 0.012, -0.004)
 
@@ -43,9 +46,7 @@ class CylinderViews:
         return cylinder_view({index: (-RECORDING.angles_deg[index] + 180.0) % 360.0 - 180.0})
 
     def canonical(self, document):
-        return Canonical(
-            view=self.view(document.start_view), current_from_view={document.start_view: Rigid2()}
-        )
+        return begin(self.view(document.start_view), document.start_view)
 
     def part(self, view_index, component):
         assert component == 0

@@ -110,6 +110,7 @@ class CylinderIntegration:
     def __init__(self, scores: float = 0.8) -> None:
         self.recording = CylinderRecording()
         self.config = Config()
+        self.planning = self.config.planning
         self.method = "paper"
         self.accept_score = self.config.alignment.accept_score
         self.axis = self.recording.rotation_axis

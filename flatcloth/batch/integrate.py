@@ -63,6 +63,7 @@ def integrate(
     strokes: Sequence[Decision] = (),
     progress: Progress = no_progress,
     stages: Stages | None = None,
+    cores: int = 1,
 ) -> Integrated:
     """Integrate a recording without an operator, and write the result to its session folder.
 
@@ -82,6 +83,8 @@ def integrate(
         Told how far the work is.
     stages : Stages, optional
         Told how long each stage took.
+    cores : int
+        Cores that this integration has for itself; the result does not depend on it.
 
     Raises
     ------
@@ -89,7 +92,10 @@ def integrate(
         If nothing can be flattened, or the folder cannot be written.
     """
     stages = stages or Stages()
-    folder = SessionFolder.open(out, integration.recording, integration.config, integration.method)
+    integration.flattens_ahead = cores > 1
+    folder = SessionFolder.open(
+        out, integration.recording, integration.config, integration.method, integration.source_options
+    )
     try:
         settle_axis(folder.folder, integration)
         take_strokes(integration, folder, strokes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
@@ -42,6 +43,7 @@ def run(options: argparse.Namespace) -> None:
             base_from_camera=base_from_camera,
             strokes=decisions,
             progress=bar.show,
+            cores=len(os.sched_getaffinity(0)),
         )
     for line in (*told(done.outcome), *garment_told(done.garment)):
         print(line)

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import ConfigError
-from flatcloth.core.former_settings import FORMER, MOVED
+from flatcloth.core.former_settings import FORMER, FORMER_DEFAULTS, MOVED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +58,9 @@ class PlanningConfig:
 
     z_angle_limit_deg: float = 50.0
     """Measurement limit A_w of the Z-angle (paper, 4.1)."""
-    overlap_area_m2: float = 0.03
-    """Desirable overlap S_0 (paper, 4.1: by the expected size of the item)."""
+    overlap_area_m2: float = 0.0
+    """Desirable overlap S_0 (paper, 4.1: by the expected size of the item); 0: a fifth of the largest area
+    that one view of the recording shows (:mod:`flatcloth.methods.starting`)."""
     rotation_min_deg: float = 10.0
     """Least next rotation (paper, section 5)."""
     rotation_max_deg: float = 50.0
@@ -106,6 +107,9 @@ class Config:
     def to_former_dict(self) -> dict[str, Any]:
         """Return what ``to_dict`` returned when all of ``former_settings`` could be set."""
         former = self.to_dict()
+        for (section, name), default in FORMER_DEFAULTS.items():
+            if former[section][name] == getattr(getattr(Config(), section), name):
+                former[section][name] = default
         for (section, name), (new_section, new_name) in MOVED.items():
             former.setdefault(section, {})[name] = former[new_section].pop(new_name)
         for section, names in FORMER.items():
@@ -139,6 +143,10 @@ def _without_former(values: Any) -> Any:
         return values
     current = {section.name for section in dataclasses.fields(Config)}
     kept = {name: dict(own) if isinstance(own, Mapping) else own for name, own in values.items()}
+    for (section, name), default in FORMER_DEFAULTS.items():
+        if FORMER.keys() - current <= kept.keys() and isinstance(kept.get(section), dict):
+            if kept[section].get(name) == default:
+                del kept[section][name]
     for (section, name), (new_section, new_name) in MOVED.items():
         if isinstance(kept.get(section), dict) and name in kept[section]:
             kept.setdefault(new_section, {})[new_name] = kept[section].pop(name)

@@ -15,6 +15,9 @@ MOVED = {
 }
 """Settings that have another name now: (section, name) before and after."""
 
+FORMER_DEFAULTS = {("planning", "overlap_area_m2"): 0.03}
+"""Settings whose default was another one, beside those that are constants now."""
+
 FORMER: dict[str, dict[str, Any]] = {
     "surface": {
         "normal_window_px": 3,

@@ -98,7 +98,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     new = integration.part(pending.view_index, pending.component)
     limit = config.planning.z_angle_limit_deg
     curves = column_curves(canonical.view, axis, angles[front], limit, front_from_current)
-    u_b, a_0 = overlap_column(curves, side, config.planning.overlap_area_m2)
+    u_b, a_0 = overlap_column(curves, side, integration.planning.overlap_area_m2)
     found, trouble = None, ""
     try:
         seen = (angles[front], angles[front] + turn)

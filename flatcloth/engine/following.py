@@ -46,19 +46,22 @@ def follow(
     decision = later.decision
     view, component = decision.view_index, decision.component
     motion = method.carried(document, later)
+    carried = motion @ decision.current_from_new.inverse()
+    also = tuple(replace(p, current_from_new=carried @ p.current_from_new) for p in decision.also)
     try:
         if not decision.fixed:
             placement = method.propose(document, view, decision.side, progress)
             component, motion = placement.component, placement.alignment.current_from_new
+            also = placement.also
         score = method.score(document, view, component, motion).total
     except (SurfaceError, FlatteningError, AlignmentError) as error:
         return Followed(token, view, motion, 0.0, component, holds=False, why=str(error))
     before = math.inf if decision.score is None else decision.score - _MOST_LOSS
     if score >= min(accept_score, before):
-        return Followed(token, view, motion, score, component)
+        return Followed(token, view, motion, score, component, also=also)
     was = "" if decision.score is None else f", before it was {decision.score:.2f}"
     why = f"Its score after the change is {score:.2f}{was}."
-    return Followed(token, view, motion, score, component, holds=False, why=why)
+    return Followed(token, view, motion, score, component, holds=False, why=why, also=also)
 
 
 def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:

@@ -8,7 +8,9 @@ computation beside the session, which reads the session's frames and axis and ch
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,6 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config
 from flatcloth.core.errors import AlignmentError, ConfigError
 from flatcloth.core.types import (
-    Bool,
     FlattenedView,
     Float64,
     Int32,
@@ -36,6 +37,7 @@ from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.base import Canonical, Plan
 from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
 
@@ -135,7 +137,8 @@ class AlignmentLesson:
 
     ``origin`` (H, W) uint8 is for each pixel of the renewed view which of the two views shows it:
     ``KEPT``, ``NEW``, ``OLD_OF_BOTH``, ``NEW_OF_BOTH``, 0 for none. ``planned_view`` is the view that
-    was planned first; it differs from ``view_index`` if it could not be aligned.
+    was planned first; it differs from ``view_index`` if it could not be aligned. ``placed_with`` is the
+    number of further components of the new view that the renewed view has.
     """
 
     planned_view: int
@@ -146,6 +149,7 @@ class AlignmentLesson:
     search: Search
     renewed: Canonical
     origin: Uint8
+    placed_with: int
 
     @property
     def view_index(self) -> int:
@@ -169,17 +173,21 @@ class Teaching:
 
     def __init__(self, integration: Integration) -> None:
         self._session = integration
-        config = integration.config
-        self.defaults = Parameters(
-            sampling_interval_px=int(np.clip(config.flattening.sampling_intervals_px[0], *INTERVALS_PX)),
-            z_angle_limit_deg=float(np.clip(config.planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
-            overlap_area_m2=float(np.clip(config.planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
-        )
         self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
         self._integrations: Cache[_PaperIntegration] = Cache(_INTERVALS_KEPT)
         self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
         self._starts: Cache[int] = Cache(1)
         self._sides: Cache[SidesLesson] = Cache(1)
+
+    @cached_property
+    def defaults(self) -> Parameters:
+        """The parameters of the session's configuration."""
+        flattening, planning = self._session.config.flattening, self._session.planning
+        return Parameters(
+            sampling_interval_px=int(np.clip(flattening.sampling_intervals_px[0], *INTERVALS_PX)),
+            z_angle_limit_deg=float(np.clip(planning.z_angle_limit_deg, *Z_ANGLE_LIMITS_DEG)),
+            overlap_area_m2=float(np.clip(planning.overlap_area_m2, *OVERLAP_AREAS_M2)),
+        )
 
     def start_view(self, progress: Progress = no_progress) -> int:
         """Return the paper's start view: the one with the largest area that flattens without folds.
@@ -278,7 +286,14 @@ def _align(
     watched = _WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
-    accepted = Accepted(event.view_index, event.current_from_new, side=event.side, component=event.component)
+    also = tuple(p for p in event.also if p.view_index == event.view_index)
+    accepted = Accepted(
+        event.view_index, event.current_from_new, side=event.side, component=event.component, also=also
+    )
+    others = [
+        (paper.part(p.view_index, p.component), p.current_from_new.inverse() @ event.current_from_new)
+        for p in also
+    ]
     renewed = paper.canonical(replace(document, accepted=(accepted,)))
     return AlignmentLesson(
         planned_view=planned,
@@ -288,7 +303,8 @@ def _align(
         new=new,
         search=watched.seen(),
         renewed=renewed,
-        origin=_origin(renewed, current, new, document.start_view, event.view_index),
+        origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
+        placed_with=len(also),
     )
 
 
@@ -341,8 +357,12 @@ class _PaperIntegration(Integration):
     """The paper's method beside a session; its flattened views are recorded, and cached for each d."""
 
     def __init__(self, session: Integration, config: Config, flattenings: Cache[Flattening]) -> None:
+        self._beside = session
         super().__init__(_SessionRecording(session), config, PaperMethod.name)
         self._shared = flattenings
+
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        return self._beside.observed_areas_m2(progress)
 
     def flattening(self, view_index: int) -> Flattening:
         def make() -> Flattening:
@@ -411,26 +431,18 @@ def _unused_pairs(level: Level) -> Int32:
 
 
 def _origin(
-    renewed: Canonical, current: FlattenedView, new: FlattenedView, current_index: int, new_index: int
+    renewed: FlattenedView,
+    current: tuple[FlattenedView, Rigid2],
+    new: Sequence[tuple[FlattenedView, Rigid2]],
 ) -> Uint8:
-    """Return for each pixel of the renewed view (H, W) which of the two views shows it."""
-    view = renewed.view
-    seen = []
-    for source, index in ((current, current_index), (new, new_index)):
-        seen.append(_covers(source, renewed.current_from_view[index].inverse(), view))
-    both = seen[0] & seen[1]
-    from_new: NDArray[np.bool_] = view.view_index == new_index
+    """Return for each pixel of the renewed view (H, W) which of the two views shows it.
+
+    The current view and the components of the new one come with the motions from the renewed plane.
+    """
+    rows, cols = np.indices(renewed.shape)
+    uv = renewed.uv_from_rc(np.stack([rows, cols], axis=-1))
+    covered = [shows(source, motion.apply(uv)) for source, motion in (current, *new)]
+    both = covered[0] & np.any(covered[1:], axis=0)
+    from_new: NDArray[np.bool_] = renewed.view_index == new[0][0].view_index.max()
     origin = np.where(from_new, np.where(both, NEW_OF_BOTH, NEW), np.where(both, OLD_OF_BOTH, KEPT))
-    return np.where(view.valid, origin, 0).astype(np.uint8)
-
-
-def _covers(source: FlattenedView, source_from_plane: Rigid2, plane: FlattenedView) -> Bool:
-    """Return the pixels (H, W) of a plane's grid where a view has cloth."""
-    rows, cols = np.indices(plane.shape)
-    rc = np.rint(
-        source.rc_from_uv(source_from_plane.apply(plane.uv_from_rc(np.stack([rows, cols], axis=-1))))
-    )
-    inside: Bool = np.asarray(((rc >= 0) & (rc < source.shape)).all(axis=-1))
-    at = np.where(inside[..., None], rc, 0).astype(np.intp)
-    covered: Bool = inside & source.valid[at[..., 0], at[..., 1]]
-    return covered
+    return np.where(renewed.valid, origin, 0).astype(np.uint8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol, cast
 
@@ -85,6 +86,7 @@ class RecordedViews:
         self._segmenter = None if recording.has_masks else segmenter
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 40 * _MIB)
         self._ahead = ReadAhead(self.recorded)
+        self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._segmenting = threading.RLock()
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
@@ -96,10 +98,13 @@ class RecordedViews:
 
         No other thread may compute meanwhile.
         """
+        self._flattening_ahead.want([])
+        self._flattening_ahead.wait()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 32 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 96 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
+        self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = (
@@ -179,6 +184,15 @@ class RecordedViews:
                 failure = self._failures.put(key, type(error)(str(error)))
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
+    def flatten_ahead(self, view_indices: Iterable[int]) -> None:
+        """Flatten views that will likely be asked for, on another thread; no result depends on it."""
+        self._flattening_ahead.want(view_indices)
+
+    def _flatten_ahead(self, view_index: int) -> None:
+        # A failure is not kept here: which views are known to be unusable decides which one is planned.
+        key = view_index, self._mask_key(view_index)
+        self._flattenings.get(key, lambda: self._flatten(view_index))
+
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""
         components = self.flattening(view_index).components
@@ -187,7 +201,11 @@ class RecordedViews:
         return components[component].view
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
-        """Return the observed area of the side of interest in each view (n_views,)."""
+        """Return the observed area of the side of interest in each view (n_views,), cached."""
+        keys = tuple(self._mask_key(n) for n in range(len(self.recording)))
+        return self._areas.get(keys, lambda: self._observed(progress))
+
+    def _observed(self, progress: Progress) -> Float64:
         areas = np.zeros(len(self.recording))
         for n in range(len(areas)):
             progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")

@@ -376,7 +376,7 @@ def plan_figure(session: OpenedSession, decision: Decision, side: SidePlan) -> F
     """Return the curves h(u) and A_z(u) of a plan, with the overlap S_0 and the Z-angle at its end."""
     drawing = Drawing(520, 420)
     draw_title(drawing, f"Plan of decision {decision.number}", side.reason)
-    draw_curves(drawing, side.curves, session.integration.config.planning, (84.0, 110.0, 120.0), side)
+    draw_curves(drawing, side.curves, session.integration.planning, (84.0, 110.0, 120.0), side)
     caption = f"h(u) and A_z(u) of the shape before decision {decision.number}; {side.reason}."
     return Figure(name=_name(decision, "plan"), caption=caption, drawing=drawing)
 
@@ -390,7 +390,7 @@ def curves(session: OpenedSession) -> Iterator[Figure]:
         drawing = Drawing(520, 420)
         title = f"View {step.view_index} ({step.angle_deg:g}\u00b0)"
         draw_title(drawing, title, "columns of its flattened view")
-        draw_curves(drawing, found, session.integration.config.planning, (84.0, 110.0, 120.0))
+        draw_curves(drawing, found, session.integration.planning, (84.0, 110.0, 120.0))
         caption = f"h(u) and A_z(u) of the flattened view {step.view_index}."
         yield Figure(name=f"curves-view-{step.view_index}", caption=caption, drawing=drawing)
 

@@ -152,7 +152,7 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     yield f'<img class="picture" src="{picture}" alt="{about}">'
     plan = plan_of(session, decision)
     side = side_of(plan, decision)
-    config = session.integration.config.planning
+    config = session.integration.planning
     yield "<div>"
     chosen = "chosen by hand" if decision.by_hand else "chosen by the plan"
     if side is not None:

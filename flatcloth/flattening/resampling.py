@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,10 +61,31 @@ def sample(stack: Float32, rc: Float64) -> Float32:
 def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
     """Return a view rastered anew on another plane, on a grid of its own."""
     origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
-    label = carry_labels(view, target_from_view.inverse(), origin, shape, view.pixel_size_m)
+    inverse, size = target_from_view.inverse(), view.pixel_size_m
+    label = carry_labels(view, view.view_index, inverse, origin, shape, size)
     known = np.where(label >= 0, 0, -1).astype(np.int16)
     drawn = render(known, {0: view}, {0: target_from_view}, origin, view.pixel_size_m)
     return replace(drawn, view_index=np.where(drawn.valid, label, -1).astype(np.int16))
+
+
+def place_all(views: Sequence[tuple[FlattenedView, Rigid2]]) -> FlattenedView:
+    """Return views rastered together on another plane; where several lie, the first is shown."""
+    size = views[0][0].pixel_size_m
+    origin, shape = bounds([motion.apply(corners(view)) for view, motion in views], size)
+    label = np.full(shape, -1, dtype=np.int16)
+    for n, (view, motion) in enumerate(views):
+        own = np.where(view.valid, n, -1).astype(np.int16)
+        carried = carry_labels(view, own, motion.inverse(), origin, shape, size)
+        label = np.where(label >= 0, label, carried)
+    made = render(
+        label,
+        {n: v for n, (v, _) in enumerate(views)},
+        {n: m for n, (_, m) in enumerate(views)},
+        origin,
+        size,
+    )
+    index = np.array([*(int(view.view_index.max()) for view, _ in views), -1], dtype=np.int16)
+    return replace(made, view_index=index[made.view_index])
 
 
 def render(
@@ -126,6 +148,7 @@ def grid_rc(
 
 def carry_labels(
     view: FlattenedView,
+    label_of_view: NDArray[np.int16],
     view_from_plane: Rigid2,
     origin: tuple[float, float],
     shape: tuple[int, int],
@@ -135,7 +158,7 @@ def carry_labels(
     rc = np.rint(grid_rc(view, view_from_plane.inverse(), origin, shape, size)).astype(np.int64)
     inside = ((rc >= 0) & (rc < np.array(view.shape))).all(axis=1)
     label = np.full(shape, -1, dtype=np.int16)
-    label.ravel()[inside] = view.view_index[rc[inside, 0], rc[inside, 1]]
+    label.ravel()[inside] = label_of_view[rc[inside, 0], rc[inside, 1]]
     return label
 
 

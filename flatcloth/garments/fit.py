@@ -98,10 +98,11 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
         parameters = np.clip(parameters, kind.low, kind.high)
         outline = kind.outline(parameters[:, None])[:, :, 0]
         poses = _poses(outline, piece.inside_uv_m - middle)
-        cost = cost_of_poses(
-            piece.edge_uv_m[edges] - middle, piece.edge_normal[edges], insides - middle, outline, poses, 0.04
-        )
-        best = np.argsort(cost)[: 4 * count]
+        wanted = 4 * count
+        places = piece.edge_uv_m[edges] - middle
+        normals = piece.edge_normal[edges]
+        cost = cost_of_poses(places, normals, insides - middle, outline, poses, 0.04, wanted)
+        best = np.argsort(cost)[:wanted]
         found += [(float(cost[k]), parameters, poses[k]) for k in best]
     found.sort(key=lambda each: each[0])
     kept: list[tuple[Float64, Float64]] = []

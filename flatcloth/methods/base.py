@@ -26,7 +26,7 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.session.document import Document, Later, Side
+from flatcloth.session.document import Document, Later, PlacedPart, Side
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
@@ -213,7 +213,8 @@ class Placement:
     ``hypotheses`` are those for that component, the best first; ``margin`` is the difference between
     the best and the second score (the best score itself if there is no second); ``cameras`` is a
     summary of the registration; ``parts`` has one entry per component of the view. Only ``component``
-    and ``alignment`` are required of a method.
+    and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
+    ones, each with its own motion, that are placed with it.
     """
 
     component: int
@@ -222,6 +223,7 @@ class Placement:
     margin: float = math.nan
     cameras: str = ""
     parts: tuple[ComponentPlacement, ...] = ()
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,12 +232,14 @@ class Canonical:
 
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
     that view's own plane to this plane (in the paper's method, the plane of the view added last).
-    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own.
+    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own; those of the
+    indices ``taken_off`` were parts of it, whose link no garment allows.
     """
 
     view: FlattenedView
     current_from_view: dict[int, Rigid2]
     floating: tuple[FlattenedView, ...] = ()
+    taken_off: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,6 +310,10 @@ class Views(Protocol):
         """Return one component of a flattened view; the largest is 0."""
         ...
 
+    def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
+        """Return the observed area of the side of interest in each view (n_views,), cached."""
+        ...
+
 
 class Method(Protocol):
     """A method of integrating views.
@@ -339,6 +347,10 @@ class Method(Protocol):
     @abstractmethod
     def accept_score(self) -> float:
         """Smallest score of a proposal that is accepted without an operator."""
+
+    @abstractmethod
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        """Choose the start view; None if no view can be flattened without folds."""
 
     @abstractmethod
     def canonical(self, document: Document) -> Canonical:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.document import Side
+from flatcloth.session.document import PlacedPart, Side
 from flatcloth.session.garment import GarmentCommand
 
 
@@ -129,7 +129,10 @@ class Started:
 
 @dataclass(frozen=True)
 class Proposed:
-    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed."""
+    """Answer: a view was aligned; ``why`` gives the reason if it was not, and only a start is proposed.
+
+    ``also`` are further components, of this view or of accepted ones, that are placed with it.
+    """
 
     token: int
     view_index: int
@@ -138,6 +141,7 @@ class Proposed:
     score: float = math.nan
     component: int = 0
     why: str = ""
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,6 +155,7 @@ class Followed:
     component: int = 0
     holds: bool = True
     why: str = ""
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -29,13 +29,23 @@ class Side(StrEnum):
 
 
 @dataclass(frozen=True)
+class PlacedPart:
+    """A further component of a view, placed together with another one by a motion of its own."""
+
+    view_index: int
+    component: int
+    current_from_new: Rigid2
+
+
+@dataclass(frozen=True)
 class Accepted:
     """A view that is part of the canonical shape; ``current_from_new`` places it on its predecessor.
 
     The current view's frame is that of the view accepted before it (the orientation of a renewed
     view is that of the added one, paper 4.3). ``component`` is the number of the view's component
     that is placed, 0 for the largest. ``fixed`` marks a placement changed by hand. ``score`` is that
-    of the placement when it was accepted, None if unknown.
+    of the placement when it was accepted, None if unknown. ``also`` are the components that were
+    placed with it.
     """
 
     view_index: int
@@ -44,6 +54,7 @@ class Accepted:
     fixed: bool = False
     component: int = 0
     score: float | None = None
+    also: tuple[PlacedPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,7 +92,8 @@ class Pending:
 
     ``proposed`` is the result of the method, ``nudge`` the operator's change: the effective
     placement is ``nudge @ proposed``. ``again`` is the earlier decision on this view, if there was
-    one; ``why`` explains a proposal that the operator did not request, or its placement.
+    one; ``why`` explains a proposal that the operator did not request, or its placement. ``also``
+    are the components that are placed with it, as proposed; a nudge moves them along.
     """
 
     view_index: int
@@ -92,11 +104,19 @@ class Pending:
     component: int = 0
     again: Later | None = None
     why: str = ""
+    also: tuple[PlacedPart, ...] = ()
 
     @property
     def current_from_new(self) -> Rigid2:
         """The effective placement."""
         return self.nudge @ self.proposed
+
+    @property
+    def also_placed(self) -> tuple[PlacedPart, ...]:
+        """The components that are placed with it, at their effective placements."""
+        if not self.moved:
+            return self.also
+        return tuple(replace(part, current_from_new=self.nudge @ part.current_from_new) for part in self.also)
 
     @property
     def moved(self) -> bool:
@@ -183,6 +203,7 @@ def accept(document: Document, score: float | None) -> Document:
         fixed=pending.moved or (before is not None and before.fixed),
         component=pending.component,
         score=score,
+        also=pending.also_placed,
     )
     if before is not None and replace(added, score=before.score) == before:
         added = before  # unchanged: the views that follow it stay unchanged
@@ -269,13 +290,20 @@ def paint(document: Document, decision: Decision) -> Document:
     )
 
 
-def follow(document: Document, current_from_new: Rigid2, score: float, component: int) -> Document:
+def follow(
+    document: Document,
+    current_from_new: Rigid2,
+    score: float,
+    component: int,
+    also: tuple[PlacedPart, ...] = (),
+) -> Document:
     """Accept the next later view at its new placement."""
     placed = replace(
         document.later[0].decision,
         current_from_new=current_from_new,
         component=component,
         score=score if math.isfinite(score) else None,
+        also=also,
     )
     return replace(document, accepted=(*document.accepted, placed), later=document.later[1:])
 
@@ -289,6 +317,7 @@ def _ask_again(document: Document, again: Later) -> Document:
         math.nan if decision.score is None else decision.score,
         component=decision.component,
         again=again,
+        also=decision.also,
     )
     later = tuple(w for w in document.later if w is not again)
     return replace(document, pending=pending, later=later)

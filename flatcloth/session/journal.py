@@ -116,7 +116,8 @@ _KINDS: dict[str, type[Any]] = {
 _ADDED: dict[type[Any], set[str]] = {
     session.Accept: {"score"},
     session.Nudge: {"how"},
-    session.Proposed: {"why"},
+    session.Proposed: {"why", "also"},
+    session.Followed: {"also"},
     session.NothingMore: {"takes_largest"},
 }
 """Fields that journals of earlier versions lack; they take the default."""

@@ -52,6 +52,7 @@ from flatcloth.session.document import (
     Document,
     Later,
     Pending,
+    PlacedPart,
     Rejected,
     Side,
     Skipped,
@@ -79,6 +80,7 @@ __all__ = [
     "PaintSpace",
     "Pending",
     "Phase",
+    "PlacedPart",
     "Propose",
     "Proposed",
     "Redo",
@@ -312,7 +314,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             proposed = document.pending.proposed
             # Chosen back, it lies where it was proposed, exactly: not moved by hand.
             nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
-            taken = replace(document.pending, component=component, nudge=nudge)
+            taken = replace(document.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
         case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
             painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
@@ -392,8 +394,8 @@ def _answer(state: SessionState, event: Event) -> SessionState:
             return replace(state, document=edits.propose(document, _pending_of(event)))
         case Followed(holds=False):
             return replace(state, document=edits.propose(document, _pending_of(event)))
-        case Followed(current_from_new=motion, score=score, component=component):
-            return _go_on(replace(state, document=edits.follow(document, motion, score, component)))
+        case Followed(current_from_new=motion, score=score, component=component, also=also):
+            return _go_on(replace(state, document=edits.follow(document, motion, score, component, also)))
         case NothingMore(reason=reason, takes_largest=takes_largest):
             return replace(state, document=edits.finish(document, reason, takes_largest=takes_largest))
         case Failed():
@@ -403,5 +405,11 @@ def _answer(state: SessionState, event: Event) -> SessionState:
 def _pending_of(event: Proposed | Followed) -> Pending:
     side = event.side if isinstance(event, Proposed) else None
     return Pending(
-        event.view_index, event.current_from_new, side, event.score, component=event.component, why=event.why
+        event.view_index,
+        event.current_from_new,
+        side,
+        event.score,
+        component=event.component,
+        why=event.why,
+        also=event.also,
     )

@@ -183,6 +183,9 @@ function showProposal(state, send, show) {
           )
         : null,
       pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
+      pending.also.length
+        ? make("p", { class: "note" }, `Placed with it: ${pending.also.map(partName).join(", ")}`)
+        : null,
       pending.reason
         ? make(
             "p",
@@ -196,6 +199,8 @@ function showProposal(state, send, show) {
     ].filter(Boolean),
   );
 }
+
+const partName = (part) => `part ${part.component + 1} of view ${part.view_index}`;
 
 /** What accepting would do. */
 function foreseen(told) {

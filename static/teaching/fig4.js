@@ -283,6 +283,7 @@ export const EXTENDING_STAGES = [
     facts: ({ alignment: a }) => [
       ["Area", `${number(a.current_cm2, 0)} → ${cm2(a.renewed_cm2)}`],
       ["Gained", cm2(a.renewed_cm2 - a.current_cm2)],
+      ["Other parts placed", String(a.placed_with)],
       ["Side", a.side ?? "–"],
     ],
     legend: [

@@ -39,7 +39,7 @@ def test_the_curves_are_those_of_the_cylinder():
 
 def test_the_overlap_is_reached_where_the_area_says_and_leads_to_the_planned_rotation():
     found = reasons(CylinderViews(), proposed(1))
-    config = Config().planning
+    config = CylinderViews().planning
     left = -math.radians(LIMIT_DEG) * RADIUS_M
     expected = left + config.overlap_area_m2 / HEIGHT_M
     assert found.u_b_m == pytest.approx(expected, abs=2 * PIXEL_M)

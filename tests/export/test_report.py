@@ -82,9 +82,9 @@ def test_it_is_laid_out_for_paper_and_the_same_each_time(session: OpenedSession,
 def test_settings_that_differ_are_listed_with_their_defaults(session: OpenedSession) -> None:
     assert differences(Config()) == []
     changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
-    assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.03)]
+    assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.0)]
     history = replace(session.history, config=changed)
-    assert "planning.overlap_area_m2 0.05 0.03" in words(report(OpenedSession(history, session.integration)))
+    assert "planning.overlap_area_m2 0.05 0.0" in words(report(OpenedSession(history, session.integration)))
 
 
 def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:

@@ -43,6 +43,9 @@ class SideBySide(Method):
     def accept_score(self) -> float:
         return 0.5
 
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        return 0
+
     def canonical(self, document: Document) -> Canonical:
         assert document.start_view is not None
         used = (document.start_view, *(a.view_index for a in document.accepted))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from benchmarks.confidence import Laid, figures_of
-from benchmarks.reliability import PixelErrors, curve, least_factor, roc, rows_of
+from benchmarks.reliability import PixelErrors, curve, keep, kept, least_factor, roc, rows_of
 from benchmarks.speed import best_s, unit_s
 
 RANDOM = np.random.default_rng(0)
@@ -43,6 +45,15 @@ def test_natural_and_moved_wrong_placements_are_told_apart() -> None:
     assert (natural["right"], natural["wrong"], natural["area_under_roc"]) == (2, 1, 0.5)
     assert (natural["right_accepted"], natural["wrong_accepted"]) == (1.0, 1.0)
     assert figures_of(placements, scores, 0.5, moved=True)["wrong_accepted"] == 0.0
+
+
+def test_what_was_measured_of_a_recording_can_be_kept(tmp_path: Path) -> None:
+    errors, placed = sure("towel"), Laid("towel-clean", "towel", {"overlap_cm2": 31.5}, 0.004, moved=True)
+    keep(tmp_path / "in" / "towel.npz", errors, [placed])
+    again, (placement,) = kept(tmp_path / "in" / "towel.npz")
+    assert placement == placed
+    assert (again.recording, again.garment) == ("towel-clean", "towel")
+    assert again.within() == errors.within()
 
 
 def test_the_roc_begins_with_nothing_and_ends_with_everything() -> None:

@@ -16,7 +16,19 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.types import Rigid2
 from flatcloth.session.journal import Pick
-from flatcloth.session.machine import Nudge, Phase, Propose, Proposed, SessionState, Start, Undo, apply
+from flatcloth.session.machine import (
+    Accept,
+    Nudge,
+    Phase,
+    PlacedPart,
+    Propose,
+    Proposed,
+    SessionState,
+    Start,
+    Started,
+    Undo,
+    apply,
+)
 from flatcloth.session.store import SessionFolder
 
 
@@ -304,3 +316,15 @@ def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
         folder.delete_pick(7)
     assert (place / "journal.jsonl").read_bytes() == b""
     folder.close()
+
+
+def test_further_parts_of_a_proposal_come_back_from_the_journal(place: Path) -> None:
+    also = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
+    folder = opened(place)
+    proposed = Proposed(2, 1, Rigid2(), score=0.9, also=also)
+    for step in (Start(), Started(1, 0), Propose(), proposed, Accept(1)):
+        folder.record(step)
+    folder.close()
+    resumed = opened(place)
+    assert [a.also for a in resumed.state.document.accepted] == [also]
+    resumed.close()

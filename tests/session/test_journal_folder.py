@@ -29,7 +29,7 @@ def test_a_session_of_another_recording_method_or_configuration_is_refused(place
         (MemoryRecording(name="towel"), Config(), "paper", "another recording .'memory', not 'towel'"),
         (MemoryRecording(angles_deg=(0.0, 5.0)), Config(), "paper", "another recording"),
         (RECORDING, Config(), "robust", "method 'paper', not 'robust'"),
-        (RECORDING, other, "paper", "planning.overlap_area_m2 was 0.03, is 0.05"),
+        (RECORDING, other, "paper", "planning.overlap_area_m2 was 0.0, is 0.05"),
     ):
         with pytest.raises(JournalError, match=cause):
             SessionFolder.open(place, recording, config, method)

@@ -18,15 +18,18 @@ from flatcloth.session.machine import (
     NothingMore,
     Nudge,
     Phase,
+    PlacedPart,
     Propose,
     Proposed,
     Redo,
     Reject,
+    Reopen,
     Restart,
     SessionState,
     Side,
     Start,
     Started,
+    TakePart,
     Undo,
     apply,
     why_illegal,
@@ -175,3 +178,29 @@ def test_the_second_click_of_a_double_click_does_no_harm() -> None:
     state = after(*PENDING, Accept(3))
     with pytest.raises(IllegalDecisionError):
         apply(state, Accept(3))
+
+
+ALSO = (PlacedPart(3, 1, Rigid2(0.0, 0.5, 0.0)), PlacedPart(2, 4, Rigid2(0.0, 0.0, 0.7)))
+SEVERAL = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.0, 0.2, 0.0), Side.LEFT, 0.8, also=ALSO))
+
+
+def test_further_parts_are_accepted_with_the_view_they_were_proposed_with() -> None:
+    (accepted,) = after(*SEVERAL, Accept(3)).document.accepted
+    assert accepted.also == ALSO
+    assert after(*SEVERAL, Reject(3)).document.accepted == ()
+    assert after(*SEVERAL, Accept(3), Undo()).document.pending == after(*SEVERAL).document.pending
+
+
+def test_a_nudge_moves_further_parts_along_and_taking_another_part_leaves_them() -> None:
+    by = Rigid2(math.pi / 2, 0.01, 0.0)
+    (accepted,) = after(*SEVERAL, Nudge(3, by), Accept(3)).document.accepted
+    assert [p.component for p in accepted.also] == [1, 4]
+    assert accepted.also[0].current_from_new.apply([0.0, 0.0]) == pytest.approx([0.01, 0.5])  # type: ignore[arg-type]
+    (taken,) = after(*SEVERAL, TakePart(3, 2, Rigid2()), Accept(3)).document.accepted
+    assert (taken.component, taken.also) == (2, ())
+
+
+def test_a_reopened_view_has_its_further_parts_again() -> None:
+    reopened = after(*SEVERAL, Accept(3), Reopen(3)).document.pending
+    assert reopened is not None
+    assert reopened.also == ALSO

@@ -306,7 +306,7 @@ def test_journals_of_earlier_versions_are_read(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     older = []
     for line in map(json.loads, path.read_text().splitlines()):
-        for name in ("score", "how", "why") if line["kind"] in ("accept", "nudge") else ("why",):
+        for name in ("score", "how", "why") if line["kind"] in ("accept", "nudge") else ("why", "also"):
             line.pop(name, None)
         line.pop("crc")
         older.append(json.dumps(line) + "\n")

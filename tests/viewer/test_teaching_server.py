@@ -168,8 +168,10 @@ def test_the_flattening_is_told_as_it_is(page, integration):
     expected = view.source_rc[view.valid] - (top, left)
     assert np.abs(source[view.valid] - expected).max() <= 0.5
     assert values["defaults"] == {
-        "sampling_interval_px": 12, "z_angle_limit_deg": 50.0, "overlap_cm2": 300.0
-    }  # fmt: skip
+        "sampling_interval_px": 12,
+        "z_angle_limit_deg": 50.0,
+        "overlap_cm2": round(2000 * float(integration.observed_areas_m2().max())),
+    }
 
 
 def test_the_learners_numbers_are_used(page):
@@ -177,7 +179,7 @@ def test_the_learners_numbers_are_used(page):
     assert values["parameters"] == {
         "sampling_interval_px": 20, "z_angle_limit_deg": 50.0, "overlap_cm2": 50.0
     }  # fmt: skip
-    plain, _ = lesson(page, "planning", start_view=0)
+    plain, _ = lesson(page, "planning", start_view=0, overlap_cm2=300)
     assert values["rotation_deg"] > plain["rotation_deg"]
 
 

@@ -8,6 +8,7 @@ while the item turns.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,6 +33,7 @@ def align_by_z_angle(
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
     progress: Progress = no_progress,
+    make_matcher: type[Matcher] = Matcher,
 ) -> Alignment:
     """Align a new flattened view to the current one by the paper's method.
 
@@ -60,7 +62,7 @@ def align_by_z_angle(
     """
     correspondence = correspond(current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg)
     initial = from_lines(correspondence)
-    matcher = Matcher(current, new, axis)
+    matcher = make_matcher(current, new, axis)
     progress(0.2, "searching the alignment")
     found = matcher.search(initial, progress)
     return Alignment(
@@ -70,6 +72,16 @@ def align_by_z_angle(
         initial_score=matcher.score(initial),
         correspondence=correspondence,
     )
+
+
+def not_farther_than_start(alignment: Alignment) -> Alignment:
+    """Return an alignment whose start stands where the search ended with a lower score.
+
+    The search minimises another cost than is scored: it also avoids losing overlap, and going far.
+    """
+    if alignment.initial_score.total <= alignment.score.total:
+        return alignment
+    return replace(alignment, current_from_new=alignment.initial, score=alignment.initial_score)
 
 
 def correspond(

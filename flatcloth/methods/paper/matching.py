@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.geometry import height_m
+from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import AlignmentScore
 
@@ -31,9 +31,9 @@ _SEARCH_CANDIDATES = 12
 _SEARCH_POINTS = 700
 """Pixels compared in the coarse search. Set by hand."""
 _COARSE_SMOOTHING_M = 0.006
-"""Smoothing of the texture in the coarse search. Set by hand."""
-_FINE_SMOOTHING_M = 0.002
-"""Smoothing of the texture in the detailed search and in the score. Set by hand."""
+"""Smoothing of the texture in the coarse search and in the score. Set by hand."""
+FINE_SMOOTHING_M = 0.002
+"""Smoothing of the texture in the detailed search. Set by hand."""
 _MISSING_OVERLAP_COST = 0.3
 """Cost of losing all of the overlap that the initial estimate has. Set by hand."""
 _DISTANCE_COST = 0.03
@@ -55,6 +55,12 @@ _TELLING_TEXTURE = 0.25
 _CHANCE_PAIRS = 5000
 """Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
 the spread."""
+_Z_ANGLE_SCALE_DEG = 8.0
+"""Difference in Z-angle that counts as half a disagreement. Chosen: the widest band of a line of equal
+Z-angle (alignment.py)."""
+_CHANCE_HEIGHT = 0.85
+"""Without texture, heights that agree less than this tell nothing: wrong placements of the shared recordings
+reach 0.82 to 0.93, right ones mostly 0.93 to 1 (``python -m benchmarks paper_steps``)."""
 
 
 class Matcher:
@@ -62,8 +68,11 @@ class Matcher:
 
     The disagreement of each overlapping pixel of the new view is a robust mean of the two
     differences, from 0 (equal) to 1. The coarse part of the search compares smoothed texture, which
-    tolerates its larger steps.
+    tolerates its larger steps, and so does the score: fine texture refuses placements that are a few
+    millimetres off.
     """
+
+    score_smoothing_m = _COARSE_SMOOTHING_M
 
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
@@ -73,13 +82,15 @@ class Matcher:
         self._uv = new.uv_from_rc(rc)
         self._fields: dict[float, Float32] = {}
         self._values: dict[float, Float32] = {}
-        for smoothing_m in (_COARSE_SMOOTHING_M, _FINE_SMOOTHING_M):
+        for smoothing_m in (_COARSE_SMOOTHING_M, FINE_SMOOTHING_M):
             texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
             spread = max(_spread(texture), _spread(new_texture), _INTENSITY_FLOOR)
             self._fields[smoothing_m] = attribute_fields(current, axis, texture / spread)
             fields = attribute_fields(new, axis, new_texture / spread)
             self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
         self._chance = self._chance_disagreement()
+        self._current_z_angle_deg = np.where(current.valid, z_angle_deg(current.normal, axis, 0.0), np.nan)
+        self._z_angle_deg = z_angle_deg(new.normal[rc[:, 0], rc[:, 1]], axis, 0.0)
 
     def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
         """Compute the disagreement under each motion.
@@ -98,7 +109,7 @@ class Matcher:
         (n, 5) float64
             Mean disagreement, overlap share, its intensity and height parts, rms of height (m).
         """
-        which = _FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
+        which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
         return _compare(
             self._fields[which],
@@ -139,20 +150,27 @@ class Matcher:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
         Each agreement is relative to that of randomly paired pixels, so that a regular pattern that
-        matches itself by half gains nothing. Texture counts in proportion to its presence.
+        matches itself by half gains nothing. Texture counts in proportion to its presence; in
+        proportion to its absence height must agree closely, because it also agrees at wrong placements.
+        Both count as far as the Z-angles agree, on which the initial estimate rests: the same cloth has
+        the same Z-angle in both views, after the rotation between them.
         """
-        result = self.disagreement([current_from_new], 1)[0]
+        result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
         told = min(1.0, self._chance[0] / _TELLING_TEXTURE)
         enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
-        total = by_height * (1.0 - told * (1.0 - by_intensity)) * enough if result[1] > 0 else 0.0
+        by_shape = min(1.0, max(0.0, (by_height - _CHANCE_HEIGHT) / (1.0 - _CHANCE_HEIGHT)))
+        by_z_angle = self._z_angle_agreement(current_from_new)
+        total = self.combined(told, by_intensity, by_height, by_shape) * enough if result[1] > 0 else 0.0
+        total *= self.doubted(by_z_angle)
         return AlignmentScore(
             total,
             {
                 "intensity_agreement": by_intensity,
                 "height_agreement": by_height,
+                "z_angle_agreement": by_z_angle,
                 "height_rms_mm": float(result[4]) * 1e3,
                 "texture_share": told,
                 "overlap_cm2": area * 1e4,
@@ -161,14 +179,31 @@ class Matcher:
             "height_rms_mm",
         )
 
+    def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
+        """Weigh texture, as far as there is any, against height alone."""
+        return told * by_intensity * by_height + (1.0 - told) * by_shape
+
+    def doubted(self, by_z_angle: float) -> float:
+        """Return the factor of the score for the agreement of the Z-angles."""
+        return by_z_angle
+
+    def _z_angle_agreement(self, current_from_new: Rigid2) -> float:
+        """Return the agreement of the Z-angles of coinciding pixels; 0 if there are none."""
+        uv = current_from_new.apply(self._uv)
+        rc = np.rint((uv - self._origin)[:, ::-1] / self._current_pixel_size_m).astype(np.int64)
+        inside = ((rc >= 0) & (rc < self._current_z_angle_deg.shape)).all(axis=1)
+        other = self._current_z_angle_deg[rc[inside, 0], rc[inside, 1]]
+        off = (self._z_angle_deg[inside] - other + 180.0) % 360.0 - 180.0
+        off = off[np.isfinite(off)]
+        return float((1.0 / (1.0 + np.square(off / _Z_ANGLE_SCALE_DEG))).mean()) if off.size else 0.0
+
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""
-        fine = _FINE_SMOOTHING_M
-        current = self._fields[fine]
+        current = self._fields[self.score_smoothing_m]
         current = current[np.isfinite(current[..., 1])]
         random = np.random.default_rng(0)
         a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
-        b = self._values[fine][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
+        b = self._values[self.score_smoothing_m][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
         intensity = np.square(a[:, 0] - b[:, 0])
         height = np.square((a[:, 1] - b[:, 1]) / _HEIGHT_SCALE_M)
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
@@ -192,8 +227,8 @@ class Matcher:
         step: Float64 = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M]) / 2
         best, lowest = start, math.inf
         while step[1] > _SEARCH_FINEST_M:
-            fine = step[1] <= _FINE_SMOOTHING_M
-            smoothing = _FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
+            fine = step[1] <= FINE_SMOOTHING_M
+            smoothing = FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
             points = 4 * _SEARCH_POINTS if fine else _SEARCH_POINTS
             lowest = math.inf
             for _ in range(8):

@@ -6,16 +6,18 @@ lists the departures from the text and their reasons.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import AlignmentError, FlatclothError
-from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
     Alignment,
     AlignmentScore,
-    Canonical,
     Method,
     Placement,
     Plan,
@@ -23,30 +25,63 @@ from flatcloth.methods.base import (
     Views,
 )
 from flatcloth.methods.edges import edges_of_view, joined_edges
-from flatcloth.methods.paper.alignment import align_by_z_angle
+from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines, not_farther_than_start
 from flatcloth.methods.paper.matching import Matcher
-from flatcloth.methods.paper.merging import begin, renew
+from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew, without
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE, fronts, side_of
-from flatcloth.session.machine import Accepted, Document, Later, Side
+from flatcloth.methods.starting import overlap_area_m2, start_by_component
+from flatcloth.session.machine import Accepted, Document, Later, PlacedPart, Side
+
+_KNOWN_SHARE = 0.95
+"""A component of which more is part of the shape already adds next to nothing. Set by hand."""
+_MOSTLY_KNOWN_SHARE = 0.75
+"""Of the further components, those are placed of which at least a quarter is new. Set by hand."""
+_LEAST_OVERLAP_SHARE = 0.05
+"""A component of an accepted view is searched for if its initial estimate overlaps the shape so much. Set by
+hand."""
+_MOST_OVERLAP_SHARE = 0.2
+"""Components of one view overlap by at most this share: outlines are a few millimetres off. Set by hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aligned:
+    """A component, aligned: its placement, its area, and the share of it that the shape has already."""
+
+    part: PlacedPart
+    alignment: Alignment
+    area_m2: float
+    known_share: float
+
+    @property
+    def new_area_m2(self) -> float:
+        """The area that it adds."""
+        return self.area_m2 * (1.0 - self.known_share)
 
 
 class PaperMethod(Method):
     """The paper's section 4; see :class:`flatcloth.methods.base.Method`."""
 
     name = "paper"
+    matcher_kind = Matcher
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
         self._views, self._config = views, views.config
-        self._canonicals: Cache[Canonical] = Cache(64, 96 * 2**20)
+        self._canonicals: Cache[Renewed] = Cache(64, 96 * 2**20)
         self._matchers: Cache[Matcher] = Cache(4)
+        self._left: Cache[list[Aligned]] = Cache(8)
 
     @classmethod
     def default_config(cls) -> Config:
         """Keep components together that a narrow neck connects: the paper has one surface per view."""
         return Config(flattening=FlatteningConfig(least_core_samples=0))
+
+    @cached_property
+    def overlap_area_m2(self) -> float:
+        """S_0, by the expected size of the item."""
+        return overlap_area_m2(self._views)
 
     @property
     def accept_score(self) -> float:
@@ -55,9 +90,14 @@ class PaperMethod(Method):
 
     # ------------------------------------------------- 4.1 Calculation of the appropriate rotation angle
 
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        """Start with the largest observed area of one surface: the one that is then extended."""
+        return start_by_component(self._views, progress)
+
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the side with an occluding edge, and the rotation that leaves S_0 of overlap."""
-        canonical, config = self.canonical(document), self._config.planning
+        canonical = self.canonical(document)
+        config = replace(self._config.planning, overlap_area_m2=self.overlap_area_m2)
         outer = fronts(document, self.angles_deg)
         turned = outer[Side.LEFT][1] + outer[Side.RIGHT][1]
         unavailable = document.used_views | document.refused_views | unusable
@@ -70,60 +110,166 @@ class PaperMethod(Method):
                 config.z_angle_limit_deg,
                 canonical.current_from_view[front].inverse(),
             )
-            edge = self._occluding_edge_m(front, document.placed_components.get(front, 0), side)
+            edge = self.occluding_edge_m(document, front, side)
             sides.append(  # steps 3 and 4: A_0 = A_z(u_b), A = A_w - A_0
                 plan_side(side, curves, edge, front, self.angles_deg, unavailable, turned, config)
             )
         return choose(sides, document.accepted[-1].side if document.accepted else None)
 
-    def _occluding_edge_m(self, view_index: int, component: int, side: Side) -> float:
-        flattening = self._views.flattening(view_index)
-        level = flattening.levels[-1]
-        points = level.points_rc[flattening.components[component].members]
-        return occluding_edge_length_m(flattening.surface, points, level.sampling_interval_px, side)
+    def occluding_edge_m(self, document: Document, view_index: int, side: Side) -> float:
+        """Return the length of the occluding edges of the whole view, whatever part of it was placed."""
+        return occluding_edge_length_m(self._views.flattening(view_index).surface, side)
 
     # ------------------------------------------------- 4.2 Alignment of two flattened views
 
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
     ) -> Placement:
-        """Align a view by lines of equal Z-angle and a search, and choose the best of its components."""
+        """Align each sizeable component by lines of equal Z-angle and a search; choose, and place the others.
+
+        Departure: the paper has one surface per view.
+        """
         progress(0.1, f"flattening view {view_index}")
-        components, config = self._views.flattening(view_index).components, self._config
-        least_m2 = LEAST_COMPONENT_SHARE * components[0].view.area_m2
-        found: list[tuple[int, Alignment]] = []
+        front = fronts(document, self.angles_deg)[side or Side.LEFT][0]
+        found: list[Aligned] = []
         errors: list[AlignmentError] = []
-        for n, component in enumerate(components):
-            # Departure: the paper has one surface per view; here the score decides between several.
-            if component.view.area_m2 < least_m2:
-                continue
-            if component.folded_share > config.flattening.max_folded_share:
-                errors.append(AlignmentError(_folded(view_index, component.folded_share)))
+        for n in self.sizeable(view_index):
+            folded = self._views.flattening(view_index).components[n].folded_share
+            if folded > self._config.flattening.max_folded_share:
+                errors.append(AlignmentError(_folded(view_index, folded)))
                 continue
             try:
-                found.append((n, self._align(document, view_index, n, side or Side.LEFT, progress)))
+                found.append(self._aligned(document, front, view_index, n, progress))
             except AlignmentError as error:
                 errors.append(error)
         if not found:
             raise errors[0]
-        best, alignment = max(found, key=lambda item: item[1].score.total)
-        return Placement(component=best, alignment=alignment)
-
-    def _align(
-        self, document: Document, view_index: int, component: int, side: Side, progress: Progress
-    ) -> Alignment:
-        canonical, angles = self.canonical(document), self.angles_deg
-        front = fronts(document, angles)[side][0]
-        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
-        return align_by_z_angle(
-            canonical.view,
-            self._views.part(view_index, component),
-            self._views.axis,
-            (angles[front], angles[front] + turn),
-            canonical.current_from_view[front].inverse(),
-            self._config.planning.z_angle_limit_deg,
-            progress,
+        chosen = self.choose(found)
+        return Placement(
+            component=chosen.part.component,
+            alignment=chosen.alignment,
+            also=self.also_placed(document, chosen, found, progress),
         )
+
+    def sizeable(self, view_index: int) -> list[int]:
+        """Return the components of a view that are large enough to be placed."""
+        components = self._views.flattening(view_index).components
+        least_m2 = LEAST_COMPONENT_SHARE * components[0].view.area_m2
+        return [n for n, c in enumerate(components) if c.view.area_m2 >= least_m2]
+
+    def _aligned(
+        self,
+        document: Document,
+        front: int,
+        view_index: int,
+        component: int,
+        progress: Progress,
+        current: FlattenedView | None = None,
+    ) -> Aligned:
+        """Align a component with the shape, or a part of it, continuing the view ``front``."""
+        canonical, angles = self.canonical(document), self.angles_deg
+        current = current or canonical.view
+        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
+        new = self._views.part(view_index, component)
+        alignment = self.settled(
+            align_by_z_angle(
+                current,
+                new,
+                self._views.axis,
+                (angles[front], angles[front] + turn),
+                canonical.current_from_view[front].inverse(),
+                self._config.planning.z_angle_limit_deg,
+                progress,
+                self.matcher_kind,
+            )
+        )
+        motion = alignment.current_from_new
+        return Aligned(
+            part=PlacedPart(view_index, component, motion),
+            alignment=alignment,
+            area_m2=new.area_m2,
+            known_share=covered_share(canonical.view, new, motion),
+        )
+
+    def settled(self, alignment: Alignment) -> Alignment:
+        """Let the start stand where the search ends farther off."""
+        return not_farther_than_start(alignment)
+
+    def choose(self, found: Sequence[Aligned]) -> Aligned:
+        """Choose the component that adds most, of those that score above acceptance; else the best."""
+        good = [a for a in found if a.alignment.score.total >= self.accept_score]
+        if not good:
+            return max(found, key=lambda a: a.alignment.score.total)
+        adding = [a for a in good if a.known_share < _KNOWN_SHARE]
+        return max(adding or good, key=lambda a: a.new_area_m2)
+
+    def also_placed(
+        self, document: Document, chosen: Aligned, found: Sequence[Aligned], progress: Progress
+    ) -> tuple[PlacedPart, ...]:
+        """Return the other components that score above acceptance, of this view and of accepted ones.
+
+        Components of one view are different cloth: none is placed on another one.
+        """
+        waiting = self._waiting(document, progress)
+        good = [a for a in (*found, *waiting) if a.alignment.score.total >= self.accept_score]
+        good = [a for a in good if a is not chosen and a.known_share < _MOSTLY_KNOWN_SHARE]
+        placed = [*self.canonical(document).layers, chosen.part]
+        also = []
+        for other in sorted(good, key=lambda a: -a.new_area_m2):
+            beside = [p for p in placed if p.view_index == other.part.view_index]
+            if all(self._overlap_share(p, other.part) < _MOST_OVERLAP_SHARE for p in beside):
+                placed.append(other.part)
+                also.append(other.part)
+        return tuple(also)
+
+    def _waiting(self, document: Document, progress: Progress) -> list[Aligned]:
+        """Align the sizeable components of accepted views that are not placed yet (kept by document)."""
+        key = (document.start_view, document.accepted)
+        return self._left.get(key, lambda: self._aligned_waiting(document, progress))
+
+    def _aligned_waiting(self, document: Document, progress: Progress) -> list[Aligned]:
+        canonical = self.canonical(document)
+        placed = {(p.view_index, p.component) for p in canonical.layers}
+        newest = self.angles_deg[document.accepted[-1].view_index] if document.accepted else 0.0
+        found = []
+        for view in sorted(document.used_views):
+            waiting = [n for n in self.sizeable(view) if (view, n) not in placed]
+            turned = abs((self.angles_deg[view] - newest + 180.0) % 360.0 - 180.0)
+            if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
+                continue  # nothing that the newest view shows is seen in this one
+            beside = without(canonical.view, canonical.layers, self._views.part, view)
+            for n in waiting:
+                folded = self._views.flattening(view).components[n].folded_share
+                if folded > self._config.flattening.max_folded_share:
+                    continue
+                with contextlib.suppress(AlignmentError):
+                    if self._starts_on(beside, document, view, n):
+                        found.append(self._aligned(document, view, view, n, progress, beside))
+        return found
+
+    def _starts_on(self, current: FlattenedView, document: Document, view_index: int, component: int) -> bool:
+        """Tell whether the initial estimate of a component of an accepted view overlaps the current view."""
+        canonical, angle = self.canonical(document), self.angles_deg[view_index]
+        new = self._views.part(view_index, component)
+        initial = from_lines(
+            correspond(
+                current,
+                new,
+                self._views.axis,
+                (angle, angle),
+                canonical.current_from_view[view_index].inverse(),
+                self._config.planning.z_angle_limit_deg,
+            )
+        )
+        return covered_share(current, new, initial) >= _LEAST_OVERLAP_SHARE
+
+    def _overlap_share(self, one: PlacedPart, other: PlacedPart) -> float:
+        """Return the share of the smaller component that lies on the other one."""
+        views = [self._views.part(p.view_index, p.component) for p in (one, other)]
+        motions = [one.current_from_new, other.current_from_new]
+        if views[0].area_m2 < views[1].area_m2:
+            views, motions = views[::-1], motions[::-1]
+        return covered_share(views[0], views[1], motions[0].inverse() @ motions[1])
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by intensity and height."""
@@ -136,30 +282,33 @@ class PaperMethod(Method):
     def _matcher(self, document: Document, view_index: int, component: int) -> Matcher:
         key = (document.start_view, document.accepted, view_index, component)
         new = self._views.part(view_index, component)
-        return self._matchers.get(key, lambda: Matcher(self.canonical(document).view, new, self._views.axis))
+        return self._matchers.get(
+            key, lambda: self.matcher_kind(self.canonical(document).view, new, self._views.axis)
+        )
 
     # ------------------------------------------------- 4.3 Renewal of the flattened view
 
-    def canonical(self, document: Document) -> Canonical:
+    def canonical(self, document: Document) -> Renewed:
         """Renew the flattened view by each accepted view in turn (cached by prefix)."""
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
         start, accepted = document.start_view, document.accepted
         known, made = self._canonicals.longest(start, accepted)
         if made is None:
-            made = self._canonicals.put((start,), begin(self._views.flattening(start).view, start))
+            made = self._canonicals.put((start,), begin(self._views.part(start, 0), start))
         for n in range(known, len(accepted)):
-            made = self._canonicals.put(
-                (start, *accepted[: n + 1]), self._renewed(made, accepted[:n], accepted[n])
-            )
+            made = self._canonicals.put((start, *accepted[: n + 1]), self._renewed(made, accepted[n]))
         return made
 
-    def _renewed(self, canonical: Canonical, before: Sequence[Accepted], added: Accepted) -> Canonical:
-        """Add a view to the canonical view of those accepted before."""
-        component = {a.view_index: a.component for a in before}
-        views = {k: self._views.part(k, component.get(k, 0)) for k in canonical.current_from_view}
-        new = self._views.part(added.view_index, added.component)
-        return renew(canonical, views, new, added.view_index, added.current_from_new, added.side)
+    def _renewed(self, canonical: Renewed, added: Accepted) -> Renewed:
+        """Add a view, and the components that were placed with it (the paper has one surface)."""
+        new = PlacedPart(added.view_index, added.component, added.current_from_new)
+        grown = renew(canonical, self._views.part, new, added.side)
+        plane_from_current = added.current_from_new.inverse()
+        for part in added.also:
+            motion = plane_from_current @ part.current_from_new
+            grown = lay_over(grown, self._views.part, replace(part, current_from_new=motion))
+        return grown
 
     def carried(self, document: Document, later: Later) -> Rigid2:
         """Return the placement of a later decision on the present plane, from its predecessor.
@@ -188,13 +337,12 @@ class PaperMethod(Method):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of each accepted view at its placement."""
-        placements = self.canonical(document).current_from_view
         return joined_edges(
             [
                 edges_of_view(
-                    self._views, self.angles_deg[view], view, document.placed_components.get(view, 0), motion
+                    self._views, self.angles_deg[p.view_index], p.view_index, p.component, p.current_from_new
                 )
-                for view, motion in placements.items()
+                for p in self.canonical(document).layers
             ]
         )
 

@@ -25,22 +25,20 @@ _COVERING_GAP_M = 0.01
 """A covering layer is nearer by at least this. Set by hand."""
 
 
-def occluding_edge_length_m(surface: Surface, points_rc: Int32, reach_px: int, side: Side) -> float:
+def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = None) -> float:
     """Return the length along the image rows of the edges that the rotation for one side opens.
 
     Parameters
     ----------
     surface : Surface
         The surface of a view.
-    points_rc : (N, 2) int32
-        Samples of the component that is extended.
-    reach_px : int
-        The component consists of the surface within this distance of a sample.
     side : Side
         The rotation for ``Side.LEFT`` is positive: it brings cloth beyond the left outline to the
         front, and moves nearer layers to the right.
+    part : (H, W) bool, optional
+        The pixels of the surface that count; by default all, as in the paper.
     """
-    part = _near(surface.usable, points_rc, reach_px)
+    part = surface.usable if part is None else part
     depth = surface.xyz_m[..., 2]
     outward = -1.0 if side is Side.LEFT else 1.0
     turned_away = _ends(part, side, _EDGE_WIDTH_PX) & (
@@ -55,10 +53,11 @@ def occluding_edge_length_m(surface: Surface, points_rc: Int32, reach_px: int, s
     return float(pitch[turned_away].sum() + pitch[covered].sum())
 
 
-def _near(usable: Bool, points_rc: Int32, reach_px: int) -> Bool:
+def near_samples(usable: Bool, points_rc: Int32, extent_px: int) -> Bool:
+    """Return which usable pixels (H, W) lie within an extent of samples (N, 2)."""
     seeds = np.zeros(usable.shape, dtype=np.uint8)
     seeds[points_rc[:, 0], points_rc[:, 1]] = 1
-    size = 2 * reach_px + 1
+    size = 2 * extent_px + 1
     near: Bool = (cv2.dilate(seeds, np.ones((size, size), dtype=np.uint8)) > 0) & usable
     return near
 

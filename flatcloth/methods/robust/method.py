@@ -29,6 +29,7 @@ from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candi
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import JointShapes
+from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Accepted, Document, Later, Side
 
@@ -56,6 +57,10 @@ class RobustMethod(Method):
         return self._config.robust.accept_confidence
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
+
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        """Start with the largest observed area, as the paper does."""
+        return start_by_view(self._views, progress)
 
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the view with the largest expected new area, given enough overlap."""

@@ -119,7 +119,7 @@ class DiagnosticsService:
             found = await run_in_threadpool(self._of, picture)
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
-        config = self._integration.config.planning
+        config = self._integration.planning
         about = {
             "limit_deg": config.z_angle_limit_deg,
             "overlap_cm2": 1e4 * config.overlap_area_m2,

@@ -202,6 +202,7 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
     parcel.values = {
         "view_index": lesson.view_index,
         "planned_view": lesson.planned_view,
+        "placed_with": lesson.placed_with,
         "side": None if side is None else side.value,
         "current": grid_of(lesson.current),
         "new": grid_of(lesson.new),

@@ -47,7 +47,7 @@ _OF_ALL_VIEWS = ("sides", "garment")
 SLIDERS: dict[str, dict[str, float]] = {
     "sampling_interval_px": {"low": 8, "high": 24, "step": 2},
     "z_angle_limit_deg": {"low": 20, "high": 75, "step": 5},
-    "overlap_cm2": {"low": 50, "high": 800, "step": 25},
+    "overlap_cm2": {"low": 50, "high": 800, "step": 1},
 }
 """The sliders of the page; the valid range is checked by the parameters themselves."""
 

@@ -41,9 +41,7 @@ def linear_curves(
 
 
 def edge_m(shown: RgbdFrame, side: Side) -> float:
-    made = flattened(shown)
-    level = made.levels[-1]
-    return occluding_edge_length_m(made.surface, level.points_rc[made.components[0].members], 6, side)
+    return occluding_edge_length_m(observe_surface(shown, AXIS, SurfaceConfig()), side)
 
 
 def test_curves_of_a_cylinder_are_linear_in_u_within_the_limit() -> None:

@@ -1,0 +1,158 @@
+"""What each change to the method ``paper`` for views in several parts does, alone and together.
+
+The variants are methods of their own: ``before`` has none of the changes, each of the others one of
+them, ``all`` is the method as it is. Takes about a minute a recording; not part of the default run.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.output import Options, save
+from benchmarks.unattended import Remembered, sources
+from flatcloth.core.types import Progress, no_progress
+from flatcloth.engine.evaluation import compare
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.base import Alignment
+from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Matcher
+from flatcloth.methods.paper.method import Aligned, PaperMethod
+from flatcloth.methods.paper.occlusion import near_samples, occluding_edge_length_m
+from flatcloth.methods.registry import MethodEntry, register, unregister
+from flatcloth.methods.starting import start_by_view
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import read_truth
+from flatcloth.session.machine import Document, MemorySession, PlacedPart, SessionState, Side
+
+BEFORE_M2 = 0.03
+"""S_0 as it was."""
+BEFORE_SCORE = 0.25
+"""The least score as it was."""
+
+
+class FineMatcher(Matcher):
+    """Scores by fine texture."""
+
+    score_smoothing_m = FINE_SMOOTHING_M
+
+    def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
+        return by_height * (1.0 - told * (1.0 - by_intensity))
+
+
+class BlindMatcher(Matcher):
+    """Scores without the Z-angle."""
+
+    def doubted(self, by_z_angle: float) -> float:
+        return 1.0
+
+
+class FineBlindMatcher(FineMatcher, BlindMatcher):
+    """Scores by fine texture, without the Z-angle."""
+
+
+class Before(PaperMethod):
+    """The method without the changes; ``kept`` names those that a variant has."""
+
+    kept: frozenset[str] = frozenset()
+
+    @property
+    def matcher_kind(self) -> type[Matcher]:  # type: ignore[override]
+        if "Z-angle" in self.kept:
+            return Matcher if "coarse" in self.kept else FineMatcher
+        return BlindMatcher if "coarse" in self.kept else FineBlindMatcher
+
+    @property
+    def overlap_area_m2(self) -> float:  # type: ignore[override]
+        return PaperMethod.overlap_area_m2.func(self) if "S_0" in self.kept else BEFORE_M2  # type: ignore[attr-defined]
+
+    @property
+    def accept_score(self) -> float:
+        return super().accept_score if "coarse" in self.kept else BEFORE_SCORE
+
+    def start_view(self, progress: Progress = no_progress) -> int | None:
+        if "start" in self.kept:
+            return super().start_view(progress)
+        return start_by_view(self._views, progress)
+
+    def occluding_edge_m(self, document: Document, view_index: int, side: Side) -> float:
+        if "edges" in self.kept:
+            return super().occluding_edge_m(document, view_index, side)
+        flattening = self._views.flattening(view_index)
+        level = flattening.levels[-1]
+        points = level.points_rc[flattening.components[document.placed_components.get(view_index, 0)].members]
+        near = near_samples(flattening.surface.usable, points, level.sampling_interval_px)
+        return occluding_edge_length_m(flattening.surface, side, near)
+
+    def settled(self, alignment: Alignment) -> Alignment:
+        return super().settled(alignment) if "start stands" in self.kept else alignment
+
+    def choose(self, found: Sequence[Aligned]) -> Aligned:
+        if "new area" in self.kept:
+            return super().choose(found)
+        return max(found, key=lambda a: a.alignment.score.total)
+
+    def also_placed(
+        self, document: Document, chosen: Aligned, found: Sequence[Aligned], progress: Progress
+    ) -> tuple[PlacedPart, ...]:
+        if "parts" in self.kept:
+            return super().also_placed(document, chosen, found, progress)
+        return ()
+
+
+CHANGES = ("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands")
+VARIANTS = {
+    "before": frozenset[str](),
+    **{name: frozenset({name}) for name in CHANGES},
+    "all": frozenset(CHANGES),
+}
+
+
+def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
+    """Return a row for each variant of one recording."""
+    recording = Remembered(open_recording(source))
+    truth = Remembered(read_truth(recording.location))
+    rows, first = [], None
+    for name in variants:
+        kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": f"paper-{name}"})
+        register(MethodEntry(name=kind.name, summary=name, load=lambda kind=kind: kind))
+        try:
+            made = Integration(recording, method=kind.name)
+        finally:
+            unregister(kind.name)
+        first = first or made
+        made._flattenings, made._areas = first._flattenings, first._areas
+        document = Run(made, MemorySession(SessionState(len(recording)))).finish().document
+        found = compare(made.canonical(document).view, truth, recording).evaluation
+        rows.append(
+            {
+                "recording": recording.name,
+                "variant": name,
+                "coverage": round(found.coverage, 3),
+                "median_mm": round(found.absolute_median_mm, 1),
+                "far_share": round(found.absolute_far_share, 3),
+                "relative_p95_mm": round(found.relative_p95_mm, 1),
+                "views": len(document.used_views),
+                "parts": sum(len(a.also) for a in document.accepted),
+            }
+        )
+        print("{recording:<24}{variant:<14}{coverage:>7.3f}{median_mm:>7.1f}{far_share:>7.1%}"
+              "{relative_p95_mm:>7.1f}{views:>4}{parts:>4}".format(**rows[-1]), flush=True)  # fmt: skip
+    return rows
+
+
+def run(options: Options) -> None:
+    """Measure, print and write ``results/paper_steps.json``."""
+    variants = ("before", "all") if options.quick else tuple(VARIANTS)
+    rows = [row for source in sources(options.recordings) for row in rows_of(source, variants)]
+    for name in variants:
+        own = [row for row in rows if row["variant"] == name]
+        middle = {
+            key: statistics.median(row[key] for row in own)
+            for key in ("coverage", "far_share", "relative_p95_mm")
+        }
+        print(f"{'median':<24}{name:<14}{middle['coverage']:>7.3f}{'':>7}{middle['far_share']:>7.1%}"
+              f"{middle['relative_p95_mm']:>7.1f}")  # fmt: skip
+    if not options.quick:
+        save("paper_steps", rows, [row["recording"] for row in rows])
