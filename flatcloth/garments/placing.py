@@ -111,9 +111,9 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     insides = np.linspace(0, len(piece.inside_uv_m) - 1, min(_POINTS, len(piece.inside_uv_m))).astype(int)
     q, normal, cloth = piece.edge_uv_m[edges], piece.edge_normal[edges], piece.inside_uv_m[insides]
     for step, wanted in ((_ROUGH, _ROUGHLY_RATED), (1, 8 * _TRIED)):
-        cost = cost_of_poses(
-            (q - middle)[::step], normal[::step], (cloth - middle)[::step], outline, poses, 0.04, wanted
-        )
+        # The kernel is compiled for arrays without gaps only.
+        q_m, n, c_m = q[::step] - middle, np.ascontiguousarray(normal[::step]), cloth[::step] - middle
+        cost = cost_of_poses(q_m, n, c_m, outline, poses, 0.04, wanted)
         best = np.argsort(cost)[:wanted]
         poses, cost = poses[best], cost[best]
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
