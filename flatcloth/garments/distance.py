@@ -11,6 +11,8 @@ from flatcloth.core.types import Bool, Float64, Int64
 
 _AGAINST_M2 = 0.05**2
 """A side that faces away from the edge's normal is taken only if all others are 5 cm farther. Set by hand."""
+_LEAST_WEIGHT = 1e-4
+"""Terms of less weight are left out. Chosen: they change nothing."""
 _CORNER_SPAN = 1e-9
 """A segment of a smaller squared length (m^2) is a point. Chosen: far below a pixel."""
 
@@ -200,3 +202,46 @@ def inside_outline(q: Float64, outline: Float64) -> Bool:
                 if q[i, 0] < slope * (q[i, 1] - outline[a, 1]) + outline[a, 0]:
                     found[i] = not found[i]
     return found
+
+
+@njit(cache=True, nogil=True)
+def accumulate(
+    side: Int64,
+    share: Float64,
+    away: Float64,
+    arm: Float64,
+    slope: Float64,
+    at: int,
+    pull: Float64,
+    weight: Float64,
+    std: Float64,
+    gradient: Float64,
+    matrix: Float64,
+) -> None:
+    """Add the terms of distances to the normal equations: ``gradient`` (D,) and ``matrix`` (D, D).
+
+    ``side``, ``share``, ``away`` (N, 2) as found by :func:`to_edges`; ``arm`` (N, 2) the places, turned
+    only; ``slope`` (V, 2, P) the derivatives of the outline by its parameters, the pose being at ``at``;
+    ``pull`` (N,) the distance by its variance, ``weight`` (N,), and ``std`` (N,).
+    """
+    vertices, _, count = slope.shape
+    row, column = np.empty(count + 3), np.empty(count + 3, dtype=np.int64)
+    for j in range(count + 3):
+        column[j] = j if j < count else at + j - count
+    for i in range(len(side)):
+        u, v = away[i, 0], away[i, 1]
+        if weight[i] <= _LEAST_WEIGHT or (u == 0.0 and v == 0.0):
+            continue
+        a, t = side[i], share[i]
+        b = a + 1 if a + 1 < vertices else 0
+        for j in range(count):
+            moved_u = (1.0 - t) * slope[a, 0, j] + t * slope[b, 0, j]
+            moved_v = (1.0 - t) * slope[a, 1, j] + t * slope[b, 1, j]
+            row[j] = -(u * moved_u + v * moved_v)
+        row[count] = v * arm[i, 0] - u * arm[i, 1]
+        row[count + 1], row[count + 2] = u, v
+        force, stiffness = weight[i] * pull[i], weight[i] / std[i] ** 2
+        for j in range(count + 3):
+            gradient[column[j]] += force * row[j]
+            for k in range(count + 3):
+                matrix[column[j], column[k]] += stiffness * row[j] * row[k]
