@@ -14,7 +14,7 @@ ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
 are about given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
+    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "strokes", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 
