@@ -6,6 +6,7 @@ are printed: ``python -m pytest -m thorough -s tests/torture``.
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import shutil
@@ -254,6 +255,16 @@ def test_a_folder_that_is_removed_under_a_running_program_loses_nothing(
     assert counts["lost"] == 0
 
 
+def decide_on(place: Path) -> None:
+    """Open a session and decide until a decision is refused; opening writes too, if a computation is open."""
+    folder = opened(place)
+    try:
+        for n in itertools.count(1):
+            folder.record(next_step(folder.state, n))
+    finally:
+        folder.close()
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     disk = tmp_path / "disk"
@@ -283,7 +294,7 @@ def test_a_full_disk_refuses_the_decision_and_keeps_the_others(small_disk: Path)
     history = read_history(place)
     assert history.document is not None
     with pytest.raises(JournalError, match="No space left"):
-        opened(place)  # the lock's file, or giving up a computation, needs room
+        decide_on(place)
     (small_disk / "session" / "session.lock").unlink(missing_ok=True)
     count = (place / "journal.jsonl").read_bytes().count(b"\n")
     assert count >= int(lines.split()[0])
