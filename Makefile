@@ -35,7 +35,7 @@ demo: $(VENV)/.demo $(VENV)/.libegl
 	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough"
+	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -n 3 --dist worksteal -m "not thorough"
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -m thorough -s

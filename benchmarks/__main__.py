@@ -8,12 +8,13 @@ import os
 
 from benchmarks.output import Options
 
-# Modules with ``run(options)``. Those of the first line use processes of their own and all cores.
+# Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
 ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
-"""Run by name only: an hour of work, weights that ``reliability`` measures, tables of given recordings."""
+"""Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
+are about given recordings."""
 ON_ONE_CORE = (
-    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
+    *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "strokes", "segmented"),
     *("fused", "growth", "reach", "garments", "speed"),
 )
 
@@ -36,7 +37,9 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="few problems, one repetition, nothing written")
     parser.add_argument(
-        "--learn", action="store_true", help="confidence, segmentation: learn and print new weights"
+        "--learn",
+        action="store_true",
+        help="confidence, segmentation: also learn the weights anew, and print them",
     )
     parser.add_argument("--copies", type=int, default=200, help="batch: recordings in all (default: 200)")
     parser.add_argument(

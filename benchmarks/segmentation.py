@@ -154,7 +154,7 @@ def calibration_rows(
             votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
     state = solver._state(found.decisions)
     held = np.concatenate([np.empty(0, int), *(touched for _, touched in state.strokes)]).astype(int)
-    agreed = agreement(observed, state.side, solver._anchors(state), state.local)
+    agreed = agreement(observed, state.side, solver._anchors(state), state.group)
     right = np.where(state.shown > 0, votes[0], votes[1])
     used = (votes.sum(axis=0) > 0) & state.known
     used[held] = False

@@ -226,7 +226,7 @@ class Operator:
         request = urllib.request.Request(self._address + path, headers=self._token)
         with (
             contextlib.suppress(urllib.error.HTTPError),
-            urllib.request.urlopen(request, timeout=120) as answer,
+            urllib.request.urlopen(request, timeout=600) as answer,
         ):
             answer.read()
 

@@ -130,7 +130,7 @@ function showLive(state) {
   if (!state.live.playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(state.live.playing ? [] : state.picks);
   if (liveBar.frame) markPresent(liveBar.frame.view_index);
-  looking.show(page.layer, null, true);
+  looking.show(page.layer, liveBar.frame?.legend ?? null, true);
   if (askedLayer !== page.layer) askFrame();
 }
 
@@ -144,6 +144,7 @@ function drawFrame(frame, shown) {
   canvas.showFrame(shown, frame.view_index, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
   showLegend(frame.legend);
+  looking.show(page.layer, frame.legend, true);
   markPresent(frame.view_index);
   byId("empty").hidden = shown !== null;
   setText(byId("empty"), frame.reason);

@@ -19,16 +19,17 @@ def forked(arguments: list[str], folder: str) -> tuple[ForkServerProcess, int]:
     context.set_forkserver_preload(["preloaded_program"])
     read, write = os.pipe()
     with Connection(write, readable=False) as output:
-        process = context.Process(target=_main, args=(arguments, folder, output))
+        process = context.Process(target=_main, args=(arguments, folder, dict(os.environ), output))
         process.start()
     return process, read
 
 
-def _main(arguments: list[str], folder: str, output: Connection) -> None:
+def _main(arguments: list[str], folder: str, environment: dict[str, str], output: Connection) -> None:
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()
     os.chdir(folder)
+    os.environ.update(environment)  # of the test; the process that is forked has that of the first one
     signal.signal(signal.SIGINT, signal.default_int_handler)
     from flatcloth.cli import main
 

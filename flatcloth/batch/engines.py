@@ -19,6 +19,9 @@ from typing import Any, Protocol
 from flatcloth.batch.runner import Limits, run_task, start_children, stop_children
 from flatcloth.core.errors import FlatclothError
 
+REACHED_S = 15.0
+"""A Dask scheduler that does not answer for this long is reported. Chosen: a slow network takes seconds."""
+
 Question = dict[str, Any]
 Answer = dict[str, Any] | Exception
 
@@ -56,7 +59,7 @@ def engine_of(jobs: int | None, scheduler: str | None, out: str | None = None) -
         If the scheduler cannot be reached, or Dask is not installed.
     """
     if scheduler is not None:
-        return _Dask(lambda distributed: distributed.Client(scheduler, timeout="15s"), scheduler, out)
+        return _Dask(lambda distributed: distributed.Client(scheduler, timeout=REACHED_S), scheduler, out)
     workers = jobs or len(os.sched_getaffinity(0))
     if importlib.util.find_spec("distributed") is None:
         return _Threads(workers)

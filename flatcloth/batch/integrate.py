@@ -93,7 +93,9 @@ def integrate(
     """
     stages = stages or Stages()
     integration.flattens_ahead = cores > 1
-    folder = SessionFolder.open(out, integration.recording, integration.config, integration.method)
+    folder = SessionFolder.open(
+        out, integration.recording, integration.config, integration.method, integration.source_options
+    )
     try:
         settle_axis(folder.folder, integration)
         take_strokes(integration, folder, strokes)

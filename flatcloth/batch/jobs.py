@@ -103,6 +103,7 @@ def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) ->
         integration = Integration(
             open_recording(task.source, task.options), method=task.method, segmenter=prepare
         )
+        integration.source_options = task.options.again().to_dict()
     done = _patiently(integration, folder, stages, progress)
     progress(1.0, "measuring")
     with stages.stage("measuring"):

@@ -116,7 +116,9 @@ def integration_of(
     from flatcloth.engine.segmenting import prepare
     from flatcloth.recordings import open_recording
 
-    return Integration(open_recording(source, options), config, method, segmenter=prepare)
+    made = Integration(open_recording(source, options), config, method, segmenter=prepare)
+    made.source_options = {} if options is None else options.again().to_dict()
+    return made
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:

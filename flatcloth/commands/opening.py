@@ -12,6 +12,7 @@ from flatcloth.commands.common import integration_of, source_options_of
 from flatcloth.commands.export import hand_eye_of
 
 if TYPE_CHECKING:
+    from flatcloth.recordings import SourceOptions
     from flatcloth.viewer.places import Chosen
     from flatcloth.viewer.server.workspace import Opened
 
@@ -65,11 +66,13 @@ def _opened(
     if session is not None and session == current:
         return None
     config = None if header is None else header.effective_config
-    integration = integration_of(source, options.method, source_options_of(options), config)
+    integration = integration_of(source, options.method, _source_options(options, chosen), config)
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:
         return None
-    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
+    folder = SessionFolder.open(
+        path, integration.recording, integration.config, options.method, integration.source_options
+    )
     try:
         settle_axis(folder.folder, integration)
         compile_beside()
@@ -89,6 +92,15 @@ def _opened(
     except BaseException:
         folder.close()
         raise
+
+
+def _source_options(options: argparse.Namespace, chosen: Chosen | None) -> SourceOptions:
+    """Return what a recording is opened with: what its session was opened with, or the options given now."""
+    from flatcloth.recordings import SourceOptions
+
+    if chosen is not None and chosen.header is not None:
+        return SourceOptions.from_dict(chosen.header.recording.options, "the session")
+    return SourceOptions() if chosen is not None and chosen.kind == "example" else source_options_of(options)
 
 
 def opened_camera(options: argparse.Namespace, serial: str) -> Opened:

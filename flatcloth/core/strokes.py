@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -97,7 +97,8 @@ def from_plain(table: Any, where: str) -> Decision:
     try:
         decision = fitted(table, kind)
     except MisfitError as error:
-        choices = ' "this" and "other"' if error.where == "side" else ""
+        sides = " and ".join(f'"{side}"' for side in get_args(Side))
+        choices = f" {sides}" if error.expected == "one of" else ""
         raise SegmentationError(f"{where}.{error}{choices}.") from error
     if not isinstance(decision, ImageStroke) and len(decision.normals) != len(decision.points_m):
         raise SegmentationError(f"{where}: {len(decision.points_m)} points need as many normals.")

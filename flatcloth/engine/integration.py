@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,8 @@ class Integration(RecordedViews):
         The method, made for this recording, axis and masks.
     notes : tuple of str
         Remarks on this recording for the operator.
+    source_options : mapping
+        What the recording was opened with, for the header of a session (``SourceOptions.to_dict``).
 
     Raises
     ------
@@ -119,6 +122,7 @@ class Integration(RecordedViews):
         method: str | None = None,
         segmenter: Segmenter | None = None,
     ) -> None:
+        self.source_options: dict[str, Any] = {}
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
         self.method = entry.name
@@ -189,7 +193,8 @@ class Integration(RecordedViews):
             return whole
         view, pieces = without_parts(whole.view, cloth, parts)
         floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)
-        return replace(whole, view=view, floating=tuple(floating))
+        taken_off = frozenset(n for n, each in enumerate(floating) if any(each is piece for piece in pieces))
+        return replace(whole, view=view, floating=tuple(floating), taken_off=taken_off)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""

@@ -35,6 +35,7 @@ _NEAR_M = 1.0
 
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment: no view connects it, its edges fit the outline."
+TAKEN_OFF = "Taken off the shape: no garment allows it where it was joined."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
 
 
@@ -188,7 +189,8 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
             continue
         own_low, own_high = _box(view)
         middle = (own_low + own_high) / 2
-        near = bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
+        off = index in canonical.taken_off
+        near = not off and bool((middle > low - _NEAR_M).all() and (middle < high + _NEAR_M).all())
         shift = (0.0, 0.0)
         if not near:
             size = own_high - own_low
@@ -196,8 +198,8 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
                 left, top, wide = left + wide + GAP_M, float(low[1]), 0.0
             step = np.rint((np.array([left, top]) - own_low) / main.pixel_size_m) * main.pixel_size_m
             # Both rasters begin at a whole number of pixels, so that their pixels coincide.
-            off = np.asarray(main.origin_uv_m) - (np.asarray(view.origin_uv_m) + step)
-            step = step + off - np.rint(off / main.pixel_size_m) * main.pixel_size_m
+            between = np.asarray(main.origin_uv_m) - (np.asarray(view.origin_uv_m) + step)
+            step = step + between - np.rint(between / main.pixel_size_m) * main.pixel_size_m
             shift = (float(step[0]), float(step[1]))
             top, wide = top + float(size[1]) + GAP_M, max(wide, float(size[0]))
         origin = (view.origin_uv_m[0] + shift[0], view.origin_uv_m[1] + shift[1])
@@ -207,7 +209,7 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
                 number=index + 1,
                 view=replace(view, origin_uv_m=origin),
                 shift_m=shift,
-                reason=LOOSE if near else FLOATS,
+                reason=TAKEN_OFF if off else LOOSE if near else FLOATS,
                 views=views,
             )
         )

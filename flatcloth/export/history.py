@@ -9,6 +9,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import JournalError
@@ -66,6 +67,7 @@ class SessionHistory:
     recording_name: str
     recording_location: str
     recording_fingerprint: str
+    recording_options: dict[str, Any]
     n_views: int
     method: str
     config: Config
@@ -159,6 +161,7 @@ def read_history(folder: Path) -> SessionHistory:
         recording_name=header.recording.name,
         recording_location=header.recording.location,
         recording_fingerprint=header.recording.fingerprint,
+        recording_options=header.recording.options,
         n_views=header.recording.views,
         method=header.method,
         config=header.effective_config,

@@ -121,7 +121,7 @@ def open_session(
     progress : callable
         Called with the progress of the work.
     options : SourceOptions, optional
-        Options that the recording was opened with, if it needs any.
+        Options to open the recording with; by default those that the session was started with.
 
     Raises
     ------
@@ -137,6 +137,8 @@ def open_session(
 
     history = read_history(folder)
     place = history.recording_location if recording is None else str(recording)
+    if options in (None, SourceOptions()):
+        options = SourceOptions.from_dict(history.recording_options, f"{folder / 'session.json'}")
     try:
         opened = open_recording(place, options)
     except RecordingError as error:

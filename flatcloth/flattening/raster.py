@@ -17,6 +17,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from flatcloth.core.geometry import Rigid3, held_from_camera, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.flattening.sampling import Samples, path_on_surface
 from flatcloth.flattening.surface import Surface
 
@@ -218,8 +219,8 @@ def cloth_triangles(part: Bool, steps: NDArray[np.uint8], r: int, c: int) -> tup
     a, b, e, d = part[r, c], part[r, c + 1], part[r + 1, c], part[r + 1, c + 1]
     if int(a) + int(b) + int(e) + int(d) < 3:
         return False, False, False, False
-    above, left = (steps[r, c] & 1) > 0, (steps[r, c] & 2) > 0
-    below, right = (steps[r + 1, c] & 1) > 0, (steps[r, c + 1] & 2) > 0
+    above, left = (steps[r, c] & STEP_RIGHT) > 0, (steps[r, c] & STEP_DOWN) > 0
+    below, right = (steps[r + 1, c] & STEP_RIGHT) > 0, (steps[r, c + 1] & STEP_DOWN) > 0
     whole = a and b and e and d
     return (
         a and b and e and above and left,

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
@@ -220,19 +221,41 @@ def off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
     return off
 
 
+@njit(cache=True, nogil=True)
 def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
-    """Label the regions (H, W) that steps connect, from 0; -1 where nothing was measured."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    index = np.full(measured.shape, -1, dtype=np.int32)
-    index[measured] = np.arange(int(measured.sum()), dtype=np.int32)
-    a = np.concatenate([index[(steps & bit) > 0] for bit in (STEP_RIGHT, STEP_DOWN)])
-    b = np.concatenate(
-        [index[:, 1:][(steps[:, :-1] & STEP_RIGHT) > 0], index[1:][(steps[:-1] & STEP_DOWN) > 0]]
-    )
-    n = int(measured.sum())
-    graph = coo_matrix((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
-    labels = np.full(measured.shape, -1, dtype=np.int32)
-    labels[measured] = connected_components(graph, directed=False)[1]
+    """Label the regions (H, W) that steps connect, from 0, by their first pixel; -1 where not measured."""
+    rows, cols = measured.shape
+    parent = np.arange(rows * cols)
+    for r in range(rows):
+        for c in range(cols):
+            if not measured[r, c]:
+                continue
+            here = r * cols + c
+            for way in range(2):
+                # The step between two pixels is marked at the left or upper one.
+                if (way == 0 and c > 0 and steps[r, c - 1] & 1) or (
+                    way == 1 and r > 0 and steps[r - 1, c] & 2
+                ):
+                    a, b = here, here - (1 if way == 0 else cols)
+                    while parent[a] != a:
+                        parent[a] = parent[parent[a]]
+                        a = parent[a]
+                    while parent[b] != b:
+                        parent[b] = parent[parent[b]]
+                        b = parent[b]
+                    parent[max(a, b)] = min(a, b)
+    labels = np.full((rows, cols), -1, dtype=np.int32)
+    number = np.full(rows * cols, -1, dtype=np.int32)
+    count = 0
+    for r in range(rows):
+        for c in range(cols):
+            if not measured[r, c]:
+                continue
+            root = r * cols + c
+            while parent[root] != root:
+                root = parent[root]
+            if number[root] < 0:
+                number[root] = count
+                count += 1
+            labels[r, c] = number[root]
     return labels

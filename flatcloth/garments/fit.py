@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
-from flatcloth.garments.distance import cost_of_poses, outside, to_edges
+from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.model import Kind
 
@@ -98,10 +98,11 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
         parameters = np.clip(parameters, kind.low, kind.high)
         outline = kind.outline(parameters[:, None])[:, :, 0]
         poses = _poses(outline, piece.inside_uv_m - middle)
-        cost = cost_of_poses(
-            piece.edge_uv_m[edges] - middle, piece.edge_normal[edges], insides - middle, outline, poses, 0.04
-        )
-        best = np.argsort(cost)[: 4 * count]
+        wanted = 4 * count
+        places = piece.edge_uv_m[edges] - middle
+        normals = piece.edge_normal[edges]
+        cost = cost_of_poses(places, normals, insides - middle, outline, poses, 0.04, wanted)
+        best = np.argsort(cost)[:wanted]
         found += [(float(cost[k]), parameters, poses[k]) for k in best]
     found.sort(key=lambda each: each[0])
     kept: list[tuple[Float64, Float64]] = []
@@ -186,7 +187,7 @@ class _Problem:
         bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
         each = piece.edge_weight * piece.edge_trust
         cost = float((0.5 * each * np.square(z) * bounded).sum())
-        _add(found, q - pose[1:], slope, at, z / std, each * np.square(bounded), std, gradient, matrix)
+        found.add(q - pose[1:], slope, at, z / std, each * np.square(bounded), std, gradient, matrix)
         return cost, float(each.sum())
 
     def _add_insides(
@@ -201,17 +202,8 @@ class _Problem:
         # Huber's cost: cloth far outside keeps its influence.
         far = np.maximum(z, _INSIDE_BOUND)
         cost = np.where(z <= _INSIDE_BOUND, 0.5 * z * z, _INSIDE_BOUND * (z - 0.5 * _INSIDE_BOUND))
-        _add(
-            found,
-            q - pose[1:],
-            slope,
-            at,
-            z / std,
-            piece.inside_weight * _INSIDE_BOUND / far,
-            std,
-            gradient,
-            matrix,
-        )
+        weight = piece.inside_weight * _INSIDE_BOUND / far
+        found.add(q - pose[1:], slope, at, z / std, weight, std, gradient, matrix)
         return float(piece.inside_weight * cost.sum())
 
     def _add_pulls(self, x: Float64, gradient: Float64, matrix: Float64) -> float:
@@ -247,33 +239,17 @@ class _Found:
         self.share, self.distance = np.zeros(count), np.zeros(count)
         self.away = np.zeros((count, 2))
 
+    def add(
+        self, arm: Float64, slope: Float64, at: int, pull: Float64, weight: Float64, std: Float64,
+        gradient: Float64, matrix: Float64,
+    ) -> None:  # fmt: skip
+        """Add the terms of the distances to the normal equations; see :func:`distance.accumulate`."""
+        accumulate(self.side, self.share, self.away, arm, slope, at, pull, weight, std, gradient, matrix)
+
 
 def _turn(angle_rad: float) -> Float64:
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[cos, -sin], [sin, cos]])
-
-
-def _add(
-    found: _Found, arm: Float64, slope: Float64, at: int, pull: Float64, weight: Float64, std: Float64,
-    gradient: Float64, matrix: Float64,
-) -> None:  # fmt: skip
-    """Add the terms of the distances to the normal equations; ``arm`` (N, 2): places, turned only."""
-    chosen = np.flatnonzero((weight > 1e-4) & (found.away != 0).any(axis=1))
-    if not chosen.size:
-        return
-    side, t, away = found.side[chosen], found.share[chosen][:, None, None], found.away[chosen]
-    following = (side + 1) % len(slope)
-    moved = (1 - t) * slope[side] + t * slope[following]
-    count = slope.shape[2]
-    jacobian = np.empty((chosen.size, count + 3))
-    jacobian[:, :count] = -np.einsum("nc,ncp->np", away, moved)
-    jacobian[:, count] = away[:, 1] * arm[chosen, 0] - away[:, 0] * arm[chosen, 1]
-    jacobian[:, count + 1 :] = away
-    columns = np.concatenate([np.arange(count), [at, at + 1, at + 2]])
-    gradient[columns] += jacobian.T @ (weight[chosen] * pull[chosen])
-    matrix[np.ix_(columns, columns)] += jacobian.T @ (
-        (weight[chosen] / np.square(std[chosen]))[:, None] * jacobian
-    )
 
 
 def refine(

@@ -24,6 +24,8 @@ MOST_PLACED = 2
 _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
 """Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
 for speed."""
+_ROUGH, _ROUGHLY_RATED = 4, 500
+"""All poses are rated by each fourth of these points, so many by all of them. Chosen for speed."""
 _APART_SLACK_M, _APART_STD_M = 0.03, 0.03
 """Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
 Chosen."""
@@ -107,17 +109,16 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     )
     edges = np.linspace(0, len(piece.edge_uv_m) - 1, min(_POINTS, len(piece.edge_uv_m))).astype(int)
     insides = np.linspace(0, len(piece.inside_uv_m) - 1, min(_POINTS, len(piece.inside_uv_m))).astype(int)
-    cost = cost_of_poses(
-        piece.edge_uv_m[edges] - middle,
-        piece.edge_normal[edges],
-        piece.inside_uv_m[insides] - middle,
-        outline,
-        poses,
-        0.04,
-    )
+    q, normal, cloth = piece.edge_uv_m[edges], piece.edge_normal[edges], piece.inside_uv_m[insides]
+    for step, wanted in ((_ROUGH, _ROUGHLY_RATED), (1, 8 * _TRIED)):
+        # The kernel is compiled for arrays without gaps only.
+        q_m, n, c_m = q[::step] - middle, np.ascontiguousarray(normal[::step]), cloth[::step] - middle
+        cost = cost_of_poses(q_m, n, c_m, outline, poses, 0.04, wanted)
+        best = np.argsort(cost)[:wanted]
+        poses, cost = poses[best], cost[best]
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
     rated = []
-    for k in np.argsort(cost)[: 8 * _TRIED]:
+    for k in range(len(poses)):
         pose = Rigid2(*poses[k].tolist()) @ back
         extra = _contradiction(outline, fit.garment_from_piece[0], pose, main, piece)
         rated.append((4.0 * float(cost[k]) + extra / max(1.0, 0.1 * len(insides)), pose))

@@ -183,7 +183,7 @@ def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fi
     """
     for piece in others:
         if piece.area_m2 >= LEAST_AREA_M2 and len(piece.edge_uv_m) >= LEAST_EDGES:
-            own = {fit.kind.name: fit.log_evidence for fit in fits_of(piece)}
+            own = {kind.name: _rough_evidence(kind, piece) for kind in known_kinds()}
             fits = [replace(fit, log_evidence=fit.log_evidence + own[fit.kind.name]) for fit in fits]
     return sorted(fits, key=lambda f: -f.log_evidence)
 
@@ -214,6 +214,15 @@ def _with_pieces(fit: Fit, pieces: list[Placed]) -> Fit:
 def _cost(placed: Placed, alone: Fit) -> float:
     """Return what a piece costs at its best place beyond the main piece alone."""
     return max(placed.fit.energy - alone.energy, 0.0)
+
+
+def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
+    """Return the evidence of a piece for a kind, by fewer starts and points."""
+    coarse = piece.thinned(THINNED)
+    return max(
+        refine(kind, (coarse,), parameters, (pose,), annealed=((4.0, 4), (1.0, 8))).log_evidence
+        for parameters, pose in starts(kind, piece, STARTS // 2)
+    )
 
 
 def best_fit(kind: Kind, main: PieceEvidence) -> Fit:

@@ -232,12 +232,14 @@ class Canonical:
 
     ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
     that view's own plane to this plane (in the paper's method, the plane of the view added last).
-    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own.
+    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own; those of the
+    indices ``taken_off`` were parts of it, whose link no garment allows.
     """
 
     view: FlattenedView
     current_from_view: dict[int, Rigid2]
     floating: tuple[FlattenedView, ...] = ()
+    taken_off: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -70,9 +70,9 @@ def _look_up(view: FlattenedView, uv: Float64) -> tuple[Bool, Uint8]:
     return known, view.rgb[row, col]
 
 
-def jpeg_thumbnail(color: Uint8, where: Bool) -> bytes:
-    """Return the part of an image (H, W, 3) that holds the item, as JPEG of at most ``SMALL_PX``."""
-    small = _fitted(color[_box(where)])
+def jpeg_thumbnail(color: Uint8, where: Bool | None = None) -> bytes:
+    """Return the part of an image (H, W, 3) around ``where``, or all, as JPEG of at most ``SMALL_PX``."""
+    small = _fitted(color if where is None else color[_box(where)])
     return bytes(cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
 
 

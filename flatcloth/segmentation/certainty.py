@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,9 +14,7 @@ CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
 pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation --learn``."""
 
 
-def agreement(
-    observed: Observed, side: Float64, anchors: Sequence[Int64], local: Collection[int] = ()
-) -> Float64:
+def agreement(observed: Observed, side: Float64, anchors: Sequence[Int64], group: Int64) -> Float64:
     """Return (M,) how often a cluster lies to the anchors as ``side`` says, in the samples.
 
     Parameters
@@ -26,22 +24,23 @@ def agreement(
     side : (M,) float64
         +1 or -1.
     anchors : sequence of (K,) int64
-        Clusters whose side is known: those under each stroke, and the sheet where it starts. The
-        log odds of the one that agrees most and of the one that contradicts most add up.
-    local : collection of int
-        Which of them corrected a small region only: that they contradict the rest tells nothing of it.
+        Clusters whose side is known: those under each stroke, and last the sheet where it starts. The
+        one that agrees most counts, so that a further stroke takes no certainty away.
+    group : (M,) int64
+        What strokes turned over against each other, 0 what none did: an anchor tells of its own group
+        only. What no stroke turned over is as sure as it was to the start, even if that was turned over.
     """
     samples = observed.samples.astype(np.float32)
     count = len(samples)
     best = np.full(observed.clusters.count, 0.5)
-    worst = best.copy()
+    unturned = observed.partition.side
     for n, anchor in enumerate(anchors):
-        says = np.sign((samples[:, anchor] * side[anchor]).sum(axis=1))
-        share = 0.5 + 0.5 * (says @ samples) * side / (count + 1.0)
-        best = np.maximum(best, share)
-        worst = worst if n in local else np.minimum(worst, share)
-    odds = best / (1.0 - best) * worst / (1.0 - worst)
-    agreed: Float64 = odds / (1.0 + odds)
+        first = n == len(anchors) - 1
+        says = np.sign((samples[:, anchor] * (unturned if first else side)[anchor]).sum(axis=1))
+        share = 0.5 + 0.5 * (says @ samples) * (unturned if first else side) / (count + 1.0)
+        told = group == (0 if first else np.bincount(group[anchor]).argmax())
+        best[told] = np.maximum(best, share)[told]
+    agreed: Float64 = best
     for anchor in anchors:
         agreed[anchor] = 1.0 - 0.5 / (count + 1.0)
     return agreed

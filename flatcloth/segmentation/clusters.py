@@ -19,6 +19,8 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one
 collides."""
+_COARSE = 3
+"""Clusters are first moved to the mean of every third pixel. Chosen for speed: each has about 60."""
 _AREA = 1.11
 """Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
 
@@ -75,10 +77,12 @@ def gather(
     place, normal = _seeded(points_m, normals, order, limits)
     of_pixel = np.empty(len(points_m), dtype=np.int32)
     pixels = np.zeros(len(place), dtype=np.int64)
-    for _ in range(2):
+    for every in (_COARSE, 1):
         cells = _cells(place, limits.radius_m)
-        _assign(points_m, normals, limits, cells, place, normal, of_pixel)
-        pixels = _averaged(points_m, normals, facing, of_pixel, place, normal)
+        some, turned, seen = points_m[::every], normals[::every], facing[::every]
+        assigned_to = of_pixel[: len(some)]
+        _assign(some, turned, limits, cells, place, normal, assigned_to)
+        pixels = _averaged(some, turned, seen, assigned_to, place, normal)
     kept = pixels > 0
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     assigned = of_pixel >= 0

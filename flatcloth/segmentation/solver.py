@@ -35,8 +35,6 @@ _START_M = 0.02
 """Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
-_LOCAL = 0.05
-"""Share of all clusters; a stroke that turns over less corrects a small region. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,16 +42,17 @@ class _State:
     """After some decisions: sides (M,), which decision holds a cluster (M,), -1 none, what is cut off.
 
     ``inner`` (M,) is True on inner faces, which are of no interest whatever side they lie on; ``strokes``
-    are the clusters under each stroke, in order; ``local`` numbers those of them that corrected a small
-    region; ``known`` (M,) is True in the largest part of the evidence, and in others that a stroke
-    touched: elsewhere nothing tells the side.
+    are the clusters under each stroke, in order; ``group`` (M,) int64 tells apart what strokes turned
+    over against each other: the evidence between two groups is contradicted; ``known`` (M,) is True in
+    the largest part of the evidence, and in others that a stroke touched: elsewhere nothing tells the
+    side.
     """
 
     side: Float64
     inner: Bool
     holder: Int64
     strokes: tuple[tuple[int, Int64], ...]
-    local: tuple[int, ...]
+    group: Int64
     known: Bool
     excluded: Bool
     conflicts: tuple[Conflict, ...]
@@ -61,7 +60,12 @@ class _State:
     @property
     def shown(self) -> Float64:
         """Sides (M,), +1 of interest, -1 not."""
-        return np.where(self.inner, -1.0, self.side)
+        return _shown(self.side, self.inner)
+
+
+def _shown(side: Float64, inner: Bool) -> Float64:
+    """Return what sides (M,) mean: inner faces (M,) are of no interest."""
+    return np.where(inner, -1.0, side)
 
 
 class SideSolver:
@@ -149,7 +153,7 @@ class SideSolver:
             inner=np.zeros(len(side), dtype=np.bool_),
             holder=np.full(len(side), -1, dtype=np.int64),
             strokes=(),
-            local=(),
+            group=np.zeros(len(side), dtype=np.int64),
             known=found.part == largest,
             excluded=np.zeros(len(side), dtype=np.bool_),
             conflicts=(),
@@ -166,7 +170,10 @@ class SideSolver:
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         conflicts = self._conflicts(state, touched, wanted, number)
         side, inner, known = self._spread(state, touched, wanted)
-        turned = int((np.where(inner, -1.0, side) != state.shown).sum())
+        turned = (_shown(side, inner) != state.shown) & state.known
+        group = state.group
+        if not turned[state.known].all():  # all at once: what lies together still does
+            group = np.unique(np.append(2 * group + turned, 0), return_inverse=True)[1].ravel()[:-1]
         holder = state.holder.copy()
         holder[touched] = number
         return replace(
@@ -176,7 +183,7 @@ class SideSolver:
             known=known,
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
-            local=(*state.local, len(state.strokes)) if turned < _LOCAL * len(side) else state.local,
+            group=group,
             conflicts=(*state.conflicts, *conflicts),
         )
 
@@ -193,14 +200,11 @@ class SideSolver:
         wrong = touched[shown[touched] != wanted]
         if not wrong.size:
             return side, inner, known
-        if not state.strokes and 2 * np.intersect1d(wrong, self._start).size >= wrong.size:
-            # The guess where it began is contradicted: it was the other side.
-            return np.where(state.known, -side, side), inner, known
         kept = state.holder >= 0
         kept[touched] = False
         keep = np.concatenate([np.flatnonzero(kept), touched[shown[touched] == wanted]])
-        if not state.strokes:
-            keep = np.union1d(np.setdiff1d(self._start, touched), keep)
+        if not state.strokes and not np.intersect1d(wrong, self._start).size:
+            keep = np.union1d(np.setdiff1d(self._start, touched), keep)  # unless the guess was wrong there
         number, faces = 1 + len(state.strokes), wrong[inner[wrong]]
         if faces.size:  # was taken for an inner face, and is none
             inner[self._spreading.inner_face(np.where(inner, -1.0, 1.0), keep, faces, number)[0]] = False
@@ -209,7 +213,7 @@ class SideSolver:
             turned, of_inner = self._turned(state, side, keep, rest, number)
             inner[of_inner] = True
             side[turned] = -side[turned]
-        off = touched[np.where(inner, -1.0, side)[touched] != wanted]
+        off = touched[_shown(side, inner)[touched] != wanted]
         inner[off] = wanted < 0
         side[off] = 1.0 if wanted > 0 else side[off]
         return side, inner, known
@@ -219,7 +223,7 @@ class SideSolver:
     ) -> tuple[Int64, Int64]:
         """Return the clusters that change sides, and those that turn out to be an inner face."""
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
-        most = self.observed.config.most_first_cost
+        most = self.observed.config.most_cost if state.strokes else self.observed.config.most_first_cost
         # What lies at the back of an inner face tells nothing about the side.
         weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
@@ -251,7 +255,7 @@ class SideSolver:
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
         state, observed = self._state(decisions), self.observed
-        agreed = agreement(observed, state.side, self._anchors(state), state.local)
+        agreed = agreement(observed, state.side, self._anchors(state), state.group)
         certainty = calibrated(observed, agreed)
         certainty[~state.known] = 0.5
         held = state.holder >= 0
@@ -272,9 +276,8 @@ class SideSolver:
         return replace(found, changed=self._changed(found)) if decisions else found
 
     def _anchors(self, state: _State) -> list[Int64]:
-        """Return the clusters under each stroke, and where it began unless a stroke turned that over."""
-        begun = [] if state.strokes and (state.shown[self._start] < 0).any() else [self._start]
-        return [touched for _, touched in state.strokes] + begun
+        """Return the clusters under each stroke, and where it began."""
+        return [*(touched for _, touched in state.strokes), self._start]
 
     def _changed(self, now: Segmentation) -> Changed:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2

@@ -27,12 +27,13 @@ HEADER = "session.json"
 
 
 class RecordingAbout(msgspec.Struct, frozen=True, kw_only=True):
-    """The recording of a session."""
+    """The recording of a session; ``options`` are those that it was opened with (``SourceOptions``)."""
 
     name: str
     location: str
     fingerprint: str
     views: int
+    options: dict[str, Any] = {}
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +110,13 @@ def read_header(folder: Path) -> Header:
     return header
 
 
-def settle_header(folder: Path, recording: Recording, config: Config, method: str) -> Header:
+def settle_header(
+    folder: Path,
+    recording: Recording,
+    config: Config,
+    method: str,
+    source_options: Mapping[str, Any] | None = None,
+) -> Header:
     """Write ``session.json``, or check that the existing one describes the same session.
 
     Raises
@@ -134,6 +141,7 @@ def settle_header(folder: Path, recording: Recording, config: Config, method: st
             location=recording.location,
             fingerprint=fingerprint(recording),
             views=len(recording),
+            options=dict(source_options or {}),
         ),
         method=method,
         config=config.to_dict(),

@@ -127,7 +127,14 @@ class Places:
         offered = {path.resolve() for path in sample_recordings().values()}
         if found not in offered and not (self._root is not None and found.is_relative_to(self._root)):
             raise PlaceError(f"{name:.200}: its recording lies outside the folder given with --root.")
+        for option in ("angles", "camera_file"):
+            file = header.recording.options.get(option)
+            if file is not None and not self._holds(str(file)):
+                raise PlaceError(f"{name:.200}: {option} lies outside the folder given with --root.")
         return found
+
+    def _holds(self, path: str) -> bool:
+        return self._root is not None and Path(path).resolve().is_relative_to(self._root)
 
     def _below(self, path: str) -> Path:
         if self._root is None:

@@ -83,17 +83,17 @@ export class LayerList {
 
   // --- the list --------------------------------------------------------------------------------
 
-  /** The rows; `legends` by layer. */
-  build(legends) {
-    const rows = Object.keys(LAYER_TITLES).map((name) => this.row(name, legends?.[name]));
+  /** The rows; `legends` by layer. In live mode each frame has one layer, the chosen one, in its own colours. */
+  build(legends, live = false) {
+    const rows = Object.keys(LAYER_TITLES).map((name) => this.row(name, legends?.[name], live));
     return make("ul", { class: "layer-list", "aria-label": "Layers" }, ...rows);
   }
 
-  row(name, legend) {
+  row(name, legend, live) {
     const chosen = name === this.page.layer;
     const { shown, opacity, blending } = this.looking.of(name);
     const title = LAYER_TITLES[name];
-    const visible = chosen || shown;
+    const visible = chosen || (shown && !live);
     const set = (change) => this.looking.set(name, change);
     return make(
       "li",
@@ -102,10 +102,14 @@ export class LayerList {
         type: "checkbox",
         "aria-label": `${title}: show it over the others`,
         checked: visible,
-        disabled: chosen,
+        disabled: chosen || live,
         data: {
           id: `layer-shown-${name}`,
-          tip: chosen ? "The chosen layer is always shown" : "Show it over the others",
+          tip: chosen
+            ? "The chosen layer is always shown"
+            : live
+              ? "A frame of live mode has one layer; choose it by its name"
+              : "Show it over the others",
         },
         on: { change: (event) => set({ shown: event.target.checked }) },
       }),
@@ -114,12 +118,15 @@ export class LayerList {
         {
           type: "button",
           "aria-pressed": String(chosen),
-          data: { id: `layer-row-${name}`, tip: "Show this layer here, and color the 3D scene by it" },
+          data: {
+            id: `layer-row-${name}`,
+            tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+          },
           on: { click: () => this.page.run(`layer_${name}`) },
         },
         title,
       ),
-      this.bar(name, legend, visible),
+      this.bar(name, legend, visible, live),
       ...(visible
         ? [
             make("input", {
@@ -154,8 +161,8 @@ export class LayerList {
   }
 
   /** The colours with the values at both ends, as the layer is looked at. */
-  bar(name, legend, visible) {
-    const looked = visible ? this.looking.legend(name, legend) : null;
+  bar(name, legend, visible, live) {
+    const looked = live ? legend : visible ? this.looking.legend(name, legend) : null;
     if (looked?.kind !== "ramp") return make("span", { class: "bar-place" });
     const ramp = make("i", { class: "color-bar" });
     ramp.style.background = `linear-gradient(to right, ${looked.colors.join(", ")})`;

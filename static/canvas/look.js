@@ -104,10 +104,10 @@ export class Looking {
   paintShape(canvas) {
     const { context } = canvas;
     const pale = context.globalAlpha;
-    context.globalAlpha = pale * (this.page.isLive ? 1 : this.of(this.page.layer).opacity);
+    context.globalAlpha = pale * this.of(this.page.layer).opacity;
     canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
     context.globalAlpha = pale;
-    this.list.paint(canvas);
+    if (!this.page.isLive) this.list.paint(canvas);
   }
 
   /** How a layer is looked at, as part of an address. */
@@ -155,7 +155,7 @@ export class Looking {
     rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () =>
       [
         make("h2", {}, "Layers"),
-        live ? null : this.list.build(legends),
+        this.list.build(live ? { [layer]: legend } : legends, live),
         make(
           "div",
           { class: "looks" },

@@ -17,17 +17,19 @@ export function drawPieces(canvas, context, style, pieces, chosen) {
     context.setLineDash(piece.label === chosen ? [] : [5, 4]);
     context.stroke();
     context.setLineDash([]);
-    drawLabel(context, style, corners, piece);
+    drawLabel(context, style, corners, piece, canvas.width);
   }
 }
 
-function drawLabel(context, style, corners, piece) {
-  const x = Math.min(...corners.map((c) => c.x));
+/** Within the canvas to the right, so that the area can be read. */
+function drawLabel(context, style, corners, piece, right) {
   const y = Math.min(...corners.map((c) => c.y));
   const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
   context.font = FONT;
   context.textBaseline = "middle";
   const width = context.measureText(text).width + 20;
+  const left = Math.min(...corners.map((c) => c.x));
+  const x = left < right ? Math.min(left, right - width) : left;
   context.fillStyle = style.getPropertyValue("--panel");
   context.fillRect(x, y - 21, width, 19);
   context.fillStyle = piece.color;

@@ -9,6 +9,7 @@ import { equation, root, row, sub, sum, sup, words } from "/static/teaching/math
 import {
   drawForeshortening,
   drawMinimisation,
+  fillTriangles,
   histogram,
   minimisationFacts,
   mm,
@@ -17,8 +18,8 @@ import {
   rms,
   statePane,
   threeDigits,
+  trianglePairs,
 } from "/static/teaching/states.js";
-import { fillTriangles, trianglePairs } from "/static/teaching/triangles.js";
 
 export const cm2 = (value) => `${number(value, 0)} cm²`;
 

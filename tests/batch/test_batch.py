@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from batch_sources import add_misbehaving_format, write_cylinders
 
+from flatcloth.batch import engines
 from flatcloth.batch.drive import owned
 from flatcloth.batch.rows import COLUMNS, read_row, rows_in
 from flatcloth.cli import main
@@ -225,10 +226,15 @@ def test_two_batches_do_not_share_an_output(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_done_is_one_line(
-    tmp_path: Path, arguments: list[str], cause: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    arguments: list[str],
+    cause: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if "--scheduler" in arguments:
         pytest.importorskip("distributed")
+        monkeypatch.setattr(engines, "REACHED_S", 1.0)
     assert main([a.format(tmp_path) for a in arguments]) == 2
     said = capsys.readouterr().err.strip()
     assert cause in said

@@ -249,7 +249,9 @@ def open_tab(program: Program, request: pytest.FixtureRequest):
     has_scene = request.node.get_closest_marker("scene") is not None
     browser = request.getfixturevalue("chromium" if has_scene else "flat_chromium")
 
-    def open_one(width: int = 1280, height: int = 720, scheme: str = "light") -> Tab:
+    def open_one(
+        width: int = 1280, height: int = 720, scheme: str = "light", *, has_scene: bool = has_scene
+    ) -> Tab:
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
         tabs.append(Tab(page, program.url, has_scene=has_scene))
         return tabs[-1]

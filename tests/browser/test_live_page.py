@@ -116,6 +116,12 @@ def test_nothing_is_decided_in_live_mode(open_tab):
     toast = tab.page.locator(".toast.warning")
     toast.wait_for()
     assert "live mode" in toast.inner_text()
+    tab.page.keyboard.press("Shift+L")
+    tab.page.locator('[data-id="layer-row-height"]').click()
+    tab.page.locator(".layer-list .chosen .color-bar").wait_for()  # of the frame that has the layer now
+    assert tab.page.locator(".layer-list .chosen button").inner_text() == "Height z"
+    tab.page.locator('[data-id="layer-opacity-height"]').fill("0.5")
+    tab.page.keyboard.press("Shift+L")
     tab.page.keyboard.press("?")
     assert "Live mode" in tab.page.locator("#help-body").inner_text()
     tab.shoot("live-keys")

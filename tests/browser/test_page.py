@@ -95,7 +95,7 @@ def test_a_reload_loses_nothing(open_tab, tmp_path):
 
 @pytest.mark.scene
 def test_two_tabs_show_the_same(open_tab):
-    one, two = open_tab().ready(), open_tab(scheme="dark").ready()
+    one, two = open_tab(has_scene=False).ready(), open_tab(scheme="dark").ready()
     one.step()
     two.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
     two.accept()

@@ -12,7 +12,10 @@ from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, F
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.sheet import beyond
+from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
+from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.parting import decided_part
+from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -246,6 +249,37 @@ def test_at_the_end_a_larger_piece_takes_the_place_of_the_shape(monkeypatch: pyt
     assert "takes its place" in (ended.document.finished or "")
     made.canonical(ended.document)  # nothing floats here: the shape is the largest piece
     assert not Integration(Cylinder(angles_deg=(0.0,))).algorithm.is_outgrown(state.document)
+
+
+def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
+    made = Integration(Cylinder(**SHEET))  # type: ignore[arg-type]
+    state = stepped(made, started(made, 0), Propose())
+    assert state.document.pending is not None
+    state = apply(state, Accept(state.document.pending.view_index))
+    whole, cloth = made.canonical(state.document), made.cloth(state.document)
+    assert cloth is not None
+    placed = np.isfinite(cloth.uv_m[:, 0])
+    part = placed & (cloth.uv_m[:, 1] > np.nanpercentile(cloth.uv_m[:, 1], 70))
+    decision = decided_part(cloth, DoubtedLink(part=part, probability=0.2, area_m2=0.01), taken_off=True)
+    off = apply(state, DecideLink(decision))
+    shape = made.canonical(off.document)
+    assert made.canonical(off.document) is shape
+    (index,) = shape.taken_off
+    piece = shape.floating[index]
+    assert piece.area_m2 == pytest.approx(0.3 * whole.view.area_m2, rel=0.15)
+    assert piece.area_m2 + shape.view.area_m2 == pytest.approx(whole.view.area_m2)
+    rest = made.cloth(off.document)
+    assert rest is not None
+    assert (np.isnan(rest.uv_m[part, 0])).mean() > 0.9
+    sheet = lay_out(shape)
+    assert [each.reason for each in sheet.pieces] == [TAKEN_OFF]
+    assert sheet.pieces[0].view.origin_uv_m[0] > shape.view.origin_uv_m[0] + 0.1
+    assert made.canonical(apply(off, Undo()).document) is whole
+
+
+def test_the_paper_knows_no_cloth_to_take_apart() -> None:
+    made = integration()
+    assert made.cloth(started(made, 0).document) is None
 
 
 def test_an_unknown_method_names_the_known_ones() -> None:

@@ -182,6 +182,7 @@ def test_frames_that_are_late_on_a_busy_machine_are_waited_for(
             current_status=lambda: player._library.playback_status.stopped,
             get_position=lambda: 0,
             pause=playback.pause,
+            resume=playback.resume,
         )
         return config, Starved(pipeline, 6, 10), ended
 
@@ -209,6 +210,7 @@ def test_a_film_that_is_left_early_is_stopped_before_its_device_goes(
         watch = SimpleNamespace(
             current_status=playback.current_status,
             get_position=playback.get_position,
+            resume=playback.resume,
             pause=lambda: (playback.pause(), done.append("idle")),  # type: ignore[func-returns-value]
         )
         return config, Pipeline(pipeline), watch

@@ -40,7 +40,7 @@ def test_the_inner_face_of_a_flap_is_found_although_its_back_repels_it():
     keep, turn = front[0][20, 15:20], flap[0][3, 8:12]
     face, cost = spreading.inner_face(side, keep, turn, 1)
     assert set(face) == set(flap[0].ravel())
-    _, of_turning = spreading.turned_over(side, keep, turn, 1)
+    _, of_turning = spreading.turned_over(side, keep, turn, 1, graph.weight)
     assert cost < of_turning
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import threading
 from collections.abc import Iterator
@@ -10,13 +11,15 @@ from typing import Any
 
 import httpx
 import pytest
+from foreign_folders import write_open3d
 from page_tabs import WAIT_S, Tab, get, post
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
+from flatcloth.commands.opening import _source_options
 from flatcloth.core.config import Config
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.session.header import default_session_folder
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
@@ -221,3 +224,31 @@ def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, 
         header.write_text(json.dumps(told))
         with pytest.raises(PlaceError, match=r"outside the folder|not there any more"):
             Places(root).chosen("folder", "session")
+
+
+def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> None:
+    root, angles = tmp_path / "root", tmp_path / "root" / "turned.csv"
+    source = write_open3d(root / "scan")
+    angles.write_text("0\n-10\n-20\n")
+    outside = tmp_path / "outside.csv"
+    outside.write_text(angles.read_text())
+    for name, table in (("inside", angles), ("beyond", outside)):
+        options = SourceOptions(angles=table)
+        recording = open_recording(source, options)
+        SessionFolder.open(root / name, recording, Config(), "robust", options.to_dict()).close()
+    chosen = Places(root).chosen("folder", "inside")
+    given = argparse.Namespace(angles=None, step=None)
+    again = open_recording(chosen.source, _source_options(given, chosen))
+    assert list(again.angles_deg) == list(recording.angles_deg)
+    with pytest.raises(PlaceError, match="angles lies outside"):
+        Places(root).chosen("folder", "beyond")
+
+
+def test_what_a_source_was_opened_with_is_read_again() -> None:
+    options = SourceOptions(angles=Path("a.csv"), camera_file=Path("k.json"), fov_deg=(60.0, 45.0))
+    told = json.loads(json.dumps(options.again().to_dict()))
+    assert SourceOptions.from_dict(told, "session.json") == SourceOptions(
+        angles=Path("a.csv").absolute(), camera_file=Path("k.json").absolute()
+    )
+    turned = SourceOptions(fov_deg=(60.0, 45.0), step_deg=-10.0)
+    assert SourceOptions.from_dict(json.loads(json.dumps(turned.again().to_dict())), "session.json") == turned

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -134,9 +135,16 @@ class RealsensePlayer:
         """
         _, pipeline, playback = self._open(starting=True)
         self.read_s = 0.0
+        # Resuming waits up to 5 s until the reader answers, and the reader until its images are taken.
+        resuming = threading.Thread(target=_resume, args=(playback,), name="flatcloth-resuming", daemon=True)
+        resuming.start()
         try:
             yield from self._pairs(pipeline, playback, apart_frames / self.fps)
         finally:
+            with contextlib.suppress(RuntimeError):
+                while resuming.is_alive():  # the caller wants no more before that
+                    pipeline.try_wait_for_frames(_WAIT_MS)
+            resuming.join()
             stop_playing(pipeline, playback)
 
     def _pairs(self, pipeline: Any, playback: Any, most_apart_s: float) -> Iterator[Pair]:
@@ -193,10 +201,14 @@ class RealsensePlayer:
             if starting:
                 playback.pause()
                 pipeline.start(config)
-                playback.resume()
         except RuntimeError as error:
             raise RecordingError(_explained(self.path, str(error))) from error
         return config, pipeline, playback
+
+
+def _resume(playback: Any) -> None:
+    with contextlib.suppress(RuntimeError):  # nothing comes then, and the play says that it has stalled
+        playback.resume()
 
 
 def stop_playing(pipeline: Any, playback: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import secrets
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -238,13 +238,12 @@ class SideController:
     def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
         """Return what the web server serves: the labels of a view or of the shape, drawn."""
 
-        async def of_view(request: Request) -> Response:
-            view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
-            return await answered(lambda: self._view_png(view, certain))
+        def labels(draw: Callable[[int, bool], bytes | None]) -> Callable[[Request], Awaitable[Response]]:
+            async def answer(request: Request) -> Response:
+                view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
+                return await answered(lambda: draw(view, certain))
 
-        async def small(request: Request) -> Response:
-            view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
-            return await answered(lambda: self._small_png(view, certain))
+            return answer
 
         async def color(request: Request) -> Response:
             view = request.path_params["view"]
@@ -263,8 +262,8 @@ class SideController:
 
         return [
             Route("/sides/shape.png", of_shape),
-            Route("/sides/{view:int}.png", of_view),
-            Route("/sides/{view:int}/small.png", small),
+            Route("/sides/{view:int}.png", labels(self.view_png)),
+            Route("/sides/{view:int}/small.png", labels(self.small_png)),
             Route("/sides/{view:int}/color.jpg", color),
         ]
 
@@ -273,7 +272,8 @@ class SideController:
         found = self._found
         return None if found is None else found.view(view)
 
-    def _small_png(self, view: int, certain: bool) -> bytes | None:
+    def small_png(self, view: int, certain: bool = False) -> bytes | None:
+        """Return a small picture of the labels of a view, as PNG; see :meth:`view_png`."""
         labels = self._labels(view)
         if labels is None:
             return None
@@ -287,9 +287,10 @@ class SideController:
             return None
         (top, left), (rows, cols) = labels.offset_rc, labels.side.shape
         color = self._integration.recording[view].color[top : top + rows, left : left + cols]
-        return jpeg_thumbnail(color, np.zeros((rows, cols), dtype=np.bool_))
+        return jpeg_thumbnail(color)
 
-    def _view_png(self, view: int, certain: bool) -> bytes | None:
+    def view_png(self, view: int, certain: bool = False) -> bytes | None:
+        """Return the labels of a view, or how certain they are, as PNG; None if they are not known."""
         found, intrinsics = self._found, self._integration.recording.intrinsics
         if found is None or view >= len(self._integration.recording):
             return None
