@@ -88,6 +88,10 @@ class Before(PaperMethod):
     def settled(self, alignment: Alignment) -> Alignment:
         return super().settled(alignment) if "start stands" in self.kept else alignment
 
+    @property
+    def other_lines(self) -> tuple[float, ...]:  # type: ignore[override]
+        return PaperMethod.other_lines if "lines" in self.kept else ()
+
     def choose(self, found: Sequence[Aligned]) -> Aligned:
         if "new area" in self.kept:
             return super().choose(found)
@@ -101,7 +105,7 @@ class Before(PaperMethod):
         return ()
 
 
-CHANGES = ("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands")
+CHANGES = ("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands", "lines")
 VARIANTS = {
     "before": frozenset[str](),
     **{name: frozenset({name}) for name in CHANGES},

@@ -96,7 +96,7 @@ export class GarmentPanel {
       {
         data: {
           id: "garment-kind",
-          tip: "Which kind it is; set by hand, it is a decision: journaled, undone by Undo",
+          tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
         },
         on: { change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }) },
       },
@@ -144,7 +144,7 @@ export class GarmentPanel {
       {
         type: "button",
         class: "button small",
-        data: { id: "release-all", tip: "Let all held points go; the outline follows the evidence alone" },
+        data: { id: "release-all", tip: "Release all held points: the outline follows the evidence alone again." },
         on: { click: () => this.page.send({ type: "release_points" }) },
       },
       "Release all",
@@ -196,7 +196,7 @@ export class GarmentPanel {
               type: "button",
               class: "close",
               "aria-label": `Release ${words(point.name)}`,
-              data: { id: `release-${point.name}`, tip: "Release it; its place is then fitted again" },
+              data: { id: `release-${point.name}`, tip: "Release the point: its place is fitted again." },
               on: { click: () => this.page.send({ type: "release_points", name: point.name }) },
             },
             "×",

@@ -21,6 +21,8 @@ from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
 """Half widths of the band of Z-angles of a line; the first band with enough pixels is used. Set by hand."""
+MEDIAN_LINE = 0.5
+"""The lines lie in the middle of the common range of Z-angles (paper, 4.2)."""
 _LINE_MIN_AREA_M2 = 0.0003
 """The pixels of the common Z-angle must cover this area. Set by hand."""
 
@@ -34,6 +36,7 @@ def align_by_z_angle(
     z_angle_limit_deg: float,
     progress: Progress = no_progress,
     make_matcher: type[Matcher] = Matcher,
+    line_at: float = MEDIAN_LINE,
 ) -> Alignment:
     """Align a new flattened view to the current one by the paper's method.
 
@@ -50,6 +53,8 @@ def align_by_z_angle(
         Motion from the current plane to the plane of the continued view.
     z_angle_limit_deg : float
         A_w.
+    line_at : float
+        Where the lines lie in the range of Z-angles that both views contain; the paper's are in its middle.
 
     Returns
     -------
@@ -60,7 +65,9 @@ def align_by_z_angle(
     AlignmentError
         If the views have no Z-angle in common.
     """
-    correspondence = correspond(current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg)
+    correspondence = correspond(
+        current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg, line_at
+    )
     initial = from_lines(correspondence)
     matcher = make_matcher(current, new, axis)
     progress(0.2, "searching the alignment")
@@ -91,6 +98,7 @@ def correspond(
     angles_deg: tuple[float, float],
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
+    line_at: float = MEDIAN_LINE,
 ) -> Correspondence:
     """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
     before_deg, after_deg = angles_deg
@@ -98,7 +106,7 @@ def correspond(
     curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current)
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg)
     low, high = _common_range(curves, new_curves, rotation_deg)
-    a_m = 0.5 * (low + high)
+    a_m = low + line_at * (high - low)
     current_angle = z_angle_deg(current.normal, axis, before_deg)
     new_angle = z_angle_deg(new.normal, axis, before_deg)
     pixels = [_pixels_at(angle, view, a_m) for angle, view in ((current_angle, current), (new_angle, new))]
