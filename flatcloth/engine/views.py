@@ -84,7 +84,7 @@ class RecordedViews:
     def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 40 * _MIB)
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 24 * _MIB)
         self._ahead = ReadAhead(self.recorded)
         self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._segmenting = threading.RLock()
@@ -102,7 +102,7 @@ class RecordedViews:
         self._flattening_ahead.wait()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 32 * _MIB)
-        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 96 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 80 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
         self.masks: Masks | None = None

@@ -44,9 +44,9 @@ _LEAST_FURTHER = 12
 
 _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
-_MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
+_MOST_PREFIXES, _PREFIX_BYTES = 96, 44 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
-_DRAWN_BYTES = 48 * _MIB
+_DRAWN_BYTES = 40 * _MIB
 """... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole)."""
 
 
@@ -74,7 +74,7 @@ class JointShapes:
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(4)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
-        self._registrations: Cache[Registered] = Cache(10)
+        self._registrations: Cache[Registered] = Cache(6)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
