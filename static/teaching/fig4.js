@@ -174,8 +174,8 @@ export const EXTENDING_STAGES = [
     text: [
       "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw " +
         "the range that they share (shaded).",
-      "Pixels of its middle A_m (of a quartile, where that fails) make a band in each view; the axis of the band is a line on the cloth, and the " +
-        "same height z on both lines gives a pair of points.",
+      "Pixels of its middle A_m (of a quartile, where that fails) make a band in each view; the axis of the band " +
+        "is a line on the cloth, and the same height z on both lines gives a pair of points.",
     ],
     math: () => [equation(A("m"), "=", words("middle of "), Az("0"), "∩", "(", Az("1"), "−", "A", ")")],
     facts: ({ alignment: a }) =>
