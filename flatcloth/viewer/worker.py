@@ -7,6 +7,8 @@ import queue
 import threading
 from collections.abc import Callable
 
+from flatcloth.core.memory import trim_freed_memory
+
 _log = logging.getLogger(__name__)
 
 Job = Callable[[], None]
@@ -45,3 +47,6 @@ class Worker:
                     self._on_fault(error)
                 except Exception:  # noqa: BLE001 - nobody else would hear of it
                     _log.exception("the thread %s could not recover", self._thread.name)
+            job = None  # what it holds is freed
+            if self._jobs.empty():
+                trim_freed_memory()

@@ -18,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.memory import trim_freed_memory
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 
@@ -152,7 +153,7 @@ class ExportRoutes:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = self._left = threading.Event()
         work = self._pool.submit(self._make, name, kind[1], left)
-        work.add_done_callback(lambda _: self._turn.release())
+        work.add_done_callback(lambda _: self._end_turn())
         made = asyncio.wrap_future(work)
         made.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
         try:
@@ -185,6 +186,10 @@ class ExportRoutes:
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
+
+    def _end_turn(self) -> None:
+        trim_freed_memory()
+        self._turn.release()
 
     def _stem(self) -> str:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
