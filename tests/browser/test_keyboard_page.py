@@ -92,7 +92,9 @@ def test_settings_are_set_kept_and_reset(open_tab, program, tmp_path):
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "light"
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (2560, 1440)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(1280, 720), pytest.param(2560, 1440, marks=pytest.mark.thorough)]
+)
 def test_tab_reaches_everything_in_order_and_the_focus_is_seen(open_tab, width, height):
     tab = open_tab(width, height).ready()
     tab.step()
@@ -123,7 +125,10 @@ def test_tab_reaches_everything_in_order_and_the_focus_is_seen(open_tab, width, 
     tab.until("flatcloth.state.undo || !document.getElementById('view-card').hidden || flatcloth.phase")
 
 
-@pytest.mark.parametrize(("width", "height", "scheme"), [(1280, 720, "light"), (2560, 1440, "dark")])
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"),
+    [(1280, 720, "light"), pytest.param(2560, 1440, "dark", marks=pytest.mark.thorough)],
+)
 def test_repair_and_dialogs_fit_their_window(open_tab, width, height, scheme):
     tab = open_tab(width, height, scheme).ready()
     tab.step()

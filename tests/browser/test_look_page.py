@@ -233,7 +233,7 @@ def test_the_grid_has_its_centimetres(open_tab):
     assert tab.page.evaluate(drawn, off_cloth) == 0
 
 
-@pytest.mark.parametrize("width", [1280, 2560])
+@pytest.mark.parametrize("width", [1280, pytest.param(2560, marks=pytest.mark.thorough)])
 def test_the_panel_fits(open_tab, width):
     tab = open_tab(width, 720 if width == 1280 else 1440, "dark").ready()
     tab.page.keyboard.press("2")

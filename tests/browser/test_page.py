@@ -205,7 +205,7 @@ def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program
     ("width", "height", "scheme"),
     [
         (1280, 720, "light"),
-        (2560, 1440, "dark"),
+        pytest.param(2560, 1440, "dark", marks=pytest.mark.thorough),
         pytest.param(1280, 720, "dark", marks=pytest.mark.thorough),
         pytest.param(2560, 1440, "light", marks=pytest.mark.thorough),
     ],
