@@ -126,6 +126,9 @@ def test_a_session_that_is_killed_in_the_middle_goes_on_where_it_was(open_tab, p
     score = tab.state()["pending"]["score"]
     tab.page.keyboard.press("ArrowRight")
     tab.until(f"flatcloth.state.pending.nudge.u_mm > 0 && flatcloth.state.pending.score !== {score}")
+    # What each view really added is computed afterwards.
+    added = "flatcloth.state.views.every((v) => v.order === null || v.added_cm2 !== null)"
+    tab.until(added)
     before = tab.state()
     program.kill()
     banner = tab.page.locator("#banner")
@@ -133,7 +136,7 @@ def test_a_session_that_is_killed_in_the_middle_goes_on_where_it_was(open_tab, p
     again = program.again()
     try:
         banner.wait_for(state="hidden")
-        tab.until("flatcloth.state.pending && flatcloth.overlayRevision > 0")
+        tab.until(f"flatcloth.state.pending && flatcloth.overlayRevision > 0 && {added}")
         after = tab.state()
         for part in ("views", "undo", "redo", "n_later", "start_view"):
             assert after[part] == before[part], part
