@@ -139,7 +139,7 @@ def _garment_text(session: OpenedSession) -> str:
 
     from flatcloth.export.garment import garment_document
 
-    known = session.garments.of(session.history.document)
+    known = session.garments.of(session.history.begun)
     return json.dumps(garment_document(known), indent=1) + "\n"
 
 

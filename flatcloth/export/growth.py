@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.engine.results.result import at_step
@@ -86,11 +85,8 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
     FlatclothError
         If the session has no start view.
     """
-    document = history.document
-    if document.start_view is None:
-        raise FlatclothError(
-            f"{history.folder}: the session has no start view, so there is nothing to export."
-        )
+    document = history.begun
+    assert document.start_view is not None
     views = [document.start_view, *(a.view_index for a in document.accepted)]
     sheet = sheet_of(integration.canonical(document), document)
     source = _orders(sheet.view, views)

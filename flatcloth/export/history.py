@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.core.config import Config
-from flatcloth.core.errors import JournalError
+from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import read_grips
@@ -77,6 +77,21 @@ class SessionHistory:
     decisions: tuple[Decision, ...]
     picks: tuple[Pick, ...]
     grips: Mapping[int, Grip]
+
+    @property
+    def begun(self) -> Document:
+        """The present state, which has a shape.
+
+        Raises
+        ------
+        FlatclothError
+            If the session has no start view.
+        """
+        if self.document.start_view is None:
+            raise FlatclothError(
+                f"{self.folder}: the session has no start view, so there is nothing to export."
+            )
+        return self.document
 
 
 @dataclass(frozen=True)

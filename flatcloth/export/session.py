@@ -51,7 +51,7 @@ class OpenedSession:
     @cached_property
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing can be said of it."""
-        return self.garments.known(self.history.document)
+        return self.garments.known(self.history.begun)
 
     @property
     def view(self) -> FlattenedView:
@@ -62,7 +62,7 @@ class OpenedSession:
         FlatclothError
             If nothing is flattened yet.
         """
-        return self.integration.canonical(self.history.document).view
+        return self.integration.canonical(self.history.begun).view
 
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
@@ -78,7 +78,7 @@ class OpenedSession:
 
         return SessionData(
             self.integration,
-            self.history.document,
+            self.history.begun,
             self.history.picks,
             self.frames(base_from_camera, rotation_deg),
             earlier_scores(self.history.folder),

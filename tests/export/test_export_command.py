@@ -104,6 +104,18 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize("option", ["--grasps", "--garment", "--outline", "--html"])
+def test_a_session_without_a_start_view_is_one_line_that_names_it(
+    session: Path, tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = shutil.copytree(session, tmp_path / "empty")
+    (empty / "journal.jsonl").write_text("")
+    assert main(["export", str(empty), option, str(tmp_path / "made.svg")]) == 2
+    assert capsys.readouterr().err == (
+        f"flatcloth: {empty}: the session has no start view, so there is nothing to export.\n"
+    )
+
+
 def test_a_folder_that_is_no_session_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(tmp_path), "--html", str(tmp_path / "page.html")]) == 2
     assert "not a session folder" in capsys.readouterr().err
