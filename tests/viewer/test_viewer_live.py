@@ -120,6 +120,15 @@ class LiveTab(Tab):
         self.frames.append({**frame, "image": decoded})
         return self.frames[-1]
 
+    def until_told(self, text):
+        """Read until the log has a text, which may have come before the last message."""
+
+        def is_told(_message=None):
+            return any(text in note["text"] for note in self.state.get("log", ()))
+
+        if not is_told():
+            self.until(is_told)
+
     def until(self, found):
         end = time.monotonic() + WAIT_S
         while True:
@@ -166,13 +175,13 @@ def test_without_masks_the_side_is_looked_for_and_the_frame_is_flattened_again(s
     integration.sides, integration.segment = object(), segment
     with LiveTab(serve(STILL)) as tab:
         tab.frame_where(lambda _: True)
-        tab.until(lambda m: any("all of the item is shown" in n["text"] for n in m.get("log", ())))
+        tab.until_told("all of the item is shown")
         tab.say(type="play", playing=False)
         tab.state_where(lambda s: not s["live"]["playing"])
         before = len(player.shown)
         found.set()
         tab.frame_where(lambda f: f["sequence"] > before)
-        tab.until(lambda m: any("7 cm2" in n["text"] for n in tab.state["log"]))
+        tab.until_told("7 cm2")
     assert player.shown[before:] == [player.shown[before - 1]]  # paused: the same frame, with its mask
     assert strokes == [()]
 
