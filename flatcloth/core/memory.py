@@ -17,14 +17,14 @@ _ARENAS = 2
 _TRIM_S = 10.0
 """Least time between two returns of small blocks. Chosen: one takes some 10 ms."""
 _trimming, _trimmed_s = threading.Lock(), -_TRIM_S
-"""Held while small blocks are returned, and when that was done last."""
+"""Lock held while small blocks are returned, and the time of the last return (monotonic clock)."""
 
 
 def trim_freed_memory() -> None:
     """Return freed small blocks to the system too, unless that was done shortly before.
 
-    The allocator returns only those at the end of an arena by itself: after many small arrays, as of an
-    export, hundreds of MB stay. Without effect on systems with another C library.
+    By itself the allocator returns only the free blocks at the end of an arena; after an export, which uses
+    many small arrays, hundreds of MB remain allocated. Without effect on systems with another C library.
 
     Notes
     -----

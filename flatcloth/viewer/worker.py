@@ -47,6 +47,6 @@ class Worker:
                     self._on_fault(error)
                 except Exception:  # noqa: BLE001 - nobody else would hear of it
                     _log.exception("the thread %s could not recover", self._thread.name)
-            job = None  # what it holds is freed
+            job = None  # frees the arrays that it refers to
             if self._jobs.empty():
                 trim_freed_memory()

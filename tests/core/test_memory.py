@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from flatcloth.core import memory
 
@@ -19,7 +18,6 @@ def resident_mb() -> float:
     return int(found[1]) / 1024.0
 
 
-@pytest.mark.skipif(not STATUS.exists(), reason="/proc of Linux tells the memory")
 def test_small_arrays_that_are_freed_are_returned_though_the_last_one_is_kept() -> None:
     memory._trimmed_s = -memory._TRIM_S
     arrays = [np.full(4_000, float(n)) for n in range(4_000)]  # 128 MB in blocks of 32 kB

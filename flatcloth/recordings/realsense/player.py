@@ -142,7 +142,7 @@ class RealsensePlayer:
             yield from self._pairs(pipeline, playback, apart_frames / self.fps)
         finally:
             with contextlib.suppress(RuntimeError):
-                while resuming.is_alive():  # the caller wants no more before that
+                while resuming.is_alive():  # it ends only while images are taken
                     pipeline.try_wait_for_frames(_WAIT_MS)
             resuming.join()
             stop_playing(pipeline, playback)
