@@ -21,7 +21,7 @@ from starlette.routing import Route
 
 from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
-from flatcloth.batch.rows import read_row
+from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.routes.body import read_body
 from flatcloth.viewer.server.app import bind
@@ -147,7 +147,7 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
 
     async def open_session(request: Request) -> Response:
         said = await _said(request)
-        row = read_row(out / said.name) if said is not None and Path(said.name).name == said.name else None
+        row = read_row(out / said.name) if said is not None and is_result_name(said.name) else None
         if row is None:
             return PlainTextResponse("There is no such result; load the page again.", status_code=404)
         if row["outcome"] != "done":
