@@ -15,6 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
+import uvicorn
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, reliability, verdicts
@@ -23,7 +24,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
 from flatcloth.recordings import SourceOptions
 from flatcloth.viewer.server.guard import Guard, own_names
-from flatcloth.viewer.server.review import SessionPages, review_app
+from flatcloth.viewer.server.review import SessionPages, review_app, serve_review
 
 GOOD = {"outcome": "done", "method": "robust", "source": "/data/x", "area_cm2": 900.0, "floating_cm2": 0.0}
 
@@ -219,6 +220,32 @@ def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: 
         assert client.post("/open", json={"name": name}).status_code == status
     assert verdicts(out) == {}
     assert pages.asked == []
+
+
+def test_served_it_needs_the_token_of_the_printed_address(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served: list[Any] = []
+
+    class Server(uvicorn.Server):
+        async def serve(self, sockets: Any = None) -> None:
+            served.append(self.config.app)
+
+    monkeypatch.setattr(uvicorn, "Server", Server)
+    serve_review(out, 0)
+    found = re.search(r"http://127\.0\.0\.1:\d+(/\?token=(\S+))", capsys.readouterr().out)
+    assert found is not None
+    client = Asker(served[0])
+    for path in ("/", "/?token=wrong"):
+        assert client.get(path).status_code == 403
+    assert client.post("/open", json={"name": "sure"}).status_code == 403
+    assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 403
+    assert verdicts(out) == {}
+    entered = client.get(found[1])
+    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    cookie = entered.headers["set-cookie"].split(";")[0]
+    for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
+        assert client.get("/", headers=header).status_code == 200
 
 
 def test_a_session_that_does_not_open_is_told() -> None:

@@ -26,6 +26,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.routes.body import read_body
 from flatcloth.viewer.server.app import bind
 from flatcloth.viewer.server.guard import Guard, own_names
+from flatcloth.viewer.server.token import kept_token
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
@@ -190,7 +191,7 @@ async def _said(request: Request) -> _Said | None:
 
 
 def serve_review(out: Path, port: int) -> None:
-    """Serve the page of a batch on this machine until Ctrl-C.
+    """Serve the page of a batch on this machine until Ctrl-C, to who has the user's token.
 
     Parameters
     ----------
@@ -207,9 +208,11 @@ def serve_review(out: Path, port: int) -> None:
     listener = bind(HOST, port)
     number = listener.getsockname()[1]
     pages = SessionPages()
-    app = Guard(review_app(out, pages), own_names(HOST), None, number)
+    # Without a token, another user of this computer could open a session, and be told its address with one.
+    token = kept_token()
+    app = Guard(review_app(out, pages), own_names(HOST), token, number)
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
-    sys.stdout.write(f"Review at http://{HOST}:{number}/ (Ctrl-C ends it)\n")
+    sys.stdout.write(f"Review at http://{HOST}:{number}/?token={token} (Ctrl-C ends it)\n")
     sys.stdout.flush()
     try:
         asyncio.run(server.serve([listener]))
