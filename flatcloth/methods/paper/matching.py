@@ -32,6 +32,8 @@ _SEARCH_POINTS = 700
 """Pixels compared in the coarse search. Set by hand."""
 _COARSE_SMOOTHING_M = 0.006
 """Smoothing of the texture in the coarse search and in the score. Set by hand."""
+Z_ANGLE_SMOOTHING_M = _COARSE_SMOOTHING_M
+"""Z-angles are compared as coarsely as the texture."""
 FINE_SMOOTHING_M = 0.002
 """Smoothing of the texture in the detailed search. Set by hand."""
 _MISSING_OVERLAP_COST = 0.3
@@ -73,6 +75,7 @@ class Matcher:
     """
 
     score_smoothing_m = _COARSE_SMOOTHING_M
+    z_angle_smoothing_m = Z_ANGLE_SMOOTHING_M
 
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
@@ -89,8 +92,8 @@ class Matcher:
             fields = attribute_fields(new, axis, new_texture / spread)
             self._values[smoothing_m] = fields[rc[:, 0], rc[:, 1]]
         self._chance = self._chance_disagreement()
-        self._current_z_angle_deg = np.where(current.valid, z_angle_deg(current.normal, axis, 0.0), np.nan)
-        self._z_angle_deg = z_angle_deg(new.normal[rc[:, 0], rc[:, 1]], axis, 0.0)
+        self._current_z_angle_deg = mean_z_angle_deg(current, axis, 0.0, self.z_angle_smoothing_m)
+        self._z_angle_deg = mean_z_angle_deg(new, axis, 0.0, self.z_angle_smoothing_m)[rc[:, 0], rc[:, 1]]
 
     def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
         """Compute the disagreement under each motion.
@@ -262,6 +265,21 @@ def _distinct(offsets: Float64, cost: Float64, most: int, apart_m: float) -> lis
             if len(chosen) == most:
                 break
     return chosen
+
+
+def mean_z_angle_deg(
+    view: FlattenedView, axis: RotationAxis, angle_deg: float, smoothing_m: float
+) -> Float64:
+    """Return the Z-angle (H, W, deg) of the mean normal around each pixel; NaN off the cloth.
+
+    Normals waver with the noise of depth, here by 10 degrees with a D435's at 0.85 m, against 1 without
+    noise (``python -m benchmarks noise``); the mean within 6 mm by 2 to 5 degrees.
+    """
+    normal = np.where(view.valid[..., None], view.normal, np.float32(0)).astype(np.float32)
+    if smoothing_m > 0.0:
+        normal = cv2.GaussianBlur(normal, (0, 0), smoothing_m / view.pixel_size_m)
+    angle: Float64 = np.where(view.valid, z_angle_deg(normal, axis, angle_deg), np.nan)
+    return angle
 
 
 def attribute_fields(view: FlattenedView, axis: RotationAxis, texture: Float32) -> Float32:
