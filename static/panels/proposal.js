@@ -183,9 +183,7 @@ function showProposal(state, send, show) {
           )
         : null,
       pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
-      pending.also.length
-        ? make("p", { class: "note" }, `Placed with it: ${pending.also.map(partName).join(", ")}`)
-        : null,
+      placedWithIt(pending, send, show),
       pending.reason
         ? make(
             "p",
@@ -200,7 +198,50 @@ function showProposal(state, send, show) {
   );
 }
 
-const partName = (part) => `part ${part.component + 1} of view ${part.view_index}`;
+/** The further parts that accepting places too; each can be shown and left out. */
+function placedWithIt({ also, view_index }, send, show) {
+  if (!also.length) return null;
+  const row = (part) => {
+    const own = part.view_index === view_index ? "this view" : `view ${part.view_index}`;
+    const name = `part ${part.component + 1} of ${own}`;
+    const { component, area_cm2, place_uv_m } = part;
+    const id = `${part.view_index}-${component}`;
+    return make(
+      "li",
+      {},
+      make(
+        "button",
+        {
+          type: "button",
+          data: { id: `show-part-${id}`, tip: "Click: show the place." },
+          on: { click: () => show(place_uv_m) },
+        },
+        make("span", {}, name),
+        make("span", {}, `${number(area_cm2, 0)} cm²`),
+      ),
+      make(
+        "button",
+        {
+          type: "button",
+          class: "button",
+          "aria-label": `Leave out ${name}`,
+          data: {
+            id: `leave-out-${id}`,
+            tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
+          },
+          on: { click: () => send({ type: "leave_out", view_index, part_view: part.view_index, component }) },
+        },
+        "Leave out",
+      ),
+    );
+  };
+  return make(
+    "div",
+    { class: "placed-with-it", id: "placed-with-it" },
+    make("p", { class: "note" }, "Accepting also places:"),
+    make("ul", {}, ...also.map(row)),
+  );
+}
 
 /** What accepting would do. */
 function foreseen(told) {
