@@ -2,6 +2,7 @@
 
 import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
 import { degrees, floatingOf, number, vector } from "/static/page/format.js";
+import { drawPlacedWithIt, placedWithIt } from "/static/panels/placed_with_it.js";
 
 function unitless(name) {
   const units = { mm: "mm", cm2: "cm²", deg: "°", px: "px", m: "m", m2: "m²" };
@@ -13,6 +14,8 @@ function unitless(name) {
 export class ProposalPanel {
   constructor(page) {
     this.page = page;
+    const { canvas } = page;
+    canvas.drawers.push((_, context, style) => drawPlacedWithIt(canvas, context, style, page.state?.pending));
   }
 
   update(state) {
@@ -195,51 +198,6 @@ function showProposal(state, send, show) {
           )
         : null,
     ].filter(Boolean),
-  );
-}
-
-/** The further parts that accepting places too; each can be shown and left out. */
-function placedWithIt({ also, view_index }, send, show) {
-  if (!also.length) return null;
-  const row = (part) => {
-    const own = part.view_index === view_index ? "this view" : `view ${part.view_index}`;
-    const name = `part ${part.component + 1} of ${own}`;
-    const { component, area_cm2, place_uv_m } = part;
-    const id = `${part.view_index}-${component}`;
-    return make(
-      "li",
-      {},
-      make(
-        "button",
-        {
-          type: "button",
-          data: { id: `show-part-${id}`, tip: "Click: show the place." },
-          on: { click: () => show(place_uv_m) },
-        },
-        make("span", {}, name),
-        make("span", {}, `${number(area_cm2, 0)} cm²`),
-      ),
-      make(
-        "button",
-        {
-          type: "button",
-          class: "button",
-          "aria-label": `Leave out ${name}`,
-          data: {
-            id: `leave-out-${id}`,
-            tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
-          },
-          on: { click: () => send({ type: "leave_out", view_index, part_view: part.view_index, component }) },
-        },
-        "Leave out",
-      ),
-    );
-  };
-  return make(
-    "div",
-    { class: "placed-with-it", id: "placed-with-it" },
-    make("p", { class: "note" }, "Accepting also places:"),
-    make("ul", {}, ...also.map(row)),
   );
 }
 
