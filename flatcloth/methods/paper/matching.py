@@ -51,10 +51,10 @@ _MIN_OVERLAP_SHARE = 0.1
 """Share of the new view that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
 """The score decreases in proportion if the overlap is smaller than this. Set by hand."""
-_TELLING_TEXTURE = 0.45
-"""Texture whose random disagreement is smaller than this has proportionally less weight: that of texture as
-strong as the floor, 1 - sqrt(pi) / 2 exp(1/4) erfc(1/2) in closed form. Shading is weaker (1 to 2 grey levels
-on plain cloth) and does not move with the cloth."""
+TELLING_TEXTURE = 0.45
+"""Texture whose random disagreement is smaller than this has proportionally less weight. Chosen: that of
+texture as strong as the floor, 1 - sqrt(pi) / 2 exp(1/4) erfc(1/2); shading is weaker (1 to 2 grey levels on
+plain cloth) and does not move with the cloth."""
 
 _CHANCE_PAIRS = 5000
 """Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
@@ -80,6 +80,7 @@ class Matcher:
     z_angle_smoothing_m = Z_ANGLE_SMOOTHING_M
     z_angle_weight = 1.0
     """Weight of the Z-angle in the search; intensity and height have 1 each."""
+    telling_texture = TELLING_TEXTURE
 
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
@@ -172,7 +173,7 @@ class Matcher:
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
-        told = min(1.0, self._chance[0] / _TELLING_TEXTURE)
+        told = min(1.0, self._chance[0] / self.telling_texture)
         enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
         by_shape = min(1.0, max(0.0, (by_height - _CHANCE_HEIGHT) / (1.0 - _CHANCE_HEIGHT)))
         by_z_angle = 1.0 - float(result[5]) if result[1] > 0 else 0.0
@@ -272,8 +273,8 @@ def mean_z_angle_deg(
 ) -> Float64:
     """Return the Z-angle (H, W, deg) of the mean normal around each pixel; NaN off the cloth.
 
-    Normals waver with the noise of depth, here by 10 degrees with a D435's at 0.85 m, against 1 without
-    noise (``python -m benchmarks noise``); the mean within 6 mm by 2 to 5 degrees.
+    Normals waver with the noise of depth: by 5 to 10 degrees with a D435's at 0.85 m, against less than 1
+    without noise; the mean within 6 mm by 2 to 3 (``python -m benchmarks paper_steps``).
     """
     normal = np.where(view.valid[..., None], view.normal, np.float32(0)).astype(np.float32)
     if smoothing_m > 0.0:
