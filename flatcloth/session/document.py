@@ -7,6 +7,7 @@ as ``later``. They follow one by one on the changed shape; one that no longer fi
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -142,6 +143,11 @@ class Document:
     strokes: tuple[Decision, ...] = ()
     garment: GarmentDecisions = field(default_factory=GarmentDecisions)
     largest_after: tuple[int, ...] = ()
+
+    @property
+    def shape_key(self) -> tuple[Hashable, ...]:
+        """What the shape depends on."""
+        return self.start_view, self.accepted, self.largest_after, self.strokes, self.garment.parts
 
     @property
     def put_off(self) -> frozenset[int]:

@@ -251,9 +251,10 @@ export interface DecidePiece {
   accepted: boolean;
 }
 
-/** Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list. */
+/** Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``. */
 export interface DecideLink {
   type: "decide_link";
+  revision: number;
   index: number;
   taken_off: boolean;
 }

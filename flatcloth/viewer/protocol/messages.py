@@ -1,7 +1,6 @@
 """The messages of the page to the server, parsed strictly; a bad message becomes a notification.
 
-Every message is a ``msgspec.Struct`` whose tag is its ``type``; ``Message`` is the union of all, from
-which the page's own types are made. Bounds stand in the types: a garment and its plane hold each number.
+Every message is a ``msgspec.Struct`` whose tag is its ``type``; numbers have the bounds of a garment's plane.
 """
 
 from __future__ import annotations
@@ -327,8 +326,9 @@ class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
 
 
 class DecideLink(_Said, tag="decide_link", frozen=True, kw_only=True):
-    """Take a part off the shape because no garment allows its link, or keep it; ``index`` in the list."""
+    """Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``."""
 
+    revision: Count
     index: Annotated[int, Meta(ge=0)]
     taken_off: bool
 

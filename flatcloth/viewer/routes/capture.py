@@ -68,7 +68,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
             try:
                 body = await read_body(request, MAX_BODY_BYTES)
             except ValueError as error:
-                return _refused(f"The body is too long: {error}; an angle takes about 20.", 400)
+                return _refused(f"The body was not read: {error}; an angle takes about 20.", 400)
             try:
                 angle_deg, keeps_itself = _announcement(body)
             except ValueError as error:
