@@ -81,13 +81,19 @@ COLUMNS = (
 )
 
 
+def is_result_name(name: str) -> bool:
+    """Return whether a text may name the folder of a result: of one level, and not ``..``."""
+    return Path(name).name == name and name not in ("", "..")
+
+
 def read_row(folder: Path) -> dict[str, Any] | None:
-    """Return the row in a result's folder; None if there is none, or it is damaged."""
+    """Return the row in a result's folder, whose name it has; None if there is none, or it is damaged."""
     try:
         row = json.loads(read_plain(folder / ROW_FILE))
     except (OSError, ValueError, RecursionError):
         return None
-    return row if isinstance(row, dict) and row.get("format") == FORMAT and "name" in row else None
+    is_row = isinstance(row, dict) and row.get("format") == FORMAT
+    return {**row, "name": folder.name} if is_row else None
 
 
 def write_row(row: Mapping[str, Any], folder: Path) -> None:

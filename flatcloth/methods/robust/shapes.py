@@ -93,6 +93,7 @@ class JointShapes:
         known, made = self._prefixes.longest(start, steps)
         if made is None:
             made = self._kept((start,), self._begin(document.start_view))
+        made = replace(made)  # what is derived from the kept one would stay in memory with it
         for n in range(known, len(steps)):
             before, step = (start, *steps[:n]), steps[n]
             if isinstance(step, Accepted):

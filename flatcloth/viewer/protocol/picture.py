@@ -23,6 +23,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartPlacedWithIt:
+    """A further component that is placed with the proposal: its area, and a place of its cloth."""
+
+    view_index: int
+    component: int
+    area_cm2: float
+    place_uv_m: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Overlay:
     """The pending view on the plane of the shape, at its effective placement.
 
@@ -40,6 +50,7 @@ class Overlay:
     foreseen: dict[str, Any] = field(default_factory=dict)
     checks: tuple[dict[str, Any], ...] = ()
     joined_piece: JoinedPiece | None = None
+    also: tuple[PartPlacedWithIt, ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -134,6 +145,7 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         score=integration.score(document),
         proposal=integration.proposal(document),
         joined_piece=integration.algorithm.joined_piece(document),
+        also=_placed_with_it(integration, pending),
     )
     others = _other_components(integration, document, sheet, made.proposal)
     return replace(
@@ -141,6 +153,22 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         foreseen=foreseen(made, made.piece(pending), others),
         checks=tuple(checks(made, integration.axis)),
     )
+
+
+def _placed_with_it(integration: Integration, pending: Pending) -> tuple[PartPlacedWithIt, ...]:
+    found = []
+    for placed in pending.also_placed:
+        part = integration.part(placed.view_index, placed.component)
+        u_m, v_m = placed.current_from_new.apply(np.array(center_uv_m(part)))
+        found.append(
+            PartPlacedWithIt(
+                view_index=placed.view_index,
+                component=placed.component,
+                area_cm2=1e4 * part.area_m2,
+                place_uv_m=(float(u_m), float(v_m)),
+            )
+        )
+    return tuple(found)
 
 
 def _other_components(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +224,7 @@ def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | No
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
-        "also": [{"view_index": part.view_index, "component": part.component} for part in pending.also],
+        "also": [] if overlay is None else [asdict(part) for part in overlay.also],
         "extends": None if overlay is None else label_of(overlay.piece(pending)),
         "brings": _brings(overlay),
         "foreseen": None if overlay is None else overlay.foreseen,

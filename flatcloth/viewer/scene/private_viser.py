@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import shutil
 import tempfile
 import threading
@@ -19,9 +20,21 @@ from flatcloth.core.errors import ServerError
 if TYPE_CHECKING:
     import viser
 
+_log = logging.getLogger(__name__)
 _ONE_AT_A_TIME = threading.Lock()
 _MAX_PATH_CHARS = 90
 """The system allows 107 bytes for the address of a socket file."""
+
+
+def _without_traceback(record: logging.LogRecord) -> bool:
+    """Shorten a line about a socket that viser closed because its client sent something else than viser's."""
+    if record.exc_info and record.exc_info[1] is not None:
+        record.msg, record.args = "a socket of the 3D scene was closed: %.200r", (record.exc_info[1],)
+        record.exc_info = record.exc_text = None
+    return True
+
+
+_log.addFilter(_without_traceback)
 
 
 class PrivateViser:
@@ -57,6 +70,7 @@ class PrivateViser:
         def listen(handler: Any, _host: str, _port: int, **options: Any) -> Any:
             # The files of viser's client are served by our own server.
             options["process_request"] = None
+            options["logger"] = _log
             listening.append(serve(handler, unix=True, path=str(self.path), **options))
             return listening[-1]
 
@@ -72,8 +86,13 @@ class PrivateViser:
             raise ServerError(
                 "This version of viser is not supported. Install viser 1.1: pip install 'viser<1.2'."
             )
-        # It would allow any client to open a public tunnel to this computer.
-        server._websock_server.unregister_handler(_messages.ShareUrlRequest)
+        # Clients could open a public tunnel to this computer, or fill its memory with files.
+        for unused in (
+            _messages.ShareUrlRequest,
+            _messages.FileTransferStartUpload,
+            _messages.FileTransferPart,
+        ):
+            server._websock_server.unregister_handler(unused)
         return server
 
     def stop(self) -> None:
