@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import os
 import sys
@@ -49,10 +50,12 @@ def run_and_exit() -> NoReturn:
     """Run the command line as a process of its own, and end the process.
 
     A background thread may still compute. If Python ended it as usual, in the middle of compiled code,
-    the C++ library would abort the process; all decisions are on disk, so the process ends at once.
+    the C++ library would abort the process; all decisions are on disk, so the process ends at once. Before,
+    child processes are ended as usual.
     """
     status = main()
     if any(thread.daemon for thread in threading.enumerate()):
+        atexit._run_exitfuncs()
         with contextlib.suppress(BrokenPipeError):
             sys.stdout.flush()
         sys.stderr.flush()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import json
 import os
@@ -16,11 +17,11 @@ from typing import Any
 from flatcloth.batch.measure import THUMBNAIL_FILE
 from flatcloth.batch.review import reliability, review_order, verdicts
 from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, rows_in
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.resources import static_folder
 from flatcloth.export.bundle import bundle
-from flatcloth.recordings.source import OPTION_NAMES
+from flatcloth.recordings.source import OPTION_NAMES, SourceOptions
 from flatcloth.rendering.drawing import data_url
 
 REPORT_FILE = "report.html"
@@ -140,18 +141,20 @@ def command_of(row: Mapping[str, Any], out: Path) -> str:
 
 
 def view_arguments(row: Mapping[str, Any], out: Path) -> list[str]:
-    """Return the arguments of ``flatcloth view`` for a result's session."""
-    arguments = [str(row["source"]), "--session", str((out / row["name"]).resolve())]
-    arguments += ["--method", str(row["method"])]
-    try:
-        said = json.loads(row.get("options") or "{}")
-    except (ValueError, RecursionError):
-        said = {}
+    """Return the arguments of ``flatcloth view`` for a result's session.
+
+    Nothing that a row says becomes another option of the command.
+    """
+    source = str(row["source"])
+    arguments = [f"./{source}" if source.startswith("-") else source]
+    arguments += ["--session", str((out / row["name"]).resolve()), f"--method={row['method']}"]
+    said: dict[str, Any] = {}
+    with contextlib.suppress(ValueError, RecursionError, TypeError, AttributeError, RecordingError):
+        said = SourceOptions.from_dict(json.loads(row.get("options") or "{}"), "options").again().to_dict()
     for name, option in OPTION_NAMES.items():
         if name in said:
             values = said[name] if isinstance(said[name], list) else [said[name]]
-            negative = len(values) == 1 and str(values[0]).startswith("-")
-            arguments += [f"{option}={values[0]}"] if negative else [option, *map(str, values)]
+            arguments += [f"{option}={values[0]}"] if len(values) == 1 else [option, *map(str, values)]
     return arguments
 
 

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from flatcloth.batch.rows import ROW_FILE, is_result_name
 from flatcloth.core.errors import JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 
@@ -45,7 +46,7 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
     JournalError
         If there is no such result or verdict, or it cannot be written.
     """
-    if verdict not in _VERDICTS or not (out / name / "row.json").is_file() or Path(name).name != name:
+    if verdict not in _VERDICTS or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
         raise JournalError(f"{name[:60]}: no such result, or no such verdict.")
     line = {"name": name, "verdict": verdict, "time": datetime.now(UTC).isoformat(timespec="seconds")}
     try:

@@ -99,7 +99,7 @@ def _source_options(options: argparse.Namespace, chosen: Chosen | None) -> Sourc
     from flatcloth.recordings import SourceOptions
 
     if chosen is not None and chosen.header is not None:
-        return SourceOptions.from_dict(chosen.header.recording.options, "the session")
+        return SourceOptions.from_dict(chosen.header.recording.options, "the session").again()
     return SourceOptions() if chosen is not None and chosen.kind == "example" else source_options_of(options)
 
 

@@ -20,6 +20,7 @@ from flatcloth.grasping.grasps import Grip
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.axis_file import read_axis
+from flatcloth.session.header import HEADER
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def open_session(
     history = read_history(folder)
     place = history.recording_location if recording is None else str(recording)
     if options in (None, SourceOptions()):
-        options = SourceOptions.from_dict(history.recording_options, f"{folder / 'session.json'}")
+        options = SourceOptions.from_dict(history.recording_options, f"{folder / HEADER}").again()
     try:
         opened = open_recording(place, options)
     except RecordingError as error:

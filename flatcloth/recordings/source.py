@@ -74,7 +74,10 @@ class SourceOptions:
         return tuple(path for path in (self.angles, self.camera_file) if path is not None)
 
     def again(self) -> SourceOptions:
-        """Return the options to open the same source again: the camera file has the field of view by then."""
+        """Return the options to open the same source again, which writes nothing.
+
+        The camera file has the field of view by then.
+        """
         return self if self.camera_file is None else dataclasses.replace(self, fov_deg=None)
 
     def to_dict(self) -> dict[str, Any]:
@@ -109,7 +112,7 @@ class SourceOptions:
         known = {name: value for name, value in values.items() if value not in (None, "")}
         unknown = sorted(set(known) - set(_READ))
         if unknown:
-            raise RecordingError(f"{where}: unknown option {unknown[0]!r}. Known are {', '.join(_READ)}.")
+            raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {', '.join(_READ)}.")
         made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
         for name in ("angles", "camera_file"):
             if name in made and beside is not None:

@@ -27,6 +27,7 @@ from flatcloth.registration.pose_prior import OWN, across, at_center, jacobian, 
 from flatcloth.registration.view_features import (
     CHANNELS,
     TERMS,
+    ComparedImages,
     Gates,
     ViewFeatures,
     compare,
@@ -72,6 +73,12 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         return None
     pixel = grid_points(usable, _MOST_POINTS)
     at = pixel[:, 0], pixel[:, 1]
+    images = ComparedImages(
+        normals=normals,
+        fattening=fattening_of(normals, xyz, k.fx, k.fy),
+        texture=np.zeros((CHANNELS, 1, 1), dtype=np.float32),
+        slope=np.zeros((2, CHANNELS, 1, 1), dtype=np.float32),
+    )
     return ViewFeatures(
         view_index=frame.view_index,
         angle_deg=frame.angle_deg,
@@ -83,11 +90,8 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         pixel=pixel,
         xyz_m=xyz,
         usable=usable,
-        normals=normals,
-        fattening=fattening_of(normals, xyz, k.fx, k.fy),
-        texture=np.zeros((CHANNELS, 1, 1), dtype=np.float32),
-        slope=np.zeros((2, CHANNELS, 1, 1), dtype=np.float32),
         inner=np.zeros(usable.shape, dtype=np.bool_),
+        make_images=lambda: images,
     )
 
 

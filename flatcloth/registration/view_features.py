@@ -9,11 +9,14 @@ in front of them, always behind it, and would pull the views together.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics
 from flatcloth.flattening.surface import Surface
@@ -42,16 +45,33 @@ _LEAST_FACING = 1e-3
 """Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
 
 
-@dataclass(frozen=True, kw_only=True)
+_IMAGES_KEPT = 8
+"""Views whose images for comparison are kept: a new view and its neighbours. Chosen; the images of a garment
+of 40 000 pixels take 5 MB and are made in 5 ms."""
+
+
+class ComparedImages(NamedTuple):
+    """The images (H, W, ...) float32 that a comparison reads, made from a view's surface.
+
+    ``normals`` (smoothed if the depth is noisy, NaN off the surface); ``fattening`` the relative change of
+    depth per pixel; ``texture`` (3, H, W), ``slope`` (2, 3, H, W) its derivative along rows and columns.
+    """
+
+    normals: Float32
+    fattening: Float32
+    texture: Float32
+    slope: Float32
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ViewFeatures:
     """The data of one view for registration, camera frame.
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
-    median size of a pixel on the surface; ``noise_m`` the scatter of the depth. Images (H, W, ...)
-    float32: ``xyz_m`` and ``normals`` (smoothed if the depth is noisy), NaN off the surface, which is
-    ``usable``; ``fattening`` the relative change of depth per pixel; ``texture`` (3, H, W), ``slope``
-    (2, 3, H, W) its derivative along rows and columns, ``inner`` (H, W) whether the texture is
-    unaffected by the outline. ``surface`` is what they were computed from, for those that need it later.
+    median size of a pixel on the surface; ``noise_m`` the scatter of the depth. Images (H, W, ...):
+    ``xyz_m`` float32, NaN off the surface, which is ``usable``; ``inner`` whether the texture is
+    unaffected by the outline. ``make_images`` makes the others, which take most memory and are kept for
+    a few views only. ``surface`` is what they are computed from, for those that need it later.
     """
 
     view_index: int
@@ -64,29 +84,35 @@ class ViewFeatures:
     pixel: Int32
     xyz_m: Float32
     usable: Bool
-    normals: Float32
-    fattening: Float32
-    texture: Float32
-    slope: Float32
     inner: Bool
+    make_images: Callable[[], ComparedImages]
     surface: Surface | None = None
+
+    @property
+    def images(self) -> ComparedImages:
+        """The images that a comparison reads."""
+        return _images.get(self, self.make_images)
 
     def compared(self) -> ComparedView:
         """Return the arrays as the compiled loops take them."""
-        k = self.intrinsics
+        k, images = self.intrinsics, self.images
         return ComparedView(
             points_m=self.points_m,
             normal=self.normal,
             pixel=self.pixel,
             xyz_m=self.xyz_m,
-            normals=self.normals,
+            normals=images.normals,
             usable=self.usable,
-            fattening=self.fattening,
-            texture=self.texture,
-            slope=self.slope,
+            fattening=images.fattening,
+            texture=images.texture,
+            slope=images.slope,
             inner=self.inner,
             camera=np.array([k.fx, k.fy, k.cx, k.cy]),
         )
+
+
+_images: Cache[ComparedImages] = Cache(_IMAGES_KEPT)
+"""Of the views compared last, whichever shape they belong to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,34 +167,37 @@ def extract_features(surface: Surface) -> ViewFeatures:
     -----
     It takes 5 ms for a garment of 40 000 pixels.
     """
+    pixel = grid_points(surface.usable)
+    at = pixel[:, 0], pixel[:, 1]
+    images = _images_of(surface)
+    made = ViewFeatures(
+        surface=surface,
+        view_index=surface.frame.view_index,
+        angle_deg=surface.frame.angle_deg,
+        intrinsics=surface.frame.intrinsics,
+        noise_m=surface.noise_m,
+        xyz_m=surface.xyz_m,
+        usable=surface.usable,
+        pixel_pitch_m=surface.pixel_pitch_m,
+        points_m=surface.xyz_m[at].astype(np.float64),
+        normal=images.normals[at].astype(np.float64),
+        pixel=pixel,
+        inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
+        make_images=lambda: _images_of(surface),
+    )
+    _images.put(made, images)
+    return made
+
+
+def _images_of(surface: Surface) -> ComparedImages:
     k = surface.frame.intrinsics
     normals = _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else surface.normal
-    pitch_m = surface.pixel_pitch_m
-    texture = _texture(surface, _TEXTURE_SIZE_M / pitch_m)
+    texture = _texture(surface, _TEXTURE_SIZE_M / surface.pixel_pitch_m)
     slope = np.empty((2, *texture.shape), dtype=np.float32)
     for channel in range(CHANNELS):
         cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
         cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
-    pixel = grid_points(surface.usable)
-    at = pixel[:, 0], pixel[:, 1]
-    return ViewFeatures(
-        surface=surface,
-        view_index=surface.frame.view_index,
-        angle_deg=surface.frame.angle_deg,
-        intrinsics=k,
-        noise_m=surface.noise_m,
-        xyz_m=surface.xyz_m,
-        usable=surface.usable,
-        pixel_pitch_m=pitch_m,
-        points_m=surface.xyz_m[at].astype(np.float64),
-        normal=normals[at].astype(np.float64),
-        pixel=pixel,
-        normals=normals,
-        fattening=fattening_of(normals, surface.xyz_m, k.fx, k.fy),
-        texture=texture,
-        slope=slope,
-        inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
-    )
+    return ComparedImages(normals, fattening_of(normals, surface.xyz_m, k.fx, k.fy), texture, slope)
 
 
 def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:

@@ -47,6 +47,8 @@ CONFLICT_M = 0.010
 """Points of proposal and shape at one place of the plane that are farther apart in space are in conflict.
 Chosen: half the range of the colours of this difference."""
 
+_LEAST_WINDOW = 1e-4
+"""Width of the narrowest window. Chosen: far below a step of 8-bit values."""
 _UNKNOWN = (128, 128, 128)
 """Color of pixels without a value: middle grey."""
 
@@ -61,7 +63,7 @@ class Appearance:
     Raises
     ------
     FlatclothError
-        If the map is unknown, or the window is empty or outside 0 to 1.
+        If the map is unknown, or the window is empty, too narrow or outside 0 to 1.
     """
 
     color_map: str | None = None
@@ -74,8 +76,10 @@ class Appearance:
             raise FlatclothError(
                 f"Unknown colour map {self.color_map!r:.40}; choose one of {', '.join(MAPS)}."
             )
-        if not 0.0 <= self.low < self.high <= 1.0:
-            raise FlatclothError(f"A window needs 0 <= low < high <= 1, not {self.low} to {self.high}.")
+        if not (0.0 <= self.low <= self.high - _LEAST_WINDOW and self.high <= 1.0):
+            raise FlatclothError(
+                f"A window needs 0 <= low < high <= 1, {_LEAST_WINDOW} apart, not {self.low} to {self.high}."
+            )
 
 
 PLAIN = Appearance()

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.manifest import HEADER as MANIFEST
+from flatcloth.recordings.source import SourceOptions
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
 from flatcloth.session.journal import JOURNAL
 
@@ -122,19 +123,17 @@ class Places:
         location = Path(header.recording.location)
         try:
             found = location.resolve(strict=True)
-        except OSError as error:
-            raise PlaceError(f"{name:.200}: its recording {location} is not there any more.") from error
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a zero character
+            raise PlaceError(
+                f"{name:.200}: its recording {str(location)!r} is not there any more."
+            ) from error
         offered = {path.resolve() for path in sample_recordings().values()}
         if found not in offered and not (self._root is not None and found.is_relative_to(self._root)):
             raise PlaceError(f"{name:.200}: its recording lies outside the folder given with --root.")
-        for option in ("angles", "camera_file"):
-            file = header.recording.options.get(option)
-            if file is not None and not self._holds(str(file)):
-                raise PlaceError(f"{name:.200}: {option} lies outside the folder given with --root.")
+        for file in SourceOptions.from_dict(header.recording.options, f"{name:.200}").files():
+            if self._root is None or not file.expanduser().resolve().is_relative_to(self._root):
+                raise PlaceError(f"{name:.200}: its file {file} lies outside the folder given with --root.")
         return found
-
-    def _holds(self, path: str) -> bool:
-        return self._root is not None and Path(path).resolve().is_relative_to(self._root)
 
     def _below(self, path: str) -> Path:
         if self._root is None:

@@ -65,7 +65,9 @@ export class GarmentPanel {
     rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
       found ? this.kinds(found, told.kinds) : [],
     );
-    rebuild(byId("garment-links"), [found?.links, told.working], () => (found?.links ?? []).map(this.link, this));
+    rebuild(byId("garment-links"), [found?.links, told.working, told.revision], () =>
+      (found?.links ?? []).map(this.link, this),
+    );
     rebuild(byId("garment-points"), [found?.kind, found?.points], () => (found?.kind ? this.points(found) : []));
     rebuild(byId("garment-dimensions"), [found?.kind, found?.dimensions], () =>
       found?.kind ? [dimensions(found)] : [],
@@ -110,6 +112,7 @@ export class GarmentPanel {
 
   /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
   link({ probability, area_cm2 }, index) {
+    const { revision } = this.told;
     const area = `${number(area_cm2, 0)} cm²`;
     const decide = (title, taken_off, tip) =>
       make(
@@ -119,7 +122,7 @@ export class GarmentPanel {
           class: "button small",
           "aria-label": `${title}: the part of ${area}`,
           data: { id: `link-${index}-${taken_off}`, tip: `${tip}\nUndo takes it back.` },
-          on: { click: () => this.page.send({ type: "decide_link", index, taken_off }) },
+          on: { click: () => this.page.send({ type: "decide_link", revision, index, taken_off }) },
         },
         title,
       );

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
 import re
 import shlex
@@ -15,14 +16,16 @@ from typing import Any
 
 import httpx
 import pytest
+import uvicorn
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, reliability, verdicts
-from flatcloth.batch.rows import write_row
+from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
+from flatcloth.recordings import SourceOptions
 from flatcloth.viewer.server.guard import Guard, own_names
-from flatcloth.viewer.server.review import SessionPages, review_app
+from flatcloth.viewer.server.review import SessionPages, review_app, serve_review
 
 GOOD = {"outcome": "done", "method": "robust", "source": "/data/x", "area_cm2": 900.0, "floating_cm2": 0.0}
 
@@ -89,17 +92,47 @@ def test_a_session_that_was_edited_since_is_marked(out: Path) -> None:
 
 
 def test_the_command_opens_the_session_with_its_options(out: Path) -> None:
-    said = {"turning_deg": -240.0, "fov_deg": [60.0, 40.0], "camera_file": "/data/my camera.json"}
-    row = {"name": "sure", **GOOD, "source": "/data/a b", "options": json.dumps(said)}
-    words = shlex.split(command_of(row, out))
-    assert words[:3] == ["flatcloth", "view", "/data/a b"]
-    assert words[words.index("--session") + 1] == str(out / "sure")
     from flatcloth.cli import _parser
     from flatcloth.commands.common import source_options_of
 
-    options = source_options_of(_parser().parse_args(words[1:]))
-    assert (options.turning_deg, options.fov_deg) == (-240.0, (60.0, 40.0))
-    assert options.camera_file == Path("/data/my camera.json")
+    said = {"turning_deg": -240.0, "fov_deg": [60.0, 40.0]}
+    camera = {"camera_file": "/data/my camera.json"}
+    # The batch has written the camera file; view would refuse the field of view beside it.
+    for options, expected in (
+        (said, SourceOptions(turning_deg=-240.0, fov_deg=(60.0, 40.0))),
+        ({**said, **camera}, SourceOptions(turning_deg=-240.0, camera_file=Path("/data/my camera.json"))),
+    ):
+        row = {"name": "sure", **GOOD, "source": "/data/a b", "options": json.dumps(options)}
+        words = shlex.split(command_of(row, out))
+        assert words[:3] == ["flatcloth", "view", "/data/a b"]
+        assert words[words.index("--session") + 1] == str(out / "sure")
+        assert source_options_of(_parser().parse_args(words[1:])) == expected
+
+
+def test_a_row_adds_no_options_to_the_command_and_names_no_other_folder(out: Path) -> None:
+    said = {"fov_deg": ["--no-token", "--host=0.0.0.0"], "camera_file": "--no-token"}
+    for options in (json.dumps(said), "[1]", "3", "{"):
+        row = {**GOOD, "name": "../../home", "source": "--no-token", "options": options}
+        write_row(row, out / "sure")
+        (told,) = [row for row in data_of(report_html(out, served=False))["rows"] if row["name"] == "sure"]
+        source, *options_of_session = shlex.split(told["command"])[2:]
+        assert source == "./--no-token"
+        assert options_of_session == ["--session", str(out / "sure"), "--method=robust"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"outcome": None}, {"outcome": []}, {"source": None}, {"method": 3}, {"area_cm2": "900"},
+        {"views": 1.5}, {"views": True}, {"reason": ["x"]}, {"seconds": math.nan}, {"seconds": 10**20},
+        {"floating_cm2": {}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_row_with_something_else_in_it_is_no_row(out: Path, wrong: dict[str, Any]) -> None:
+    (out / "sure/row.json").write_text(json.dumps({**GOOD, "format": FORMAT, "name": "sure", **wrong}))
+    rows = data_of(report_html(out, served=False))["rows"]
+    assert sorted(row["name"] for row in rows) == ["less", "lost", "torn"]
 
 
 def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
@@ -113,7 +146,11 @@ def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
     with (out / "review.jsonl").open("a") as file:
         file.write("not json\n" + lines[1][:20])  # the last cut short by a crash
     assert verdicts(out) == {"sure": "rejected"}
-    for name, verdict in (("nobody", "accepted"), ("sure", "maybe"), ("../night/sure", "accepted")):
+    write_row({"name": "above", **GOOD}, out.parent)
+    for name, verdict in (
+        *(("nobody", "accepted"), ("sure", "maybe")),
+        *((name, "accepted") for name in ("../night/sure", "..", ".", "")),
+    ):
         with pytest.raises(JournalError):
             decide(out, name, verdict)
 
@@ -194,10 +231,37 @@ def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: 
     json_type = {"Content-Type": "application/json"}
     assert client.post("/verdict", content=endless(), headers=json_type).status_code == 400
     assert client.post("/verdict", json={"name": "nobody", "verdict": "accepted"}).status_code == 409
-    for name, status in (("nobody", 404), ("../night/sure", 404), ("", 404), ("lost", 409)):
+    write_row({"name": "above", **GOOD}, out.parent)
+    for name, status in (("nobody", 404), ("../night/sure", 404), ("..", 404), ("", 404), ("lost", 409)):
         assert client.post("/open", json={"name": name}).status_code == status
     assert verdicts(out) == {}
     assert pages.asked == []
+
+
+def test_served_it_needs_the_token_of_the_printed_address(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served: list[Any] = []
+
+    class Server(uvicorn.Server):
+        async def serve(self, sockets: Any = None) -> None:
+            served.append(self.config.app)
+
+    monkeypatch.setattr(uvicorn, "Server", Server)
+    serve_review(out, 0)
+    found = re.search(r"http://127\.0\.0\.1:\d+(/\?token=(\S+))", capsys.readouterr().out)
+    assert found is not None
+    client = Asker(served[0])
+    for path in ("/", "/?token=wrong"):
+        assert client.get(path).status_code == 403
+    assert client.post("/open", json={"name": "sure"}).status_code == 403
+    assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 403
+    assert verdicts(out) == {}
+    entered = client.get(found[1])
+    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    cookie = entered.headers["set-cookie"].split(";")[0]
+    for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
+        assert client.get("/", headers=header).status_code == 200
 
 
 def test_a_session_that_does_not_open_is_told() -> None:

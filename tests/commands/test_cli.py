@@ -188,6 +188,18 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
     assert done.stdout.strip() == "1", done.stderr
 
 
+def test_what_is_to_be_ended_with_the_program_is_ended_though_a_thread_still_computes() -> None:
+    script = (
+        "import atexit, threading, flatcloth.cli as cli\n"
+        "atexit.register(lambda: print('ended', flush=True))\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "cli.main = lambda: 3\n"
+        "cli.run_and_exit()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "ended\n")
+
+
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
     command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
     running = subprocess.Popen(

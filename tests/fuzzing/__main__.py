@@ -109,7 +109,7 @@ def untouched(samples: list[Sample], originals: dict[str, Path], place: Path) ->
 
 def table(seen: list[Outcome]) -> str:
     """Return a line a sample: how many cases ended how, and the slowest and largest of them."""
-    heads = f"{'cases':>7}{'errors':>8}{'results':>9}{'faults':>8}{'slowest s':>11}{'peak MiB':>10}"
+    heads = f"{'cases':>7}{'errors':>8}{'results':>9}{'faults':>8}{'most CPU s':>12}{'peak MiB':>10}"
     lines = [f"{'sample':<24}{heads}"]
     for name in [*dict.fromkeys(o.case.rsplit("-", 1)[0] for o in seen), ""]:
         of = [o for o in seen if not name or o.case.rsplit("-", 1)[0] == name]
@@ -118,7 +118,7 @@ def table(seen: list[Outcome]) -> str:
         ends = Counter(o.verdict if not o.is_fault else "fault" for o in of)
         lines.append(
             f"{name or 'all':<24}{len(of):>7}{ends['error']:>8}{ends['result']:>9}{ends['fault']:>8}"
-            f"{max(o.seconds for o in of):>11.2f}{max(o.peak_mib for o in of):>10}"
+            f"{max(o.cpu_s for o in of):>12.2f}{max(o.peak_mib for o in of):>10}"
         )
     return "\n".join(lines)
 

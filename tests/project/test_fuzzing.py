@@ -16,8 +16,6 @@ import flatcloth.cli
 from fuzzing import cases
 from fuzzing.samples import Sample
 
-cases.TIME_LIMIT_S = 1.0
-
 def told(text, code=2):
     def run(arguments):
         print(text.replace("PLACE", arguments[0]), file=sys.stderr)
@@ -27,11 +25,14 @@ def told(text, code=2):
 def late(arguments):
     time.sleep(60)
 
+def busy(arguments):
+    while True:
+        pass
+
 def crash(arguments):
     ctypes.string_at(0)
 
 def large(arguments):
-    cases.TIME_LIMIT_S = 60.0
     data = bytearray(2 ** 31 + 2 ** 28)
     data[:: 4096] = bytes(len(data[:: 4096]))
     return 0
@@ -39,22 +40,24 @@ def large(arguments):
 def wrong(arguments):
     raise KeyError("views")
 
-ends = {
-    "result": told("", 0),
-    "error": told("flatcloth: PLACE/a.png: damaged. Export it again."),
-    "unclear error": told("flatcloth: damaged. Export it again."),
-    "error of several lines": told("flatcloth: PLACE/a.png: damaged.\\nExport it again."),
-    "exit code 1": told("", 1),
-    "hang": late,
-    "killed by SIGSEGV": crash,
-    "memory": large,
-    "traceback": wrong,
-}
+ends = [
+    ("result", told("", 0)),
+    ("error", told("flatcloth: PLACE/a.png: damaged. Export it again.")),
+    ("unclear error", told("flatcloth: damaged. Export it again.")),
+    ("error of several lines", told("flatcloth: PLACE/a.png: damaged.\\nExport it again.")),
+    ("exit code 1", told("", 1)),
+    ("hang", late),
+    ("hang", busy),
+    ("killed by SIGSEGV", crash),
+    ("memory", large),
+    ("traceback", wrong),
+]
 sample = Sample("self", lambda place: None, ("{}",))
-for wanted, main in ends.items():
+for wanted, main in ends:
     flatcloth.cli.main = main
     with tempfile.TemporaryDirectory() as folder:
-        cases.TIME_LIMIT_S = 60.0 if main is large else 1.0
+        cases.TIME_LIMIT_S = 1.0 if main is late else 60.0
+        cases.CPU_LIMIT_S = 1 if main is busy else 10
         found = cases.observed(sample, "self-0", "", "", Path(folder)).verdict
     assert found == wanted, (wanted, found)
 print("all told apart")

@@ -194,9 +194,9 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     true, _ = render(bumps, printed, EXACT.camera_from_held(0, 0.0))
     seen = features[0]
     inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    inner &= seen.normals[..., 2] < -0.6
+    inner &= seen.images.normals[..., 2] < -0.6
     before = np.median(seen.xyz_m[..., 2][inner] - true[inner])
-    deeper = 1.0 + found.fattening_px * features[0].fattening
+    deeper = 1.0 + found.fattening_px * features[0].images.fattening
     after = np.median((seen.xyz_m[..., 2] * deeper)[inner] - true[inner])
     assert before < -0.0005
     assert abs(after) < 0.3 * abs(before)

@@ -169,6 +169,24 @@ def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_to
     assert (said["found"], said["text"]) == (None, "The shape has 20 cm2 of cloth.")
 
 
+def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_earlier_one(page) -> None:
+    page.follow()
+    three = dataclasses.replace(TWO_VIEWS, accepted=(*TWO_VIEWS.accepted, Accepted(2, Rigid2())))
+    page.controller.follow(three, busy=True)
+    assert page.controller.plain()["working"]
+    with pytest.raises(FlatclothError, match="look again"):
+        page.decide(messages.DecidePiece(label="B", accepted=True))
+    page.controller.follow(TWO_VIEWS, busy=True)
+    assert not page.controller.plain()["working"]
+    assert page.decide(messages.DecidePiece(label="B", accepted=True)).piece.accepted
+
+
+def test_the_garment_is_recognised_again_when_the_largest_piece_becomes_the_shape(page) -> None:
+    page.follow()
+    page.controller.follow(dataclasses.replace(TWO_VIEWS, largest_after=(1,)), busy=False)
+    assert page.controller.plain()["working"]
+
+
 @pytest.fixture
 def doubted(service):
     link = DoubtedLink(part=service.cloth.uv_m[:, 0] > 0.05, probability=0.4, area_m2=0.0028)
@@ -182,12 +200,14 @@ def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, d
     assert (link["probability"], link["area_cm2"]) == (0.4, pytest.approx(28))
     (loop,) = link["outline_uv_m"]
     assert 0.045 < np.min(loop, axis=0)[0] < 0.055
-    command = page.decide(messages.DecideLink(index=0, taken_off=True))
+    revision = page.controller.plain()["revision"]
+    command = page.decide(messages.DecideLink(revision=revision, index=0, taken_off=True))
     assert isinstance(command, DecideLink)
     assert command.part.taken_off
     assert min(u for u, _ in command.part.part.uv_m) > 0.05 > max(u for u, _ in command.part.rest.uv_m)
-    with pytest.raises(FlatclothError, match="not doubted"):
-        page.decide(messages.DecideLink(index=1, taken_off=True))
+    for other in ({"index": 1, "revision": revision}, {"index": 0, "revision": revision - 1}):
+        with pytest.raises(FlatclothError, match="not doubted"):
+            page.decide(messages.DecideLink(**other, taken_off=True))
 
 
 def test_run_takes_off_what_is_surely_wrong_and_tells_what_it_only_doubts(service, doubted) -> None:

@@ -219,7 +219,7 @@ def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, 
     assert Places(root).chosen("folder", "session").source == str(SAMPLE)  # bundled: offered anyhow
     header = root / "session" / "session.json"
     told: dict[str, Any] = json.loads(header.read_text())
-    for elsewhere in (str(tmp_path / "outside"), str(root / "way-out"), str(tmp_path / "gone")):
+    for elsewhere in (str(tmp_path / "outside"), str(root / "way-out"), str(tmp_path / "gone"), "a\0b"):
         told["recording"]["location"] = elsewhere
         header.write_text(json.dumps(told))
         with pytest.raises(PlaceError, match=r"outside the folder|not there any more"):
@@ -240,8 +240,33 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
     given = argparse.Namespace(angles=None, step=None)
     again = open_recording(chosen.source, _source_options(given, chosen))
     assert list(again.angles_deg) == list(recording.angles_deg)
-    with pytest.raises(PlaceError, match="angles lies outside"):
+    with pytest.raises(PlaceError, match=r"outside\.csv lies outside"):
         Places(root).chosen("folder", "beyond")
+
+
+@pytest.mark.parametrize("name", ["angles", "camera_file"])
+def test_no_file_outside_the_root_is_read_for_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    root = tmp_path / "root"
+    recording = open_recording(write_open3d(root / "scan"), SourceOptions(step_deg=10.0))
+    SessionFolder.open(root / "session", recording, Config(), "robust", {name: "~/secret"}).close()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(root)
+    with pytest.raises(PlaceError, match="lies outside the folder"):
+        Places(root).chosen("folder", "session")
+    header = root / "session" / "session.json"
+    header.write_text(header.read_text().replace("~/secret", "a\\u0000b"))
+    with pytest.raises(RecordingError, match="not a text"):
+        Places(root).chosen("folder", "session")
+
+
+def test_what_a_session_is_opened_with_writes_no_camera_file(tmp_path: Path) -> None:
+    recording = open_recording(write_open3d(tmp_path / "scan"), SourceOptions(step_deg=10.0))
+    said = {"camera_file": str(tmp_path / "camera.json"), "fov_deg": [60.0, 40.0]}
+    SessionFolder.open(tmp_path / "session", recording, Config(), "robust", said).close()
+    chosen = Places(tmp_path).chosen("folder", "session")
+    assert _source_options(argparse.Namespace(), chosen).fov_deg is None
 
 
 def test_what_a_source_was_opened_with_is_read_again() -> None:

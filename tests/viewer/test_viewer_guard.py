@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import logging
 import socket
@@ -10,6 +11,7 @@ import stat
 import time
 
 import httpx
+import msgspec
 import psutil
 import pytest
 import viser
@@ -114,12 +116,46 @@ def test_the_socket_file_goes_with_the_server(integration, folder):
     assert not path.parent.exists()
 
 
-def test_nobody_can_open_a_tunnel():
+def test_nobody_can_open_a_tunnel_or_send_files():
     from viser import _messages
 
     with PageServer(CylinderIntegration(), MemoryFolder(), port=0) as server:
         handlers = server._scene._server._websock_server._incoming_handlers
-    assert _messages.ShareUrlRequest not in handlers
+    assert handlers.keys().isdisjoint(
+        {_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.FileTransferPart}
+    )
+
+
+def test_a_client_that_does_not_speak_viser_s_language_leaves_one_line(server, caplog):
+    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
+    with open_socket(server, "/viser", **options) as opened, contextlib.suppress(ConnectionClosed):
+        opened.send(b"\xc1")
+        for _ in opened:
+            pass
+    (line,) = [r for r in caplog.records if r.name.endswith("private_viser") and r.levelname == "ERROR"]
+    assert "not understood" in line.getMessage()
+    assert line.exc_info is None
+
+
+def test_a_message_that_viser_s_handlers_do_not_understand_leaves_one_line(server, caplog):
+    odd = {"type": "GuiUpdateMessage", "uuid": [], "updates": {}}
+    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
+    with open_socket(server, "/viser", **options) as opened:
+        opened.send(msgspec.msgpack.encode(odd))
+        ends = time.monotonic() + WAIT_S
+        while not (lines := [r for r in caplog.records if r.name == "asyncio"]) and time.monotonic() < ends:
+            gc.collect()  # asyncio tells of a task when it is collected
+            time.sleep(0.02)
+    assert "not understood: TypeError" in lines[0].getMessage()
+    assert lines[0].exc_info is None
+
+
+def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as leaving:
+        head = request(server, "/start/open").replace("GET", "POST", 1).removesuffix("\r\n")
+        leaving.sendall((head + "Content-Length: 100\r\n\r\n{").encode())
+    assert get(server, "/start/places.json").status_code == 200
+    assert not [r for r in caplog.records if r.exc_info]
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
@@ -205,6 +241,9 @@ def test_every_answer_says_that_only_the_page_may_use_it(server):
         ("/", None, {"Origin": "http://[::1"}),
         ("/", None, {"Origin": "http://127.0.0.1:1:2"}),
         ("/", None, {"Origin": "\xff"}),
+        ("/", "[::::]", {}),
+        ("/", "[1.2.3.4]:80", {}),
+        ("/", None, {"Origin": "http://[::::]"}),
         ("/layers/" + "9" * 900 + "/color.png", None, {}),
         ("/layers/" + "9" * 5000 + "/color.png", None, {}),
         ("/source/" + "1" * 5000 + "/color.jpg", None, {}),

@@ -55,6 +55,13 @@ def test_a_layer_is_looked_at_with_the_map_and_window_asked_for(client):
     )
 
 
+@pytest.mark.parametrize("window", ["low=0.5&high=0.5", "low=0&high=1e-320", "low=-1", "high=2", "low=nan"])
+def test_an_empty_window_is_refused(client, window):
+    answer = client.get(f"/layers/3/color.png?{window}")
+    assert answer.status_code == 400
+    assert "A window needs" in answer.text
+
+
 def test_colors_get_black_and_white_levels(client):
     image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
     red = VIEW.rgb[VIEW.valid][:, 0]

@@ -75,6 +75,8 @@ class GarmentController:
         self._service, self._put, self._told, self._tell = service, put, told, tell
         self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
+        self._answered: Document | None = None
+        self._shown: Document | None = None
         self._previewed: tuple[int, int] | None = None
         self.status = GarmentStatus()
 
@@ -87,15 +89,24 @@ class GarmentController:
     def follow(self, document: Document | None, *, busy: bool) -> None:
         """Recognise the garment of a document whose picture is shown; ``busy``: wait until Auto has ended."""
         if document is None or len(document.used_views) < 2:
-            self._asked = None
+            self._asked = self._answered = self._shown = None
             if self.status.known is not None or self.status.working:
                 self.status = GarmentStatus(revision=self.status.revision + 1)
             return
-        if busy or self._asked is document or (self._asked is not None and _same(self._asked, document)):
-            return
-        self._asked = document
-        self.status = replace(self.status, working=True)
-        self._worker.put(lambda: self._work(document))
+        self._shown = document
+        if not busy and (self._asked is None or not _same(self._asked, document)):
+            self._asked = document
+            self._worker.put(lambda: self._work(document))
+        if self.status.working != self._is_outdated():
+            self.status = replace(self.status, working=not self.status.working)
+
+    def _is_outdated(self) -> bool:
+        """Return whether a recognition runs, or what is known is the garment of another shape."""
+        if self._answered is not self._asked:
+            return True
+        if self.status.known is None or self._answered is None or self._shown is None:
+            return False
+        return not _same(self._answered, self._shown)
 
     def _work(self, document: Document) -> None:
         if self._asked is not document:
@@ -117,7 +128,9 @@ class GarmentController:
     def _take(self, document: Document, status: GarmentStatus) -> None:
         if self._asked is not document:
             return
+        self._answered = document
         self.status = replace(status, revision=self.status.revision + 1)
+        self.status = replace(self.status, working=self._is_outdated())
         self._told()
 
     # --- decisions ----------------------------------------------------------------------------------
@@ -158,8 +171,8 @@ class GarmentController:
                 return DecidePiece(
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
-            case messages.DecideLink(index=index, taken_off=taken_off):
-                return link_decision(known, self._link(known, index), taken_off=taken_off)
+            case messages.DecideLink(revision=revision, index=index, taken_off=taken_off):
+                return link_decision(known, self._link(known, revision, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
@@ -206,9 +219,9 @@ class GarmentController:
             raise FlatclothError(self.status.text or NOT_YET)
         return self.status.known
 
-    def _link(self, known: KnownGarment, index: int) -> DoubtedLink:
+    def _link(self, known: KnownGarment, revision: int, index: int) -> DoubtedLink:
         self._not_while_working()
-        if index >= len(known.links):
+        if revision != self.status.revision or index >= len(known.links):
             raise FlatclothError("This link is not doubted any more; look again.")
         return known.links[index]
 
@@ -315,9 +328,4 @@ def _loops(view: FlattenedView) -> list[Float64]:
 
 def _same(a: Document, b: Document) -> bool:
     """Tell whether two documents have the same shape and the same decisions about its garment."""
-    return (a.start_view, a.accepted, a.strokes, a.garment) == (
-        b.start_view,
-        b.accepted,
-        b.strokes,
-        b.garment,
-    )
+    return (a.shape_key, a.garment) == (b.shape_key, b.garment)

@@ -188,10 +188,7 @@ class ReviewService:
         document = None if picture is None else picture.document
         if picture is None or document is None:
             return JSONResponse({"revision": 0})
-        key = (
-            *(document.start_view, document.accepted, document.largest_after),
-            *(document.rejected, document.skipped, document.strokes),
-        )
+        key = document.shape_key, document.rejected, document.skipped
         try:
             found = await run_in_threadpool(
                 lambda: self._results.get(key, lambda: result_of(self._areas, document))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 
 
 async def read_body(request: Request, most_bytes: int) -> bytes:
@@ -11,11 +11,14 @@ async def read_body(request: Request, most_bytes: int) -> bytes:
     Raises
     ------
     ValueError
-        If it is longer than ``most_bytes``, also if its headers give no length.
+        If it is longer than ``most_bytes``, also if its headers give no length, or the client leaves.
     """
     body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > most_bytes:
-            raise ValueError(f"it is longer than {most_bytes} bytes")
+    try:
+        async for piece in request.stream():
+            body += piece
+            if len(body) > most_bytes:
+                raise ValueError(f"it is longer than {most_bytes} bytes")
+    except ClientDisconnect as error:
+        raise ValueError("it was cut short") from error
     return body

@@ -18,7 +18,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
+from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 10_000
@@ -68,7 +68,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
             try:
                 body = await read_body(request, MAX_BODY_BYTES)
             except ValueError as error:
-                return _refused(f"The body is too long: {error}; an angle takes about 20.", 400)
+                return _refused(f"The body was not read: {error}; an angle takes about 20.", 400)
             try:
                 angle_deg, keeps_itself = _announcement(body)
             except ValueError as error:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import shutil
 import tempfile
 import threading
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -19,9 +21,29 @@ from flatcloth.core.errors import ServerError
 if TYPE_CHECKING:
     import viser
 
+_log = logging.getLogger(__name__)
 _ONE_AT_A_TIME = threading.Lock()
 _MAX_PATH_CHARS = 90
 """The system allows 107 bytes for the address of a socket file."""
+
+
+def _without_traceback(record: logging.LogRecord) -> bool:
+    """Shorten a line about a message that viser does not understand; no page sends such."""
+    error = record.exc_info[1] if record.exc_info else None
+    if error is not None and (record.name == _log.name or _is_visers(error)):
+        record.msg, record.args = "a message to the 3D scene was not understood: %.200r", (error,)
+        record.exc_info = record.exc_text = None
+    return True
+
+
+def _is_visers(error: BaseException) -> bool:
+    """Return whether an error was raised in viser's own code."""
+    frames = list(traceback.walk_tb(error.__traceback__))
+    return bool(frames) and str(frames[-1][0].f_globals.get("__name__")).partition(".")[0] == "viser"
+
+
+for _source in (_log, logging.getLogger("asyncio")):
+    _source.addFilter(_without_traceback)
 
 
 class PrivateViser:
@@ -57,6 +79,7 @@ class PrivateViser:
         def listen(handler: Any, _host: str, _port: int, **options: Any) -> Any:
             # The files of viser's client are served by our own server.
             options["process_request"] = None
+            options["logger"] = _log
             listening.append(serve(handler, unix=True, path=str(self.path), **options))
             return listening[-1]
 
@@ -72,8 +95,13 @@ class PrivateViser:
             raise ServerError(
                 "This version of viser is not supported. Install viser 1.1: pip install 'viser<1.2'."
             )
-        # It would allow any client to open a public tunnel to this computer.
-        server._websock_server.unregister_handler(_messages.ShareUrlRequest)
+        # Clients could open a public tunnel to this computer, or fill its memory with files.
+        for unused in (
+            _messages.ShareUrlRequest,
+            _messages.FileTransferStartUpload,
+            _messages.FileTransferPart,
+        ):
+            server._websock_server.unregister_handler(unused)
         return server
 
     def stop(self) -> None:

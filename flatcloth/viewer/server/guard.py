@@ -13,7 +13,7 @@ import socket
 from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
 from typing import Literal
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -96,12 +96,12 @@ class Guard:
     def _check_source(self, scope: Scope, headers: dict[str, str]) -> None:
         """Refuse requests to another host name, or from another page."""
         host = headers["host"]
-        name = (urlsplit(f"//{host}").hostname or "").lower()
+        name = (_split(f"//{host}", "Host").hostname or "").lower()
         reached = str((scope.get("server") or ("",))[0]).lower()
         if name not in self._names and name != reached:
             raise _Refusal(403, f"Refused: {host!r:.80} is not an address of this server.")
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and _split(origin, "Origin").netloc.lower() != host.lower():
             raise _Refusal(403, f"Refused: pages of {origin!r:.80} may not use this server.")
         if origin is None and scope["type"] == "websocket":
             # Browsers always send it with a socket; other clients are not our page.
@@ -151,6 +151,14 @@ def _check_form(scope: Scope, headers: dict[str, str]) -> None:
         raise _Refusal(400, "Malformed request: the address is too long.")
     if not scope["path"].isprintable() or _LONG_NUMBER.search(scope["path"]):
         raise _Refusal(400, "Malformed request: not an address of this server.")
+
+
+def _split(address: str, header: str) -> SplitResult:
+    """Return the parts of an address; brackets must contain an IPv6 address."""
+    try:
+        return urlsplit(address)
+    except ValueError as error:
+        raise _Refusal(400, f"Malformed request: no valid {header}.") from error
 
 
 def _cookie(header: str, name: str) -> str:

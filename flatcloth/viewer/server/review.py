@@ -21,11 +21,12 @@ from starlette.routing import Route
 
 from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
-from flatcloth.batch.rows import read_row
+from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.routes.body import read_body
 from flatcloth.viewer.server.app import bind
 from flatcloth.viewer.server.guard import Guard, own_names
+from flatcloth.viewer.server.token import kept_token
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
@@ -147,7 +148,7 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
 
     async def open_session(request: Request) -> Response:
         said = await _said(request)
-        row = read_row(out / said.name) if said is not None and Path(said.name).name == said.name else None
+        row = read_row(out / said.name) if said is not None and is_result_name(said.name) else None
         if row is None:
             return PlainTextResponse("There is no such result; load the page again.", status_code=404)
         if row["outcome"] != "done":
@@ -190,7 +191,7 @@ async def _said(request: Request) -> _Said | None:
 
 
 def serve_review(out: Path, port: int) -> None:
-    """Serve the page of a batch on this machine until Ctrl-C.
+    """Serve the page of a batch on this machine until Ctrl-C, to who has the user's token.
 
     Parameters
     ----------
@@ -207,9 +208,11 @@ def serve_review(out: Path, port: int) -> None:
     listener = bind(HOST, port)
     number = listener.getsockname()[1]
     pages = SessionPages()
-    app = Guard(review_app(out, pages), own_names(HOST), None, number)
+    # Without a token, another user of this computer could open a session, and be told its address with one.
+    token = kept_token()
+    app = Guard(review_app(out, pages), own_names(HOST), token, number)
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
-    sys.stdout.write(f"Review at http://{HOST}:{number}/ (Ctrl-C ends it)\n")
+    sys.stdout.write(f"Review at http://{HOST}:{number}/?token={token} (Ctrl-C ends it)\n")
     sys.stdout.flush()
     try:
         asyncio.run(server.serve([listener]))

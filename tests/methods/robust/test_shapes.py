@@ -95,8 +95,9 @@ def test_the_largest_piece_is_the_shape_from_where_the_integration_ended(
 def test_prefixes_are_counted_without_what_they_share() -> None:
     made, own = integration()
     document = grown(made, 1, 2, 3)[-1]
-    shape = own.shape(document)
-    assert shape.links.edges.size
+    assert own.shape(document).links.edges.size
+    own._shapes = Cache(3)
+    assert own.shape(document).links.edges.size  # of a shape whose prefix is the longest kept one
     kept = [value for _, value in own._prefixes.items()]
     assert all("links" not in vars(value) for value in kept)
     assert kept[-1].observations[0] is kept[0].observations[0]
