@@ -264,7 +264,8 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is
-    initialised again; if it still does, it is cut where the least evidence joins it.
+    initialised again; if it still does, a part is turned about the hinge where the least evidence joins it,
+    or cut off there.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)
