@@ -382,7 +382,7 @@ def parse(text: str) -> Message:
         If it is not JSON, of an unknown type, or has missing, unknown or wrong fields.
     """
     if len(text) > MAX_MESSAGE_CHARS:
-        raise MessageError(f"A message of {len(text)} characters is too long; reload the page.")
+        raise MessageError(f"A message of over {MAX_MESSAGE_CHARS} characters is too long; reload the page.")
     try:
         message: Message = _DECODER.decode(text)
     except msgspec.ValidationError as error:

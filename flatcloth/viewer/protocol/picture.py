@@ -20,7 +20,7 @@ from flatcloth.viewer.protocol.verdict import checks, foreseen
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration, Proposal
     from flatcloth.engine.views import ViewCloud
-    from flatcloth.methods.base import AlignmentScore, BroughtPiece
+    from flatcloth.methods.base import AlignmentScore, JoinedPiece
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Overlay:
     sheet: Sheet
     foreseen: dict[str, Any] = field(default_factory=dict)
     checks: tuple[dict[str, Any], ...] = ()
-    brought: BroughtPiece | None = None
+    joined_piece: JoinedPiece | None = None
     also: tuple[PartPlacedWithIt, ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
@@ -148,7 +148,7 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         sheet=sheet,
         score=integration.score(document),
         proposal=integration.proposal(document),
-        brought=integration.algorithm.brought(document),
+        joined_piece=integration.algorithm.joined_piece(document),
         also=_placed_with_it(integration, pending, sheet),
     )
     others = _other_components(integration, document, sheet, made.proposal)

@@ -234,11 +234,11 @@ def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | No
 
 
 def _brings(overlay: Overlay | None) -> dict[str, Any] | None:
-    """Return the letter of the piece that comes along with the proposal, and its motion on the sheet."""
-    if overlay is None or overlay.brought is None:
+    """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
+    if overlay is None or overlay.joined_piece is None:
         return None
-    piece = overlay.sheet.piece_on_plane(overlay.brought.center_uv_m)
-    motion = overlay.brought.target_from_piece @ overlay.sheet.shift(piece).inverse()
+    piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
+    motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
     placement = {"theta_rad": motion.theta_rad, "u_m": motion.u_m, "v_m": motion.v_m}
     return None if piece == 0 else {"label": label_of(piece), "placement": placement}
 
