@@ -108,13 +108,18 @@ def test_a_worker_goes_on_after_a_job_that_failed():
     assert [type(fault) for fault in faults] == [ZeroDivisionError]
 
 
-@pytest.mark.parametrize("ray", [(math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0)])
-def test_a_click_without_a_place_is_told(server, ray):
+def test_clicks_without_a_place_are_told_also_while_painting(server, caplog):
+    absurd = [(math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0), (0.0, 1.0), (0.0,) * 4, "xyz", None, ([], 1, 2)]
     with Tab(server) as tab:
         tab.ready()
-        server.application.click_ray((0.0, 0.0, 0.0), ray)
-        server.application.click_ray(ray, (0.0, 0.0, 1.0))
-        tab.state_where(lambda s: any("no place in the scene" in n["text"] for n in s["log"]))
+        tab.say(type="brush", side="this")
+        for ray in absurd:
+            server.application.click_ray((0.0, 0.0, 0.0), ray)
+            server.application.click_ray(ray, (0.0, 0.0, 1.0))
+        server.application.click_ray((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        texts = tab.state_where(lambda s: len(s["log"]) > 2 * len(absurd))["log"]
+    assert all("no place in the scene" in note["text"] for note in texts)
+    assert not [r for r in caplog.records if r.exc_info]
 
 
 def test_a_slider_says_no_more_than_it_can(monkeypatch):
