@@ -184,6 +184,12 @@ class Document:
         """The component of each accepted view that is placed."""
         return {a.view_index: a.component for a in self.accepted}
 
+    def components_of(self, view_index: int) -> frozenset[int]:
+        """Return all components of a view that are placed, with it or with a later view."""
+        own = {self.placed_components.get(view_index, 0)} if view_index in self.used_views else set()
+        also = (part for a in self.accepted for part in a.also if part.view_index == view_index)
+        return frozenset({*own, *(part.component for part in also)})
+
     @property
     def used_views(self) -> frozenset[int]:
         """The views that are part of the canonical shape."""

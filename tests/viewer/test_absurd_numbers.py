@@ -109,7 +109,15 @@ def test_a_worker_goes_on_after_a_job_that_failed():
 
 
 def test_clicks_without_a_place_are_told_also_while_painting(server, caplog):
-    absurd = [(math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0), (0.0, 1.0), (0.0,) * 4, "xyz", None, ([], 1, 2)]
+    absurd: list[Any] = [
+        (math.nan, 0.0, 1.0),
+        (math.inf, 0.0, 1.0),
+        (0.0, 1.0),
+        (0.0,) * 4,
+        "xyz",
+        None,
+        ([], 1, 2),
+    ]
     with Tab(server) as tab:
         tab.ready()
         tab.say(type="brush", side="this")
