@@ -47,7 +47,10 @@ def main() -> None:
     )
     parser.add_argument("--views", type=int, default=0, help="batch: views of each (default: all)")
     parser.add_argument(
-        "--keep", default="", metavar="DIR", help="reliability: keep what each recording gave, and reuse it"
+        "--keep",
+        default="",
+        metavar="DIR",
+        help="accuracy, reliability: keep what each recording gave, and reuse it",
     )
     arguments = parser.parse_args()
     options = Options(

@@ -6,8 +6,10 @@ The figures are those of ``flatcloth evaluate``; the recordings with the largest
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,8 +40,15 @@ def run(options: Options) -> None:
     """Measure and print; write ``results/accuracy.json`` and ``.md`` unless ``quick``."""
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
-        rows.append(row_of(source))
-        gc.collect()  # an integration and its caches refer to one another
+        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
+        if file is not None and file.exists():
+            rows.append(json.loads(file.read_text()))
+        else:
+            rows.append(row_of(source))
+            gc.collect()  # an integration and its caches refer to one another
+            if file is not None:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(json.dumps(rows[-1]))
         say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
         if not options.quick:
             ordered = worst_first(rows)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from benchmarks.output import Options, save
@@ -32,6 +33,10 @@ BEFORE_SCORE = 0.25
 """The least score as it was."""
 
 
+BEFORE_TELLING = 0.25
+"""The texture that tells fully as it was."""
+
+
 class FineMatcher(Matcher):
     """Scores by fine texture."""
 
@@ -48,8 +53,18 @@ class BlindMatcher(Matcher):
         return 1.0
 
 
-class FineBlindMatcher(FineMatcher, BlindMatcher):
-    """Scores by fine texture, without the Z-angle."""
+@cache
+def matcher_of(kept: frozenset[str]) -> type[Matcher]:
+    """Return the matcher with some of the changes."""
+    kinds = ([] if "coarse" in kept else [FineMatcher]) + ([] if "Z-angle" in kept else [BlindMatcher])
+    was: dict[str, float] = {}
+    if "noise" not in kept:
+        was["z_angle_smoothing_m"] = 0.0
+    if "search" not in kept:
+        was["z_angle_weight"] = 0.0
+    if "shading" not in kept:
+        was["telling_texture"] = BEFORE_TELLING
+    return type("VariantMatcher", (*kinds, Matcher), was)
 
 
 class Before(PaperMethod):
@@ -59,9 +74,7 @@ class Before(PaperMethod):
 
     @property
     def matcher_kind(self) -> type[Matcher]:  # type: ignore[override]
-        if "Z-angle" in self.kept:
-            return Matcher if "coarse" in self.kept else FineMatcher
-        return BlindMatcher if "coarse" in self.kept else FineBlindMatcher
+        return matcher_of(self.kept)
 
     @property
     def overlap_area_m2(self) -> float:  # type: ignore[override]
@@ -105,7 +118,10 @@ class Before(PaperMethod):
         return ()
 
 
-CHANGES = ("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands", "lines")
+CHANGES = (
+    *("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands", "lines"),
+    *("noise", "search", "shading"),
+)
 VARIANTS = {
     "before": frozenset[str](),
     **{name: frozenset({name}) for name in CHANGES},

@@ -11,11 +11,14 @@ from __future__ import annotations
 import itertools
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 
+from benchmarks.first_strokes import FirstStroke, first_stroke
+from benchmarks.first_strokes import told as told_of_first
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import sources
 from flatcloth.core.config import Config
@@ -27,6 +30,7 @@ from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.segmentation.certainty import CALIBRATION, agreement, features
 from flatcloth.segmentation.observed import Observed, observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
+from flatcloth.segmentation.settings import SegmentationConfig
 from flatcloth.segmentation.solver import SideSolver
 
 STROKES = 6
@@ -196,10 +200,29 @@ def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> 
     return found
 
 
+def first_strokes(solver: SideSolver, truth: Truth) -> list[FirstStroke]:
+    """Return the first strokes of operators who want the guessed side, and the other."""
+    observed, found = solver.observed, solver.solve(())
+    panel, face = side_shown_first(observed, solver, truth)
+    one_layer = truth.garment == "towel"
+    rows = []
+    for side in ((panel, face), (panel, not face) if one_layer else (3 - panel, face)):
+        seen = seen_truth(observed, truth, *side)
+        stroke = stroke_at_largest_error(found, seen)
+        if stroke is not None:
+            rows.append(first_stroke(observed, stroke, truth.garment, partial(_wrong, truth=seen)))
+    return rows
+
+
+def _wrong(found: Segmentation, truth: dict[int, Seen]) -> float:
+    score = scored(found, truth)
+    return score.error + score.undecided
+
+
 def measured(
-    source: str, strokes: int = STROKES
-) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]]]:
-    """Measure one recording."""
+    source: str, strokes: int = STROKES, learn: bool = False
+) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]], list[FirstStroke]]:
+    """Measure one recording; ``learn`` from its first strokes, too."""
     recording = open_recording(source)
     truth = read_truth(source)
     integration = Integration(recording)
@@ -236,7 +259,7 @@ def measured(
         "strokes": [_table(score) for score in scores],
         "made": len(decisions),
     }
-    return row, rows
+    return row, rows, first_strokes(solver, truth) if learn else []
 
 
 def _table(score: Score) -> dict[str, float]:
@@ -257,8 +280,10 @@ def told(row: dict[str, Any]) -> str:
 def run(options: Options) -> None:
     """Measure, print and write ``results/segmentation.json``."""
     table, rows = [], dict[str, list[tuple[Float64, Bool, Float64]]]()
+    firsts: list[FirstStroke] = []
     for source in sources(options.recordings):
-        row, own = measured(source, 2 if options.quick else STROKES)
+        row, own, started = measured(source, 2 if options.quick else STROKES, options.learn)
+        firsts += started
         table.append(row)
         rows.setdefault(row["garment"], []).extend(own)
         say(told(row))
@@ -272,6 +297,9 @@ def run(options: Options) -> None:
         ]
         found["reliability_leave_one_garment_out"] = {garment: bins for bins, garment in kept_out}
         say("weights: " + ", ".join(f"{w:.2f}" for w in learned(everything)))
+    if firsts:
+        found["most_cost"] = told_of_first(firsts, SegmentationConfig().most_cost)
+        say("\n".join(found["most_cost"]))
     for bins in found["reliability"]:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
     for garment, bins_ in found.get("reliability_leave_one_garment_out", {}).items():

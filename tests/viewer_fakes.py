@@ -127,7 +127,7 @@ class CylinderIntegration:
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
-        self.algorithm = SimpleNamespace(cameras=_no_cameras, brought=lambda _document: None)
+        self.algorithm = SimpleNamespace(cameras=_no_cameras, joined_piece=lambda _document: None)
 
     def _held_angle(self, view_index: int) -> float:
         # The item turns right-handed about up; in the held frame the camera goes the other way.

@@ -21,6 +21,8 @@ CRASHED = "crashed"
 HUNG = "hung"
 MEMORY = "out of memory"
 OUTCOMES = (DONE, FAILED, CRASHED, HUNG, MEMORY)
+_MOST = 1e15
+"""Largest number of a row. Chosen: no table or chart has larger ones."""
 LASTING = (DONE, FAILED)
 """Outcomes that would be the same again; tasks with others are repeated by the next run."""
 
@@ -92,8 +94,25 @@ def read_row(folder: Path) -> dict[str, Any] | None:
         row = json.loads(read_plain(folder / ROW_FILE))
     except (OSError, ValueError, RecursionError):
         return None
-    is_row = isinstance(row, dict) and row.get("format") == FORMAT
-    return {**row, "name": folder.name} if is_row else None
+    if not isinstance(row, dict) or row.get("format") != FORMAT:
+        return None
+    row["name"] = folder.name
+    return row if _is_whole(row) else None
+
+
+def _is_whole(row: Mapping[str, Any]) -> bool:
+    """Return whether a row says what was integrated and how that ended, and each column is of its kind."""
+    said = isinstance(row.get("source"), str) and isinstance(row.get("method"), str)
+    kinds = (row.get(c.name) is None or _is_of_kind(row[c.name], c.kind) for c in COLUMNS)
+    return said and row.get("outcome") in OUTCOMES and all(kinds)
+
+
+def _is_of_kind(value: Any, kind: Kind) -> bool:
+    if kind == "text":
+        return isinstance(value, str)
+    if kind == "flag" or isinstance(value, bool):
+        return kind == "flag" and isinstance(value, bool)
+    return isinstance(value, int if kind == "count" else int | float) and abs(value) <= _MOST
 
 
 def write_row(row: Mapping[str, Any], folder: Path) -> None:

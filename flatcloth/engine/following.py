@@ -52,7 +52,8 @@ def follow(
         if not decision.fixed:
             placement = method.propose(document, view, decision.side, progress)
             component, motion = placement.component, placement.alignment.current_from_new
-            also = placement.also
+            left_out = decision.left_out
+            also = tuple(p for p in placement.also if (p.view_index, p.component) not in left_out)
         score = method.score(document, view, component, motion).total
     except (SurfaceError, FlatteningError, AlignmentError) as error:
         return Followed(token, view, motion, 0.0, component, holds=False, why=str(error))

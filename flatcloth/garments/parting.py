@@ -89,8 +89,8 @@ def without_parts(
         own = np.zeros(view.shape, dtype=np.bool_)
         own[tuple(pixels[part[nearest]].T)] = True
         own &= rest
-        rest &= ~own
-        if own.any():
+        if own.any() and (rest & ~own).any():  # something remains, also of parts that together are all
+            rest &= ~own
             pieces.append(_only(view, own))
     return _only(view, rest), pieces
 

@@ -284,13 +284,14 @@ class ClothPairs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BroughtPiece:
-    """A floating piece that comes to the shape with a component of it that the operator placed there.
+class JoinedPiece:
+    """A floating piece that a component placed by the operator joins to the shape.
 
-    ``center_uv_m`` (2,) is where it lies on the plane now, ``target_from_piece`` leads from there to where
-    it goes.
+    ``piece`` is its number; ``center_uv_m`` (2,) is where it lies on the plane now, ``target_from_piece``
+    leads from there to where it goes.
     """
 
+    piece: int
     center_uv_m: Float64
     target_from_piece: Rigid2
 
@@ -415,8 +416,8 @@ class Method(Protocol):
         """Return the cloth that a component and the shape have in common; None if the method finds none."""
         return None
 
-    def brought(self, document: Document) -> BroughtPiece | None:
-        """Return the floating piece that the pending view brings along as it lies; None if there is none."""
+    def joined_piece(self, document: Document) -> JoinedPiece | None:
+        """Return the floating piece that the pending view joins to the shape where it lies, None if none."""
         return None
 
     def cameras(self, document: Document) -> Registered | None:

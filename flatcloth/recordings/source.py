@@ -112,7 +112,7 @@ class SourceOptions:
         known = {name: value for name, value in values.items() if value not in (None, "")}
         unknown = sorted(set(known) - set(_READ))
         if unknown:
-            raise RecordingError(f"{where}: unknown option {unknown[0]!r}. Known are {', '.join(_READ)}.")
+            raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {', '.join(_READ)}.")
         made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
         for name in ("angles", "camera_file"):
             if name in made and beside is not None:

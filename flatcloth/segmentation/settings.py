@@ -53,12 +53,11 @@ class SegmentationConfig:
     """... each cluster adds this to the cost, times the number of the stroke, ..."""
     flip_potential: float = 0.6
     """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
-    most_first_cost: float = 70.0
-    """A region that would cost more than this has no clear border: a first stroke that contradicts the guess
-    turns all over then. On the recordings at hand, 36 to 51 where the guess was right elsewhere, and 87 to
-    229 where all was the other side; without any one kind of garment, the middle lies between too."""
-    most_cost: float = 105.0
-    """For a later stroke, the partition is made anew then."""
+    most_cost: float = 62.0
+    """A region that would cost more than this has no clear border. A first stroke that contradicts a side
+    that was shown then means that the guess was wrong, and turns all over; for any other, the partition is
+    made anew, if that costs less. Learned, as the middle of the values with which least is wrong after a
+    first stroke; ``python -m benchmarks segmentation --learn`` prints it, and leave-one-garment-out."""
     flip_rounds: int = 1
     """Reweightings of the potentials."""
     least_certainty: float = 0.7

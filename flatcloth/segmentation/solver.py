@@ -17,6 +17,7 @@ from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
 from flatcloth.segmentation.certainty import agreement, calibrated
 from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.partition import Int8
 from flatcloth.segmentation.result import (
     OF_INTEREST,
     OTHER,
@@ -169,7 +170,8 @@ class SideSolver:
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         conflicts = self._conflicts(state, touched, wanted, number)
-        side, inner, known = self._spread(state, touched, wanted)
+        shown = self.solve(decisions[:-1]).side
+        side, inner, known = self._spread(state, touched, wanted, shown)
         turned = (_shown(side, inner) != state.shown) & state.known
         group = state.group
         if not turned[state.known].all():  # all at once: what lies together still does
@@ -187,7 +189,7 @@ class SideSolver:
             conflicts=(*state.conflicts, *conflicts),
         )
 
-    def _spread(self, state: _State, touched: Int64, wanted: float) -> tuple[Float64, Bool, Bool]:
+    def _spread(self, state: _State, touched: Int64, wanted: float, told: Int8) -> tuple[Float64, Bool, Bool]:
         side, inner, known = state.side.copy(), state.inner.copy(), state.known.copy()
         part, shown = self.observed.partition.part, state.shown
         for n in np.unique(part[touched]):
@@ -210,7 +212,9 @@ class SideSolver:
             inner[self._spreading.inner_face(np.where(inner, -1.0, 1.0), keep, faces, number)[0]] = False
         rest = wrong[~state.inner[wrong]]
         if rest.size:
-            turned, of_inner = self._turned(state, side, keep, rest, number)
+            # Where nothing was shown, a stroke contradicts nothing: it cannot mean that the guess was wrong.
+            guessed = not state.strokes and bool(np.mean(told[rest] != UNDECIDED) > 0.5)
+            turned, of_inner = self._turned(state, side, keep, rest, number, guessed)
             inner[of_inner] = True
             side[turned] = -side[turned]
         off = touched[_shown(side, inner)[touched] != wanted]
@@ -219,23 +223,26 @@ class SideSolver:
         return side, inner, known
 
     def _turned(
-        self, state: _State, side: Float64, keep: Int64, wrong: Int64, number: int
+        self, state: _State, side: Float64, keep: Int64, wrong: Int64, number: int, guessed: bool
     ) -> tuple[Int64, Int64]:
-        """Return the clusters that change sides, and those that turn out to be an inner face."""
+        """Return the clusters that change sides, and those that turn out to be an inner face.
+
+        ``guessed`` says that only the guess of the side to start from holds what the stroke contradicts.
+        """
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
-        most = self.observed.config.most_cost if state.strokes else self.observed.config.most_first_cost
+        most = self.observed.config.most_cost
         # What lies at the back of an inner face tells nothing about the side.
         weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
-        if state.strokes and most <= cost < np.inf:
+        if not guessed and most <= cost < np.inf:
             anew, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
-            if price < most:
+            if price < cost:
                 region, cost = anew, price
         if side[wrong[0]] > 0:
             face, price = spreading.inner_face(side, keep, wrong, number)
             if price < cost:
                 return none, face
-        if not state.strokes and cost > most:  # no border lies between it and the guess
+        if guessed and cost > most:  # no border lies between it and the guess
             return np.flatnonzero(state.known), none
         return region, none
 

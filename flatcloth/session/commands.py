@@ -77,6 +77,15 @@ class TakePart:
 
 
 @dataclass(frozen=True)
+class LeaveOut:
+    """Leave out a component that would be placed with the pending view: it waits."""
+
+    view_index: int
+    part_view: int
+    component: int
+
+
+@dataclass(frozen=True)
 class PaintImage:
     """Say of the cloth under a stroke on an image which side it is; the views of the shape follow."""
 
@@ -187,6 +196,7 @@ Command = (
     | Reopen
     | Nudge
     | TakePart
+    | LeaveOut
     | Paint
     | GarmentCommand
     | Undo

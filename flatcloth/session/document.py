@@ -46,7 +46,7 @@ class Accepted:
     view is that of the added one, paper 4.3). ``component`` is the number of the view's component
     that is placed, 0 for the largest. ``fixed`` marks a placement changed by hand. ``score`` is that
     of the placement when it was accepted, None if unknown. ``also`` are the components that were
-    placed with it.
+    placed with it, ``left_out`` those (view, component) that the operator left out.
     """
 
     view_index: int
@@ -56,6 +56,7 @@ class Accepted:
     component: int = 0
     score: float | None = None
     also: tuple[PlacedPart, ...] = ()
+    left_out: frozenset[tuple[int, int]] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,8 @@ class Pending:
     ``proposed`` is the result of the method, ``nudge`` the operator's change: the effective
     placement is ``nudge @ proposed``. ``again`` is the earlier decision on this view, if there was
     one; ``why`` explains a proposal that the operator did not request, or its placement. ``also``
-    are the components that are placed with it, as proposed; a nudge moves them along.
+    are the components that are placed with it, as proposed; a nudge moves them along. ``left_out`` are
+    those (view, component) that the operator left out.
     """
 
     view_index: int
@@ -106,6 +108,7 @@ class Pending:
     again: Later | None = None
     why: str = ""
     also: tuple[PlacedPart, ...] = ()
+    left_out: frozenset[tuple[int, int]] = frozenset()
 
     @property
     def current_from_new(self) -> Rigid2:
@@ -168,6 +171,11 @@ class Document:
         return frozenset(later.decision.view_index for later in self.later)
 
     @property
+    def left_out(self) -> frozenset[tuple[int, int]]:
+        """The components (view, component) of accepted views that the operator left out."""
+        return frozenset().union(*(a.left_out for a in self.accepted))
+
+    @property
     def placed_components(self) -> dict[int, int]:
         """The component of each accepted view that is placed."""
         return {a.view_index: a.component for a in self.accepted}
@@ -210,11 +218,26 @@ def accept(document: Document, score: float | None) -> Document:
         component=pending.component,
         score=score,
         also=pending.also_placed,
+        left_out=pending.left_out,
     )
     if before is not None and replace(added, score=before.score) == before:
         added = before  # unchanged: the views that follow it stay unchanged
     document = _without_verdict(document, pending.view_index)
     return replace(document, accepted=(*document.accepted, added), pending=None)
+
+
+def is_placed_with(pending: Pending, view_index: int, component: int) -> bool:
+    """Tell whether a component would be placed together with the proposal's own."""
+    return any((p.view_index, p.component) == (view_index, component) for p in pending.also)
+
+
+def leave_out(document: Document, view_index: int, component: int) -> Document:
+    """Leave out a component that would be placed with the proposal."""
+    pending = document.pending
+    assert pending is not None
+    part = (view_index, component)
+    also = tuple(p for p in pending.also if (p.view_index, p.component) != part)
+    return replace(document, pending=replace(pending, also=also, left_out=pending.left_out | {part}))
 
 
 def finish(document: Document, reason: str, *, takes_largest: bool) -> Document:
@@ -324,6 +347,7 @@ def _ask_again(document: Document, again: Later) -> Document:
         component=decision.component,
         again=again,
         also=decision.also,
+        left_out=decision.left_out,
     )
     later = tuple(w for w in document.later if w is not again)
     return replace(document, pending=pending, later=later)

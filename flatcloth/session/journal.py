@@ -92,6 +92,7 @@ _KINDS: dict[str, type[Any]] = {
     "reopen": session.Reopen,
     "nudge": session.Nudge,
     "take part": session.TakePart,
+    "leave out": session.LeaveOut,
     "paint image": session.PaintImage,
     "paint space": session.PaintSpace,
     "cut cloth": session.CutCloth,

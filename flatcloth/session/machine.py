@@ -29,6 +29,7 @@ from flatcloth.session.commands import (
     Event,
     Failed,
     Followed,
+    LeaveOut,
     NothingMore,
     Nudge,
     PaintImage,
@@ -73,6 +74,7 @@ __all__ = [
     "HistoryItem",
     "Keeper",
     "Later",
+    "LeaveOut",
     "MemorySession",
     "NothingMore",
     "Nudge",
@@ -237,7 +239,9 @@ def _why_not_paint(state: SessionState, command: PaintImage | PaintSpace | CutCl
     return None
 
 
-def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge | TakePart) -> str | None:
+def _why_not_decide(
+    document: Document, command: Accept | Reject | Skip | Nudge | TakePart | LeaveOut
+) -> str | None:
     pending = document.pending
     if pending is None:
         return "There is no proposal to decide about; step first."
@@ -247,6 +251,10 @@ def _why_not_decide(document: Document, command: Accept | Reject | Skip | Nudge 
         by = command.by if isinstance(command, Nudge) else command.current_from_new
         if not all(math.isfinite(x) for x in (by.theta_rad, by.u_m, by.v_m)):
             return "A nudge needs finite numbers."
+    if isinstance(command, LeaveOut) and not edits.is_placed_with(
+        pending, command.part_view, command.component
+    ):
+        return f"Part {command.component + 1} of view {command.part_view} is not placed with the proposal."
     return None
 
 
@@ -316,6 +324,9 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
+        case LeaveOut(part_view=view, component=component):
+            name = f"leave out part {component + 1} of view {view}"
+            return _edit(state, name, edits.leave_out(document, view, component))
         case PaintImage(stroke=stroke) | PaintSpace(stroke=stroke) | CutCloth(stroke=stroke):
             painted = _edit(state, _name_of(stroke), edits.paint(document, stroke))
             if document.start_view is None and state.request is not None:

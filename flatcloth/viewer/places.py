@@ -123,8 +123,10 @@ class Places:
         location = Path(header.recording.location)
         try:
             found = location.resolve(strict=True)
-        except OSError as error:
-            raise PlaceError(f"{name:.200}: its recording {location} is not there any more.") from error
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a zero character
+            raise PlaceError(
+                f"{name:.200}: its recording {str(location)!r} is not there any more."
+            ) from error
         offered = {path.resolve() for path in sample_recordings().values()}
         if found not in offered and not (self._root is not None and found.is_relative_to(self._root)):
             raise PlaceError(f"{name:.200}: its recording lies outside the folder given with --root.")

@@ -31,6 +31,11 @@ class Worker:
         """Add a job; returns immediately."""
         self._jobs.put(job)
 
+    @property
+    def waiting(self) -> int:
+        """The number of jobs that wait for the present one."""
+        return self._jobs.qsize()
+
     def stop(self, timeout_s: float) -> None:
         """Stop the thread after the current job; a job that does not end is abandoned with the daemon."""
         self._jobs.put(None)

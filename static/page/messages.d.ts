@@ -53,6 +53,14 @@ export interface TakePart {
   component: number;
 }
 
+/** Leave out a part that would be placed with the pending view: a component of ``part_view``. */
+export interface LeaveOut {
+  type: "leave_out";
+  view_index: number;
+  part_view: number;
+  component: number;
+}
+
 /** Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so. */
 export interface Pairs {
   type: "pairs";
@@ -282,6 +290,7 @@ export type ClientMessage = Do
   | Refine
   | PlacePiece
   | TakePart
+  | LeaveOut
   | Pairs
   | Hover
   | HoverRay

@@ -2,6 +2,7 @@
 
 import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
 import { degrees, floatingOf, number, vector } from "/static/page/format.js";
+import { drawPlacedWithIt, placedWithIt } from "/static/panels/placed_with_it.js";
 
 function unitless(name) {
   const units = { mm: "mm", cm2: "cm²", deg: "°", px: "px", m: "m", m2: "m²" };
@@ -13,6 +14,8 @@ function unitless(name) {
 export class ProposalPanel {
   constructor(page) {
     this.page = page;
+    const { canvas } = page;
+    canvas.drawers.push((_, context, style) => drawPlacedWithIt(canvas, context, style, page.state?.pending));
   }
 
   update(state) {
@@ -183,9 +186,7 @@ function showProposal(state, send, show) {
           )
         : null,
       pending.why ? make("p", { class: "asked-again" }, pending.why) : null,
-      pending.also.length
-        ? make("p", { class: "note" }, `Placed with it: ${pending.also.map(partName).join(", ")}`)
-        : null,
+      placedWithIt(pending, send, show),
       pending.reason
         ? make(
             "p",
@@ -199,8 +200,6 @@ function showProposal(state, send, show) {
     ].filter(Boolean),
   );
 }
-
-const partName = (part) => `part ${part.component + 1} of view ${part.view_index}`;
 
 /** What accepting would do. */
 function foreseen(told) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
 import re
 import shlex
@@ -19,7 +20,7 @@ import uvicorn
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, reliability, verdicts
-from flatcloth.batch.rows import write_row
+from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
 from flatcloth.recordings import SourceOptions
@@ -117,6 +118,21 @@ def test_a_row_adds_no_options_to_the_command_and_names_no_other_folder(out: Pat
         source, *options_of_session = shlex.split(told["command"])[2:]
         assert source == "./--no-token"
         assert options_of_session == ["--session", str(out / "sure"), "--method=robust"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"outcome": None}, {"outcome": []}, {"source": None}, {"method": 3}, {"area_cm2": "900"},
+        {"views": 1.5}, {"views": True}, {"reason": ["x"]}, {"seconds": math.nan}, {"seconds": 10**20},
+        {"floating_cm2": {}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_row_with_something_else_in_it_is_no_row(out: Path, wrong: dict[str, Any]) -> None:
+    (out / "sure/row.json").write_text(json.dumps({**GOOD, "format": FORMAT, "name": "sure", **wrong}))
+    rows = data_of(report_html(out, served=False))["rows"]
+    assert sorted(row["name"] for row in rows) == ["less", "lost", "torn"]
 
 
 def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:

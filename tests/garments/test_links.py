@@ -142,6 +142,9 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     assert parts_taken_off(gone, [taken]) == []
 
     view = blank_view(np.ones((115, 175), dtype=bool))
+    rest, pieces = without_parts(view, cloth, [part, ~part])
+    assert len(pieces) == 1  # something remains the shape
+    assert rest.valid.any()
     rest, (piece,) = without_parts(view, cloth, [part])
     assert rest.valid.sum() + piece.valid.sum() == view.valid.sum()
     assert piece.uv_from_rc(np.argwhere(piece.valid))[:, 0].max() < 0.115

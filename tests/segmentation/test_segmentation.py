@@ -13,7 +13,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.segmentation.observed import observe
-from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER
+from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER, UNDECIDED
 from flatcloth.segmentation.solver import SideSolver
 
 VIEWS = plate()
@@ -77,6 +77,18 @@ def test_a_stroke_says_which_side_is_of_interest_and_undo_is_exact(solver):
     assert right < 0.001
     assert shares(solver.solve((stroke(view=0),)))[0] > 0.999
     assert solver.solve(()) is before
+
+
+def test_a_first_stroke_where_nothing_was_shown_does_not_mean_that_the_guess_was_wrong(solver):
+    observed = solver.observed
+    back = observed.clusters.normal[:, 2] > 0.9
+    samples = observed.samples.copy()
+    samples[::2, back] *= -1  # half of them say that the back lies on the side of the front
+    unsure = SideSolver(replace(observed, samples=samples))
+    assert set(unsure.solve(()).side[back]) == {UNDECIDED}
+    found = unsure.solve((stroke(view=9),))
+    assert set(found.side[unsure.start_sheet]) == {OF_INTEREST}
+    assert (found.side[back] == OF_INTEREST).any()
 
 
 def test_strokes_on_cloud_and_canvas_reach_the_layer_their_normal_means(solver):

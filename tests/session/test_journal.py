@@ -18,6 +18,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import (
     Accept,
+    LeaveOut,
     Nudge,
     Phase,
     PlacedPart,
@@ -322,7 +323,7 @@ def test_further_parts_of_a_proposal_come_back_from_the_journal(place: Path) -> 
     also = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
     folder = opened(place)
     proposed = Proposed(2, 1, Rigid2(), score=0.9, also=also)
-    for step in (Start(), Started(1, 0), Propose(), proposed, Accept(1)):
+    for step in (Start(), Started(1, 0), Propose(), proposed, LeaveOut(1, 0, 1), Undo(), Accept(1)):
         folder.record(step)
     folder.close()
     resumed = opened(place)

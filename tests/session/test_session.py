@@ -15,6 +15,7 @@ from flatcloth.session.machine import (
     Command,
     Event,
     Failed,
+    LeaveOut,
     NothingMore,
     Nudge,
     Phase,
@@ -162,6 +163,7 @@ def test_a_piece_that_is_the_shape_at_the_end_stays_it_while_the_session_goes_on
         (PENDING, Reject(4), "it is view 3 now, not 4"),
         (PENDING, Nudge(4, Rigid2()), "it is view 3 now, not 4"),
         (PENDING, Nudge(3, Rigid2(math.nan, 0, 0)), "finite"),
+        (PENDING, LeaveOut(3, 3, 1), "Part 2 of view 3 is not placed with the proposal"),
         ((*PENDING, Accept(3)), Accept(3), "no proposal"),
         ((*PENDING, Accept(3), Propose()), Accept(3), "computation is running"),
     ],
@@ -204,3 +206,17 @@ def test_a_reopened_view_has_its_further_parts_again() -> None:
     reopened = after(*SEVERAL, Accept(3), Reopen(3)).document.pending
     assert reopened is not None
     assert reopened.also == ALSO
+
+
+def test_a_further_part_that_is_left_out_waits_and_undo_takes_it_back() -> None:
+    left = after(*SEVERAL, LeaveOut(3, 2, 4))
+    assert left.document.pending is not None
+    assert left.document.pending.also == ALSO[:1]
+    (accepted,) = apply(left, Accept(3)).document.accepted
+    assert (accepted.also, accepted.left_out) == (ALSO[:1], {(2, 4)})
+    assert apply(left, Undo()).document.pending == after(*SEVERAL).document.pending
+    with pytest.raises(IllegalDecisionError, match="Part 5 of view 2 is not placed"):
+        apply(left, LeaveOut(3, 2, 4))
+    reopened = after(*SEVERAL, LeaveOut(3, 2, 4), Accept(3), Reopen(3)).document.pending
+    assert reopened is not None
+    assert (reopened.also, reopened.left_out) == (ALSO[:1], {(2, 4)})

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import threading
+import time
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from page_tabs import Tab
+from page_tabs import WAIT_S, Tab
 
 from flatcloth.core.errors import JournalError
 from flatcloth.core.types import RotationAxis
 from flatcloth.session.axis_file import write_axis
 from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.session.machine import Accept
+from flatcloth.viewer.modes.controller import MOST_WAITING
 from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.worker import Worker
 
@@ -66,6 +70,31 @@ def test_a_state_that_cannot_be_published_is_told_once(server, monkeypatch):
         tab.say(type="set", follow=False)
         assert tab.state_where(lambda s: not s["settings"]["follow"]["value"])["picks"]
         assert len(tab.notes) == 1
+
+
+def test_a_tab_that_sends_more_than_is_done_has_to_wait(server):
+    application, gate = server.application, threading.Event()
+    hover = {"type": "hover", "u_m": 0.0, "v_m": 0.0}
+    with Tab(server) as tab:
+        tab.ready()
+        application._put(None, lambda: gate.wait(WAIT_S) and None)
+        for n in range(2 * MOST_WAITING):
+            tab.say(type="set", step_mm=1.0 + n % 2)
+        tab.say(**hover, id=1)  # answered at once when it is read
+        ends = time.monotonic() + WAIT_S
+        while application._front.waiting < MOST_WAITING and time.monotonic() < ends:
+            time.sleep(0.01)
+        with Tab(server) as other:
+            other.say(**hover, id=2)
+            assert other.until(lambda m: m["type"] == "hover")["id"] == 2
+        for _ in range(100):
+            application.click_ray((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        with contextlib.suppress(TimeoutError):
+            while True:
+                assert json.loads(tab._socket.recv(timeout=0.2))["type"] != "hover"
+        assert MOST_WAITING <= application._front.waiting < MOST_WAITING + 50
+        gate.set()
+        assert tab.until(lambda m: m["type"] == "hover")["id"] == 1
 
 
 def test_a_worker_goes_on_after_a_job_that_failed():

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import httpx
 import numpy as np
 import pytest
 from exported_sessions import Operator, write_cylinder, write_session
+from page_tabs import WAIT_S, open_socket
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Start
+from flatcloth.session.machine import Document, Start
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
+from flatcloth.viewer.routes.robot import RobotRoutes
 
 CLIENT = Path(__file__).parents[2] / "examples" / "robot_client.py"
 
@@ -61,6 +66,49 @@ def test_picks_are_given_in_the_robots_frame(server: PageServer) -> None:
     grasp = ask(server, "/robot/grasps").json()["grasps"][0]
     camera, base = (grasp["poses"][frame]["position_m"] for frame in ("camera", "base"))
     assert base == pytest.approx([camera[0] + 1, camera[1] + 2, camera[2] + 3], abs=1e-5)
+
+
+def test_a_robot_that_speaks_still_hears_what_changes(server: PageServer) -> None:
+    with open_socket(server, "/robot/picks") as robot:
+        grasp = json.loads(robot.recv(timeout=WAIT_S))["grasp"]
+        robot.send("are you there?")
+        robot.send("and now?")
+        rename = {"type": "rename_pick", "id": grasp["id"], "name": "seam"}
+        server.application.receive(0, json.dumps(rename))
+        while grasp["name"] != "seam":
+            grasp = json.loads(robot.recv(timeout=WAIT_S))["grasp"]
+        server.application.receive(0, json.dumps({**rename, "name": "Pick 1"}))
+
+
+class Page:
+    """Counts how often its grasps are computed."""
+
+    def __init__(self) -> None:
+        self.picture: Any = SimpleNamespace(document=Document(start_view=0))
+        self.picks: tuple[Any, ...] = ()
+        self.grips: dict[int, Any] = {}
+        self.computed = 0
+
+    def grasps(self, _base_from_camera: Any, *, with_garment: bool) -> dict[str, Any]:
+        assert not with_garment
+        self.computed += 1
+        return {"grasps": [{"id": pick} for pick in self.picks], "base_from_camera": None}
+
+
+def test_poses_are_computed_for_robots_only_when_something_has_changed() -> None:
+    page, integration = Page(), SimpleNamespace(axis=object())
+    routes = RobotRoutes(cast("Any", page), cast("Any", integration))
+    another = SimpleNamespace(document=page.picture.document)
+    changes: tuple[dict[str, Any], ...]
+    changes = {"picks": (1,)}, {"picks": (1, 2)}, {"grips": {1: "narrow"}}, {"picture": another}
+    for count, change in enumerate(changes, start=1):
+        vars(page).update(change)
+        for _ in range(3):
+            assert set(routes._texts()) == set(page.picks)
+        assert page.computed == count
+    integration.axis = object()
+    assert set(routes._texts()) == {1, 2}
+    assert page.computed == 5
 
 
 def test_the_example_client_hears_the_picks(server: PageServer) -> None:

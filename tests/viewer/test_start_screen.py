@@ -219,7 +219,7 @@ def test_a_session_below_the_root_cannot_name_a_recording_elsewhere(root: Path, 
     assert Places(root).chosen("folder", "session").source == str(SAMPLE)  # bundled: offered anyhow
     header = root / "session" / "session.json"
     told: dict[str, Any] = json.loads(header.read_text())
-    for elsewhere in (str(tmp_path / "outside"), str(root / "way-out"), str(tmp_path / "gone")):
+    for elsewhere in (str(tmp_path / "outside"), str(root / "way-out"), str(tmp_path / "gone"), "a\0b"):
         told["recording"]["location"] = elsewhere
         header.write_text(json.dumps(told))
         with pytest.raises(PlaceError, match=r"outside the folder|not there any more"):

@@ -222,6 +222,7 @@ def test_the_sliders_reach_the_sessions_own_values():
         ),
         ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
         ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),
+        ("/teaching/garment?revision=" + "9" * 400, 400, "is not a valid number"),
         ("/teaching/planning?z_angle_limit_deg=nan", 400, "z_angle_limit_deg: 'nan' is not a valid number"),
         ("/teaching/planning?start_view=36", 400, "the recording has 36 views, none numbered 36"),
         ("/teaching/planning?start_view=-1", 400, "none numbered -1"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import logging
 import socket
@@ -10,6 +11,7 @@ import stat
 import time
 
 import httpx
+import msgspec
 import psutil
 import pytest
 import viser
@@ -131,8 +133,21 @@ def test_a_client_that_does_not_speak_viser_s_language_leaves_one_line(server, c
         for _ in opened:
             pass
     (line,) = [r for r in caplog.records if r.name.endswith("private_viser") and r.levelname == "ERROR"]
-    assert "a socket of the 3D scene was closed" in line.getMessage()
+    assert "not understood" in line.getMessage()
     assert line.exc_info is None
+
+
+def test_a_message_that_viser_s_handlers_do_not_understand_leaves_one_line(server, caplog):
+    odd = {"type": "GuiUpdateMessage", "uuid": [], "updates": {}}
+    options = {"subprotocols": [f"viser-v{viser.__version__}"]}
+    with open_socket(server, "/viser", **options) as opened:
+        opened.send(msgspec.msgpack.encode(odd))
+        ends = time.monotonic() + WAIT_S
+        while not (lines := [r for r in caplog.records if r.name == "asyncio"]) and time.monotonic() < ends:
+            gc.collect()  # asyncio tells of a task when it is collected
+            time.sleep(0.02)
+    assert "not understood: TypeError" in lines[0].getMessage()
+    assert lines[0].exc_info is None
 
 
 def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):

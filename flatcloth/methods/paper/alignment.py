@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.geometry import height_m, z_angle_deg
+from flatcloth.core.geometry import height_m
 from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
-from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.matching import Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
@@ -66,7 +66,14 @@ def align_by_z_angle(
         If the views have no Z-angle in common.
     """
     correspondence = correspond(
-        current, new, axis, angles_deg, frame_from_current, z_angle_limit_deg, line_at
+        current,
+        new,
+        axis,
+        angles_deg,
+        frame_from_current,
+        z_angle_limit_deg,
+        line_at,
+        make_matcher.z_angle_smoothing_m,
     )
     initial = from_lines(correspondence)
     matcher = make_matcher(current, new, axis)
@@ -99,6 +106,7 @@ def correspond(
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
     line_at: float = MEDIAN_LINE,
+    z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
 ) -> Correspondence:
     """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
     before_deg, after_deg = angles_deg
@@ -107,8 +115,8 @@ def correspond(
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg)
     low, high = _common_range(curves, new_curves, rotation_deg)
     a_m = low + line_at * (high - low)
-    current_angle = z_angle_deg(current.normal, axis, before_deg)
-    new_angle = z_angle_deg(new.normal, axis, before_deg)
+    current_angle = mean_z_angle_deg(current, axis, before_deg, z_angle_smoothing_m)
+    new_angle = mean_z_angle_deg(new, axis, before_deg, z_angle_smoothing_m)
     pixels = [_pixels_at(angle, view, a_m) for angle, view in ((current_angle, current), (new_angle, new))]
     axes = [
         _principal_axis(view.uv_from_rc(rc), height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis))

@@ -268,7 +268,7 @@ class PaperMethod(Method):
         newest = self.angles_deg[document.accepted[-1].view_index] if document.accepted else 0.0
         found = []
         for view in sorted(document.used_views):
-            waiting = [n for n in self.sizeable(view) if (view, n) not in placed]
+            waiting = [n for n in self.sizeable(view) if (view, n) not in placed | document.left_out]
             turned = abs((self.angles_deg[view] - newest + 180.0) % 360.0 - 180.0)
             if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
                 continue  # nothing that the newest view shows is seen in this one

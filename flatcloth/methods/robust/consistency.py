@@ -10,6 +10,8 @@ contradict the rest are switched off in pose graphs (Suenderhauf and Protzel, 20
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -18,6 +20,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 from scipy.spatial import cKDTree
 
+from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 
 _NEAR_M = 0.015
@@ -34,7 +37,31 @@ _OTHER_PIECE_M = 5.0
 _EVIDENCE_UNITS = 1000
 """Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
+_HINGE_STD_M = 0.0017
+"""Error of a pair in a hinge beyond its own: that of strips (``uncertainty``). Set by hand."""
+_MOST_MISFIT = 9.0
+"""A hinge may turn until its pairs fit worse by three standard deviations. By definition."""
+_TURNS_RAD = [math.radians(sign * turn) for turn in range(1, 13) for sign in (1.0, -1.0)]
+"""Least turns that are tried, the smallest first. Chosen: a turn by more is unsure by more than 5 degrees."""
+_LEAST_TURNED = 12
+"""Fewest nodes on both sides of a hinge that is held: as many as a piece has. Set by hand."""
+_EXPECTED_TURN, _TURN_STD = 1.525, 0.446
+"""Mean and standard deviation of a normal distribution beyond one standard deviation. By definition."""
+
 Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hinge:
+    """A few pairs about which a part was turned off the rest, on which it lay.
+
+    ``part`` (P,) int32 are the nodes of the part, ``ends`` (E,) int32 those of the pairs, ``std_rad`` is the
+    standard deviation of its angle.
+    """
+
+    part: Int32
+    ends: Int32
+    std_rad: float
 
 
 def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
@@ -55,7 +82,7 @@ def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
     return found
 
 
-def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, int]:
+def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:
     """Return the edges (M,) whose removal separates the two layers that lie on one another most.
 
     Parameters
@@ -75,7 +102,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
         The edges; none if the overlap is within one layer.
     strength : float
         Their evidence together.
-    smaller : int
+    smaller : (N,) bool
         Nodes on the smaller side.
     """
     none = np.zeros(len(edges), dtype=np.bool_)
@@ -91,8 +118,17 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     else:
         one, other = _farthest(pairs, nodes, xyz_m)
     if not (one.size and other.size):
-        return none, math.inf, 0
-    n = len(xyz_m)
+        return none, math.inf, np.zeros(len(xyz_m), dtype=np.bool_)
+    side, strength = _minimum_cut(len(xyz_m), edges, evidence, one, other)
+    linked = np.zeros(len(xyz_m), dtype=np.bool_)
+    linked[edges] = True
+    sides = side & linked, ~side & linked
+    cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
+    return cut, strength, min(sides, key=np.count_nonzero)
+
+
+def _minimum_cut(n: int, edges: Int32, evidence: Float64, one: Int64, other: Int64) -> tuple[Bool, float]:
+    """Return which nodes (n,) the cut with the least evidence leaves with ``one``, and that evidence."""
     units = np.maximum(np.rint(_EVIDENCE_UNITS * evidence), 1).astype(np.int64)
     source, sink, unbounded = n, n + 1, int(units.sum()) + 1
     rows = np.concatenate([edges[:, 0], edges[:, 1], np.full(one.size, source), other])
@@ -105,10 +141,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     rest.eliminate_zeros()
     side = np.zeros(n + 2, dtype=np.bool_)
     side[breadth_first_order(rest, source, return_predecessors=False)] = True
-    cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
-    linked = np.unique(edges)
-    smaller = int(min(side[linked].sum(), (~side[linked]).sum()))
-    return cut, flow.flow_value / _EVIDENCE_UNITS, smaller
+    return side[:n], flow.flow_value / _EVIDENCE_UNITS
 
 
 def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
@@ -123,6 +156,98 @@ def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]
     tree = cKDTree(xyz_m[nodes])
     one, other = (nodes[tree.query_ball_point(xyz_m[end], _SAME_SURFACE_M)] for end in pairs[most])
     return one, other
+
+
+def swung_apart(
+    uv_m: Float64,
+    part: Bool,
+    edges: Int32,
+    length_m: Float64,
+    std_m: Float64,
+    overlapping: Callable[[Float64], Int64],
+) -> tuple[Float64, Hinge] | None:
+    """Turn a part about the few pairs that join it until it lies on nothing; None if they do not allow it.
+
+    A narrow hinge determines its angle to some degrees only, and a fold there bends it in all views alike.
+    That nothing overlaps leaves the angles beyond the least turn. The expected one of them is taken, for
+    errors of the angle that are normally distributed and as large as the least turn.
+
+    Parameters
+    ----------
+    uv_m : (N, 2) float64
+        Places of the nodes; NaN off the piece.
+    part : (N,) bool
+        The nodes to be turned.
+    edges : (M, 2) int32
+        The pairs between the part and the rest, ...
+    length_m, std_m : (M,) float64
+        ... their lengths and the standard deviations of these.
+    overlapping : callable
+        Returns the pairs (K, 2) of nodes that lie on one another for places (N, 2).
+    """
+    if not edges.size or not np.isfinite(uv_m[edges]).all():
+        return None
+    ends, std = np.unique(edges), np.hypot(std_m, _HINGE_STD_M)
+
+    def misfit(at: Float64) -> float:
+        apart = np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1)
+        return float(np.square((apart - length_m) / std).sum())
+
+    most = misfit(uv_m) + _MOST_MISFIT
+    for least_rad in _TURNS_RAD:
+        at = _turned(uv_m, part, ends, _EXPECTED_TURN * least_rad)
+        if misfit(at) > most:
+            continue
+        pairs = overlapping(_turned(uv_m, part, ends, least_rad))
+        if not (part[pairs[:, 0]] != part[pairs[:, 1]]).any():
+            nodes = np.flatnonzero(part).astype(np.int32)
+            return at, Hinge(part=nodes, ends=ends, std_rad=_TURN_STD * abs(least_rad))
+    return None
+
+
+def held_hinge(
+    hinge: Hinge, before_uv_m: Float64, uv_m: Float64, edges: Int32, evidence: Float64, most_evidence: float
+) -> tuple[Float64, Hinge] | None:
+    """Turn a part back to where its hinge held it; None if it is more than a hinge by now.
+
+    Minimised again, the few pairs would lead the part to where it overlapped.
+
+    Parameters
+    ----------
+    hinge : Hinge
+        A hinge of the shape as it was.
+    before_uv_m, uv_m : (N, 2) float64
+        Places of the nodes of the piece then and now; NaN for nodes that had or have none.
+    edges : (M, 2) int32
+        Pairs of neighbours within the piece now, ...
+    evidence : (M,) float64
+        ... and how far each shows that its ends are one piece of cloth.
+    most_evidence : float
+        A part that is joined by more is not held by a hinge.
+    """
+    was = np.zeros(len(uv_m), dtype=np.bool_)
+    was[hinge.part] = True
+    known = np.isfinite(before_uv_m[:, 0]) & np.isfinite(uv_m[:, 0])
+    own, rest = np.flatnonzero(known & was), np.flatnonzero(known & ~was)
+    if min(own.size, rest.size) < _LEAST_TURNED:
+        return None
+    part, strength = _minimum_cut(len(uv_m), edges, evidence, own, rest)
+    placed = np.isfinite(uv_m[:, 0])
+    part &= placed
+    ends = np.unique(edges[placed[edges].all(axis=1) & (part[edges[:, 0]] != part[edges[:, 1]])])
+    if strength > most_evidence or not ends.size:
+        return None
+    moved = [fit_rigid2(before_uv_m[nodes], uv_m[nodes]).theta_rad for nodes in (rest, own)]
+    turned = _turned(uv_m, part, ends, moved[0] - moved[1])
+    return turned, Hinge(part=np.flatnonzero(part).astype(np.int32), ends=ends, std_rad=hinge.std_rad)
+
+
+def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64:
+    """Return the places (N, 2) with a part turned about the middle of the ends of the pairs that join it."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    pivot, turned = uv_m[ends].mean(axis=0), uv_m.copy()
+    turned[part] = pivot + (uv_m[part] - pivot) @ np.array([[cos, sin], [-sin, cos]])
+    return turned
 
 
 def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence: Float64) -> Bool:

@@ -69,7 +69,9 @@ def from_z_angle_lines(
 ) -> list[Rigid2]:
     """Return the paper's initial estimate if the views have a Z-angle in common."""
     try:
-        found = correspond(coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg)
+        found = correspond(
+            coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, z_angle_smoothing_m=0.0
+        )
     except AlignmentError:
         return []
     return [from_lines(found)]

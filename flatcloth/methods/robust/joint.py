@@ -23,12 +23,20 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
-from flatcloth.methods.robust.consistency import contradicted_pairs, overlapping_pairs, weakest_cut
+from flatcloth.methods.robust.consistency import (
+    Hinge,
+    contradicted_pairs,
+    held_hinge,
+    overlapping_pairs,
+    swung_apart,
+    weakest_cut,
+)
 from flatcloth.methods.robust.layout import (
     MOST_DRIFT_M,
     Links,
     grown_layout,
     lay_out,
+    lay_pieces,
     links_of,
     minimise_piece,
     seed_pair,
@@ -71,6 +79,7 @@ class JointShape:
     pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
     of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
     space does not: they lie beside others without being near them in space, which contradicts nothing.
+    ``hinges`` are those whose angle had to be told by what they would overlap.
     """
 
     nodes: Nodes
@@ -83,6 +92,7 @@ class JointShape:
     weight: Float64
     is_cut: Bool
     by_hand: Bool
+    hinges: tuple[Hinge, ...] = ()
 
     @cached_property
     def uv_m(self) -> Float64:
@@ -199,6 +209,7 @@ def extend_joint(
         weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
         is_cut=np.concatenate([shape.is_cut, contradicted]),
         by_hand=by_hand,
+        hinges=shape.hinges,
     )
     return _solved(grown)
 
@@ -269,40 +280,90 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     )
     piece = np.full(len(label), -1, dtype=np.int32)
     uv, weight = np.full((len(label), 2), np.nan), shape.weight.copy()
+    hinges: list[Hinge] = []
     for n, own in enumerate(order):
         members = label == own
         known = _known(members & shape.has_place, before)
         if not touched[own] and n and known.any() and (known == members).all():
             uv[members] = shape.all_uv_m[members]
+            hinges += [hinge for hinge in shape.hinges if members[hinge.part].mean() > 0.5]
         else:
             within = np.flatnonzero(both_ends(members, links.edges) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
                 seed_pair(z, links, within)
-            z = lay_out(z, links, within)
+            z = lay_out(_with_pieces(z, shape, links, within, members), links, within)
             if n and _reached(z, members) < 0.5 * members.sum():
                 z = _seeded_anew(z, members, links, within)
             inside = within[both_ends(np.isfinite(z.real), links.edges[within])]
             own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
-            overlapping = _overlapping(shape, own_uv)
+            own_uv, held = _with_hinges_held(shape, own_uv, members, within, weight)
+            overlapping, minimised = _overlapping(shape, own_uv), own_uv
             if overlapping.size:
                 own_uv, weight[within], overlapping = _grown_anew(
                     shape, within, own_uv, weight[within], overlapping
                 )
+            held = held if own_uv is minimised else []
             if np.unique(overlapping).size >= _LEAST_PIECE and may_cut:
                 cut, strength, smaller = weakest_cut(
                     overlapping, shape.nodes.xyz_m, links.edges[within], (weight * links.evidence)[within]
                 )
-                if strength <= _MOST_CUT_EVIDENCE and smaller >= _LEAST_PIECE:
+                swung = _swung_apart(shape, own_uv, smaller, within[cut])
+                if swung is not None:
+                    own_uv = swung[0]
+                    held.append(swung[1])
+                elif strength <= _MOST_CUT_EVIDENCE and smaller.sum() >= _LEAST_PIECE:
                     is_cut = shape.is_cut.copy()
                     is_cut[within[cut]] = True
                     kept = np.where(is_cut, 0.0, shape.weight)
                     return _solved(replace(shape, is_cut=is_cut, weight=kept), may_cut=False)
             uv[members] = own_uv[members]
+            hinges += held
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
             uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
-    return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight))
+    return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight, hinges=tuple(hinges)))
+
+
+def _with_pieces(z: Complex128, shape: JointShape, links: Links, within: Int64, members: Bool) -> Complex128:
+    """Place pieces that were laid out before, and are now joined to what is placed, as they were."""
+    apart = members & shape.has_place & (shape.piece >= 0) & ~np.isfinite(z.real)
+    if not apart.any() or not np.isfinite(z.real).any():
+        return z
+    new = within[~apart[links.edges[within]].any(axis=1)]
+    laid = np.where(apart, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
+    return lay_pieces(lay_out(z, links, new), links, within, laid, shape.piece)
+
+
+def _with_hinges_held(
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
+) -> tuple[Float64, list[Hinge]]:
+    """Return the places (N, 2) of a piece with its parts turned as before about hinges, and these."""
+    held, links = [], shape.links
+    for hinge in shape.hinges:
+        if members[hinge.part].mean() > 0.5:
+            before = np.where(
+                (members & (shape.piece == shape.piece[hinge.part[0]]))[:, None], shape.all_uv_m, np.nan
+            )
+            evidence = (weight * links.evidence)[within]
+            found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, _MOST_CUT_EVIDENCE)
+            if found is not None:
+                uv_m = found[0]
+                held.append(found[1])
+    return uv_m, held
+
+
+def _swung_apart(shape: JointShape, uv_m: Float64, part: Bool, across: Int64) -> tuple[Float64, Hinge] | None:
+    """Turn a part about the pairs ``across`` that join it, until nothing overlaps; None if they forbid it."""
+    links = shape.links
+    return swung_apart(
+        uv_m,
+        part,
+        links.edges[across],
+        links.length_m[across],
+        links.std_m[across],
+        lambda turned: _overlapping(shape, turned),
+    )
 
 
 def _reached(z: Complex128, members: Bool) -> int:

@@ -121,6 +121,56 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
         z[found] = sums[found] / counts[found]
 
 
+def lay_pieces(z: Complex128, links: Links, inside: Int64, laid: Complex128, piece: Int32) -> Complex128:
+    """Place pieces that have a layout of their own (as u + iv) where pairs lead to from placed nodes.
+
+    A piece keeps its layout: nodes laid out again one after the other would lose what all its views say,
+    and could fold. Its rotation is that on which the pairs' directions, seen from both ends, agree in the
+    mean; its shift is that of the places they predict.
+
+    Parameters
+    ----------
+    z : (N,) complex128
+        Positions of the placed nodes; NaN elsewhere.
+    links, inside
+        The pairs, and those that may be used.
+    laid : (N,) complex128
+        Positions of nodes, each piece on a plane of its own; NaN for nodes of none.
+    piece : (N,) int32
+        The piece of each node; -1 for none.
+    """
+    z = z.copy()
+    edges, member, offset = links.edges[inside], links.member[inside], links.offset[inside]
+    evidence, accuracy = links.evidence[inside], 1.0 / np.square(links.std_m[inside])
+    waiting = np.isfinite(laid.real) & ~np.isfinite(z.real) & (piece >= 0)
+    while waiting.any():
+        placed = np.isfinite(z.real)
+        across = (placed[edges] & waiting[edges][:, ::-1]).any(axis=1)
+        pair = np.flatnonzero(across)
+        if not pair.size:
+            break
+        there = np.where(waiting[edges[pair, 0]], 0, 1)
+        joined = piece[edges[pair, there]]
+        number = int(np.bincount(joined, evidence[pair]).argmax())
+        own, pair, there = waiting & (piece == number), pair[joined == number], there[joined == number]
+        waiting = waiting & ~own
+        both = both_ends(placed, edges) | both_ends(own, edges)
+        weight = np.where(both, accuracy, 0.0)
+        turn = local_rotations(np.where(own, laid, z), edges, member, offset, weight, links.n_members)
+        here, sign = 1 - there, np.where(there == 1, 1.0, -1.0)
+        ahead = turn[member[pair, here]] * sign * offset[pair, here]
+        back = turn[member[pair, there]] * -sign * offset[pair, there]
+        known = (np.abs(ahead) > 0.0) & (np.abs(back) > 0.0)
+        if not known.any():
+            continue
+        votes = evidence[pair] * known
+        rotation = -(votes * ahead / np.maximum(np.abs(ahead), 1e-12) * np.conj(back)).sum()
+        rotation /= max(abs(rotation), 1e-12)
+        off = z[edges[pair, here]] + ahead - rotation * laid[edges[pair, there]]
+        z[own] = rotation * laid[own] + (votes * off).sum() / votes.sum()
+    return z
+
+
 def grown_layout(
     n: int, edges: Int32, member: Int32, offset: Complex128, evidence: Float64, n_members: int
 ) -> Complex128:

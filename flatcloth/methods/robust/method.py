@@ -13,10 +13,10 @@ import numpy as np
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
-    BroughtPiece,
     Candidate,
     Canonical,
     ClothPairs,
+    JoinedPiece,
     Method,
     Placement,
     Plan,
@@ -164,15 +164,15 @@ class RobustMethod(Method):
         """Return the registered cameras of the accepted views."""
         return self.shapes.registered(self.shapes.shape(document).views)
 
-    def brought(self, document: Document) -> BroughtPiece | None:
-        """Return the floating piece that the pending view brings along as it lies."""
+    def joined_piece(self, document: Document) -> JoinedPiece | None:
+        """Return the floating piece that the pending view joins to the shape where it lies."""
         pending = document.pending
         if pending is None or not pending.moved:
             return None
         added = Accepted(
             pending.view_index, pending.current_from_new, fixed=True, component=pending.component
         )
-        return self.shapes.brought(document, added)
+        return self.shapes.joined_piece(document, added)
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""

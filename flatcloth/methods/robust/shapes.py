@@ -17,7 +17,7 @@ from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame, Rigid2, Uint8
 from flatcloth.flattening.pixel_states import PixelState, states_of_view
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.base import BroughtPiece, Canonical, Views
+from flatcloth.methods.base import Canonical, JoinedPiece, Views
 from flatcloth.methods.robust.compositing import composite, pixel_cost, states_on_surface
 from flatcloth.methods.robust.joint import (
     JointShape,
@@ -51,11 +51,11 @@ _DRAWN_BYTES = 40 * _MIB
 
 
 @dataclass(frozen=True, kw_only=True)
-class CarriedPiece:
-    """A floating piece that is brought along: its number, and where it goes on the plane."""
+class _Places:
+    """Where nodes lie in a view's own plane, ``uv_m`` (K, 2), and on which ``component`` (K,) of it."""
 
-    piece: int
-    target_from_piece: Rigid2
+    uv_m: Float64
+    component: Int32
 
 
 class JointShapes:
@@ -77,7 +77,7 @@ class JointShapes:
         self._registrations: Cache[Registered] = Cache(6)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(48)
-        self._places: Cache[tuple[Float64, Int32]] = Cache(2 * _MOST_PREFIXES)
+        self._places: Cache[_Places] = Cache(2 * _MOST_PREFIXES)
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
 
     def shape(self, document: Document) -> JointShape:
@@ -105,18 +105,20 @@ class JointShapes:
     def _kept(self, key: Hashable, made: JointShape) -> JointShape:
         """Keep a shape for those that begin with it, without what is derived from it, and return it."""
         self._prefixes.put(key, replace(made))
-        self._own_places(key, made.observations[-1])  # while its view is cached
+        self._observed_places(key, made.observations[-1])  # while its view is cached
         return made
 
-    def _own_places(self, key: Hashable, observation: Observation) -> tuple[Float64, Int32]:
-        """Return the places (K, 2) of the last observed nodes in their view's plane, and their components."""
+    def _observed_places(self, key: Hashable, observation: Observation) -> _Places:
+        """Return the places of the last observed nodes in their view (cached)."""
+        return self._places.get(key, lambda: self._places_in_view(observation.view_index, observation.rc))
 
-        def make() -> tuple[Float64, Int32]:
-            view, pixel = observation.view_index, np.rint(observation.rc).astype(np.int32)
-            own = self._views.flattening(view).carrier.place(pixel)
-            return own, self.component_of_pixel(view)[pixel[:, 0], pixel[:, 1]]
-
-        return self._places.get(key, make)
+    def _places_in_view(self, view_index: int, rc: Float64) -> _Places:
+        """Return the places of nodes that a view shows at positions ``rc`` (K, 2) of its image."""
+        pixel = np.rint(rc).astype(np.int32)
+        return _Places(
+            uv_m=self._views.flattening(view_index).carrier.place(pixel),
+            component=self.component_of_pixel(view_index)[pixel[:, 0], pixel[:, 1]],
+        )
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
@@ -197,35 +199,33 @@ class JointShapes:
     def _extend(self, key: Hashable, shape: JointShape, added: Accepted) -> JointShape:
         surface = self._views.flattening(added.view_index).surface
         shape, held, associated = self._associated(key, shape, added.view_index)
-        carried = self.carried_piece(shape, associated, added)
-        if carried is not None:
-            shape = _with_piece_moved(shape, carried)
-        associated, by_hand = self._trusted(shape, associated, added, carried is not None)
+        places = self._places_in_view(added.view_index, associated.rc)
+        joined = self._joined_piece(shape, associated, places, added)
+        if joined is not None:
+            shape = _with_piece_moved(shape, joined)
+        associated, by_hand = self._trusted(shape, associated, places, added, joined is not None)
         placed = self.component_of_pixel(added.view_index) == added.component if by_hand else None
         return extend_joint(shape, surface, held, self._config.flattening, associated, placed)
 
     def _trusted(
-        self, shape: JointShape, associated: Association, added: Accepted, brings_piece: bool
+        self, shape: JointShape, associated: Association, places: _Places, added: Accepted, joins_piece: bool
     ) -> tuple[Association, bool]:
         """Keep the nodes whose position on the plane fits the accepted placement, by component.
 
         Overlapping layers are at one place in space, and a component may show two of them, or cloth of the
         shape beside cloth of a floating piece. Nodes that fit a rigid motion on the plane are kept; the
         remaining nodes may fit another motion. If the operator placed a component where few associated
-        nodes lie, the nodes under it on the plane are used instead; if it brings a piece along, besides.
+        nodes lie, the nodes under it on the plane are used instead; if it joins a piece, besides.
         Returns whether that is so, too.
         """
-        component_of_pixel = self.component_of_pixel(added.view_index)
-        carrier = self._views.flattening(added.view_index).carrier
-        pixel = np.rint(associated.rc).astype(np.int32)
-        component = component_of_pixel[pixel[:, 0], pixel[:, 1]]
-        own, target = carrier.place(pixel), shape.all_uv_m[associated.node]
+        own, component = places.uv_m, places.component
+        target = shape.all_uv_m[associated.node]
         known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0])
-        kept = np.ones(len(pixel), dtype=bool)
+        kept = np.ones(len(own), dtype=bool)
         at = np.flatnonzero(known & (component == added.component))
         off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
         kept[at] = off <= _GATE_M
-        by_hand = brings_piece or (added.fixed and kept[at].sum() <= 0.5 * at.size)
+        by_hand = joins_piece or (added.fixed and kept[at].sum() <= 0.5 * at.size)
         for number in np.unique(component):
             at = np.flatnonzero(known & (component == number))
             if number == added.component:
@@ -238,7 +238,7 @@ class JointShapes:
         if not by_hand:
             return _chosen(associated, kept), False
         under = self._nodes_under(shape, added)
-        if brings_piece:
+        if joins_piece:
             under = _chosen(under, ~np.isin(under.node, associated.node[kept]))
         else:
             kept &= (component != added.component) & ~np.isin(associated.node, under.node)
@@ -250,19 +250,16 @@ class JointShapes:
         )
         return together, True
 
-    def brought(self, document: Document, added: Accepted) -> BroughtPiece | None:
-        """Return the floating piece that a view brings along if it is accepted where it lies."""
+    def joined_piece(self, document: Document, added: Accepted) -> JoinedPiece | None:
+        """Return the floating piece that a view joins to the shape if it is accepted where it lies."""
         shape, _, associated = self.associated(document, added.view_index)
-        carried = self.carried_piece(shape, associated, added)
-        if carried is None:
-            return None
-        center = shape.all_uv_m[shape.piece == carried.piece].mean(axis=0)
-        return BroughtPiece(center_uv_m=center, target_from_piece=carried.target_from_piece)
+        places = self._places_in_view(added.view_index, associated.rc)
+        return self._joined_piece(shape, associated, places, added)
 
-    def carried_piece(
-        self, shape: JointShape, associated: Association, added: Accepted
-    ) -> CarriedPiece | None:
-        """Return the floating piece that a component placed by hand brings along, None if there is none.
+    def _joined_piece(
+        self, shape: JointShape, associated: Association, places: _Places, added: Accepted
+    ) -> JoinedPiece | None:
+        """Return the floating piece that a component placed by hand joins to the shape, if there is one.
 
         It is the one to which most of the component's nodes belong, if they fit one motion and the component
         lies on cloth of the shape. The piece is kept as it was grown, so the other views that show it need
@@ -270,12 +267,9 @@ class JointShapes:
         """
         if not added.fixed or not (shape.piece[self._nodes_under(shape, added).node] == 0).any():
             return None
-        carrier = self._views.flattening(added.view_index).carrier
-        pixel = np.rint(associated.rc).astype(np.int32)
-        component = self.component_of_pixel(added.view_index)[pixel[:, 0], pixel[:, 1]]
-        own, target = carrier.place(pixel), shape.all_uv_m[associated.node]
+        own, target = places.uv_m, shape.all_uv_m[associated.node]
         piece = shape.piece[associated.node]
-        known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0]) & (component == added.component)
+        known = np.isfinite(target[:, 0]) & np.isfinite(own[:, 0]) & (places.component == added.component)
         if not (known & (piece > 0)).any():
             return None
         number = int(np.bincount(piece[known & (piece > 0)]).argmax())
@@ -286,7 +280,11 @@ class JointShapes:
         if not fits.size:
             return None
         from_own = fit_rigid2(own[fits], target[fits])
-        return CarriedPiece(piece=number, target_from_piece=added.current_from_new @ from_own.inverse())
+        return JoinedPiece(
+            piece=number,
+            center_uv_m=shape.all_uv_m[shape.piece == number].mean(axis=0),
+            target_from_piece=added.current_from_new @ from_own.inverse(),
+        )
 
     def _nodes_under(self, shape: JointShape, added: Accepted) -> Association:
         """Return the nodes on the plane under the component that the operator placed."""
@@ -328,13 +326,13 @@ class JointShapes:
         keys = [steps[: n + 1] for n, step in enumerate(steps) if step != _LARGEST]
         for key, observation in zip(keys, shape.observations, strict=True):
             view, there = observation.view_index, shape.all_uv_m[observation.node]
-            own, component = self._own_places(key, observation)
+            own = self._observed_places(key, observation)
             good = (
-                (component == document.placed_components.get(view, 0))
-                & np.isfinite(own[:, 0])
+                (own.component == document.placed_components.get(view, 0))
+                & np.isfinite(own.uv_m[:, 0])
                 & np.isfinite(there[:, 0])
             )
-            motions[view] = fit_rigid2(own[good], there[good]) if good.sum() > 2 else Rigid2()
+            motions[view] = fit_rigid2(own.uv_m[good], there[good]) if good.sum() > 2 else Rigid2()
         return motions
 
     def component_of_pixel(self, view_index: int) -> Int32:
@@ -351,10 +349,10 @@ class JointShapes:
         return self._component_maps.get(view_index, make)
 
 
-def _with_piece_moved(shape: JointShape, carried: CarriedPiece) -> JointShape:
+def _with_piece_moved(shape: JointShape, joined: JoinedPiece) -> JointShape:
     """Return the shape with a floating piece as a part of the main one, where the operator placed it."""
-    own = shape.piece == carried.piece
-    uv = np.where(own[:, None], carried.target_from_piece.apply(shape.all_uv_m), shape.all_uv_m)
+    own = shape.piece == joined.piece
+    uv = np.where(own[:, None], joined.target_from_piece.apply(shape.all_uv_m), shape.all_uv_m)
     piece = np.where(own, 0, shape.piece).astype(np.int32)
     return replace(shape, all_uv_m=uv, piece=piece, by_hand=shape.by_hand | own)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
 from scipy.spatial import cKDTree
 
@@ -113,9 +114,24 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     for k in range(_DRAWS):
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
     std = np.full(len(shape.nodes), np.nan)
-    std[placed] = np.sqrt(spread.mean(axis=1))
+    std[placed] = np.sqrt(spread.mean(axis=1) + _swing_m2(shape, placed, placed[anchor]))
     result: Float64 = np.hypot(std, LEAST_STD_M)
     return result
+
+
+def _swing_m2(shape: JointShape, placed: Int32 | NDArray[np.int64], anchor: NDArray[np.int64]) -> Float64:
+    """Return the variance (K,) of the placed nodes by the angles of hinges, relative to the anchors."""
+    variance = np.zeros(len(placed))
+    for hinge in shape.hinges:
+        part = np.zeros(len(shape.nodes), dtype=np.bool_)
+        part[hinge.part] = True
+        if not shape.placed[hinge.ends].any():
+            continue
+        moves = part[placed] != (part[anchor].mean() > 0.5)
+        pivot = shape.all_uv_m[hinge.ends].mean(axis=0)
+        arm_m = np.linalg.norm(shape.all_uv_m[placed] - pivot, axis=1)
+        variance += np.square(hinge.std_rad * arm_m) * moves
+    return variance
 
 
 def undetermined(shape: JointShape, std_m: Float64) -> Bool:

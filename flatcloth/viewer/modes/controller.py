@@ -10,7 +10,7 @@ import itertools
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -23,6 +23,7 @@ from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import Picture, attributes_at
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
@@ -36,11 +37,14 @@ if TYPE_CHECKING:
     from flatcloth.core.geometry import Rigid3
     from flatcloth.engine.integration import Integration
     from flatcloth.export.garment import GarmentPoint
+    from flatcloth.grasping.grasps import Grip
     from flatcloth.session.journal import Pick
     from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
+MOST_WAITING = 200
+"""Messages that wait for the page's thread. Chosen: no operator is so far ahead; it bounds memory."""
 MESSAGES_KEPT = 100
 """Messages that a page that is opened later still gets. Chosen."""
 
@@ -141,9 +145,19 @@ class PageController(ABC):
         return self._snapshot
 
     @property
+    def is_swamped(self) -> bool:
+        """Whether so many messages wait that no more should come."""
+        return self._front.waiting >= MOST_WAITING
+
+    @property
     def picks(self) -> tuple[Pick, ...]:
         """The list of picks."""
         return self._picks.picks
+
+    @property
+    def grips(self) -> Mapping[int, Grip]:
+        """How the picks are to be gripped, where the operator chose."""
+        return self._picks.grips
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""
@@ -162,10 +176,13 @@ class PageController(ABC):
 
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
+        text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, and need not be kept whole
         self._put(client, lambda: self._receive(client, text))
 
     def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Process a click in the 3D scene."""
+        """Process a click in the 3D scene, unless too many wait."""
+        if self.is_swamped:
+            return
         self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
 
     def set_follow(self, follow: bool) -> None:

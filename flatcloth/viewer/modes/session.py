@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
 from flatcloth.session.axis_file import check_axis
-from flatcloth.session.commands import paint
+from flatcloth.session.commands import LeaveOut, paint
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -159,6 +159,8 @@ class Application(PageController):
                 overlay = None if self._picture is None else self._picture.overlay
                 pending = repair.meant(self._state.document, view)
                 self._by_hand(TakePart(view, component, repair.place_of_part(pending, overlay, component)))
+            case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
+                self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece(label=label):
                 self._place_piece(label)
             case messages.Refine(view_index=view):

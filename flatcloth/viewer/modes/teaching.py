@@ -228,9 +228,10 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
             raise FlatclothError(f"Unknown parameter {name!r:.40}; choose one of {', '.join(known)}.")
         try:
             value = known[name](text)
-        except ValueError as error:
-            raise FlatclothError(f"{name}: {text!r:.40} is not a valid number.") from error
-        if not math.isfinite(value):
+            is_valid = math.isfinite(value)
+        except (ValueError, OverflowError):
+            is_valid = False
+        if not is_valid:
             raise FlatclothError(f"{name}: {text!r:.40} is not a valid number.")
         asked[name] = value
     start = asked["start_view"]

@@ -13,37 +13,23 @@ from msgspec import Meta, inspect
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
 from flatcloth.rendering.layers import LAYERS
-from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
-
-# Limits of what a page may send. Chosen: far above what the page's own controls send.
-MAX_MESSAGE_CHARS = 100_000  # of a whole message
-MAX_NAME_CHARS = 80  # of a pick
-MAX_FPS = 240.0  # of live mode
-MAX_PAIRS = 50  # of points of cloth, of which two fix a place
-MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
-MAX_STROKE_POINTS = 1000  # of one stroke
-MAX_BRUSH_M = 0.2  # radius
-
-Metres = Annotated[float, Meta(ge=-MAX_EXTENT_M, le=MAX_EXTENT_M)]
-"""A place on a garment's plane, or a shift there."""
-Pointed = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
-"""Where the pointer is, in metres of the plane: also far off the garment, where the page is zoomed out."""
-Radians = Annotated[float, Meta(ge=-100.0, le=100.0)]
-Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
-Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
-"""A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
-Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]
-StrokePixels = Annotated[
-    tuple[tuple[Annotated[float, Meta(ge=-1.0, le=1e5)], Annotated[float, Meta(ge=-1.0, le=1e5)]], ...],
-    Meta(min_length=1, max_length=MAX_STROKE_POINTS),
-]
-"""A line of pixels (row, col) of a recorded image."""
-StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, max_length=MAX_STROKE_POINTS)]
-"""A line of places (u, v) of the flattened plane."""
-BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
-StrokeSide = Literal["this", "other"]
-Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
+from flatcloth.viewer.protocol.fields import (
+    MAX_FPS,
+    MAX_MESSAGE_CHARS,
+    MAX_NAME_CHARS,
+    BrushRadius,
+    Count,
+    Degrees,
+    Metres,
+    Pointed,
+    Points,
+    Radians,
+    StrokePixels,
+    StrokePlaces,
+    StrokeSide,
+    Weights,
+)
 
 SessionAction = Literal[
     "step", "view", "accept", "reject", "skip", "reopen", "undo", "redo", "cancel", "restart"
@@ -93,6 +79,14 @@ class TakePart(_Said, tag="take_part", frozen=True, kw_only=True):
     """Place another connected part of the pending view, the largest being 0."""
 
     view_index: Count
+    component: Count
+
+
+class LeaveOut(_Said, tag="leave_out", frozen=True, kw_only=True):
+    """Leave out a part that would be placed with the pending view: a component of ``part_view``."""
+
+    view_index: Count
+    part_view: Count
     component: Count
 
 
@@ -348,6 +342,7 @@ Message = (
     | Refine
     | PlacePiece
     | TakePart
+    | LeaveOut
     | Pairs
     | Hover
     | HoverRay
@@ -387,7 +382,7 @@ def parse(text: str) -> Message:
         If it is not JSON, of an unknown type, or has missing, unknown or wrong fields.
     """
     if len(text) > MAX_MESSAGE_CHARS:
-        raise MessageError(f"A message of {len(text)} characters is too long; reload the page.")
+        raise MessageError(f"A message of over {MAX_MESSAGE_CHARS} characters is too long; reload the page.")
     try:
         message: Message = _DECODER.decode(text)
     except msgspec.ValidationError as error:

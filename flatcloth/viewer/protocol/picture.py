@@ -19,7 +19,17 @@ from flatcloth.viewer.protocol.verdict import checks, foreseen
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration, Proposal
     from flatcloth.engine.views import ViewCloud
-    from flatcloth.methods.base import AlignmentScore, BroughtPiece
+    from flatcloth.methods.base import AlignmentScore, JoinedPiece
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartPlacedWithIt:
+    """A further component that is placed with the proposal: its area, and a place of its cloth."""
+
+    view_index: int
+    component: int
+    area_cm2: float
+    place_uv_m: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +49,8 @@ class Overlay:
     sheet: Sheet
     foreseen: dict[str, Any] = field(default_factory=dict)
     checks: tuple[dict[str, Any], ...] = ()
-    brought: BroughtPiece | None = None
+    joined_piece: JoinedPiece | None = None
+    also: tuple[PartPlacedWithIt, ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -133,7 +144,8 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         sheet=sheet,
         score=integration.score(document),
         proposal=integration.proposal(document),
-        brought=integration.algorithm.brought(document),
+        joined_piece=integration.algorithm.joined_piece(document),
+        also=_placed_with_it(integration, pending),
     )
     others = _other_components(integration, document, sheet, made.proposal)
     return replace(
@@ -141,6 +153,22 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         foreseen=foreseen(made, made.piece(pending), others),
         checks=tuple(checks(made, integration.axis)),
     )
+
+
+def _placed_with_it(integration: Integration, pending: Pending) -> tuple[PartPlacedWithIt, ...]:
+    found = []
+    for placed in pending.also_placed:
+        part = integration.part(placed.view_index, placed.component)
+        u_m, v_m = placed.current_from_new.apply(np.array(center_uv_m(part)))
+        found.append(
+            PartPlacedWithIt(
+                view_index=placed.view_index,
+                component=placed.component,
+                area_cm2=1e4 * part.area_m2,
+                place_uv_m=(float(u_m), float(v_m)),
+            )
+        )
+    return tuple(found)
 
 
 def _other_components(

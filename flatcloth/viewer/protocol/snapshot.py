@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +224,7 @@ def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | No
         "reason": "" if plan is None else plan.reason,
         "rotation_deg": None if plan is None else finite(float(plan.rotation_deg)),
         "pieces": _pieces(pending, overlay),
-        "also": [{"view_index": part.view_index, "component": part.component} for part in pending.also],
+        "also": [] if overlay is None else [asdict(part) for part in overlay.also],
         "extends": None if overlay is None else label_of(overlay.piece(pending)),
         "brings": _brings(overlay),
         "foreseen": None if overlay is None else overlay.foreseen,
@@ -234,11 +234,11 @@ def _pending(document: Document, picture: Picture | None) -> dict[str, Any] | No
 
 
 def _brings(overlay: Overlay | None) -> dict[str, Any] | None:
-    """Return the letter of the piece that comes along with the proposal, and its motion on the sheet."""
-    if overlay is None or overlay.brought is None:
+    """Return the letter of the piece that the proposal joins to the shape, and its motion on the sheet."""
+    if overlay is None or overlay.joined_piece is None:
         return None
-    piece = overlay.sheet.piece_on_plane(overlay.brought.center_uv_m)
-    motion = overlay.brought.target_from_piece @ overlay.sheet.shift(piece).inverse()
+    piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
+    motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
     placement = {"theta_rad": motion.theta_rad, "u_m": motion.u_m, "v_m": motion.v_m}
     return None if piece == 0 else {"label": label_of(piece), "placement": placement}
 

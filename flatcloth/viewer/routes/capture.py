@@ -18,7 +18,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.protocol.messages import MAX_ANGLE_DEG
+from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 10_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from typing import TYPE_CHECKING, Any
 
 from starlette.concurrency import run_in_threadpool
@@ -45,6 +46,9 @@ class RobotRoutes:
     ) -> None:
         self._application, self._integration = application, integration
         self._base_from_camera = base_from_camera
+        self._lock = threading.Lock()
+        self._made_of: tuple[Any, ...] = ()
+        self._told: dict[int, str] = {}
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes."""
@@ -92,7 +96,7 @@ class RobotRoutes:
         """Send every pick as a message when it is made or changed, those there are first."""
         await robot.accept()
         sent: dict[int, str] = {}
-        gone = asyncio.create_task(robot.receive())
+        gone = asyncio.create_task(_disconnected(robot))
         try:
             while not gone.done():
                 for pick_id, text in (await run_in_threadpool(self._texts)).items():
@@ -106,6 +110,17 @@ class RobotRoutes:
             gone.cancel()
 
     def _texts(self) -> dict[int, str]:
+        """Return the messages about all picks, computed once for all robots until something changes."""
+        page = self._application
+        made_of = page.picture, page.picks, self._integration.axis, dict(page.grips)
+        with self._lock:
+            *parts, grips = self._made_of or (None,) * len(made_of)
+            if grips != made_of[-1] or any(a is not b for a, b in zip(parts, made_of, strict=False)):
+                self._told = self._computed()
+                self._made_of = made_of
+            return self._told
+
+    def _computed(self) -> dict[int, str]:
         try:
             document = self._grasps(with_garment=False)
         except FlatclothError:
@@ -114,3 +129,9 @@ class RobotRoutes:
             grasp["id"]: json.dumps({"grasp": grasp, BASE_FROM_CAMERA: document[BASE_FROM_CAMERA]})
             for grasp in document["grasps"]
         }
+
+
+async def _disconnected(robot: WebSocket) -> None:
+    """Return when a robot has left; what it says is not heard."""
+    while (await robot.receive())["type"] != "websocket.disconnect":
+        pass

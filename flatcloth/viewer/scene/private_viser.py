@@ -11,6 +11,7 @@ import logging
 import shutil
 import tempfile
 import threading
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -27,14 +28,22 @@ _MAX_PATH_CHARS = 90
 
 
 def _without_traceback(record: logging.LogRecord) -> bool:
-    """Shorten a line about a socket that viser closed because its client sent something else than viser's."""
-    if record.exc_info and record.exc_info[1] is not None:
-        record.msg, record.args = "a socket of the 3D scene was closed: %.200r", (record.exc_info[1],)
+    """Shorten a line about a message that viser does not understand; no page sends such."""
+    error = record.exc_info[1] if record.exc_info else None
+    if error is not None and (record.name == _log.name or _is_visers(error)):
+        record.msg, record.args = "a message to the 3D scene was not understood: %.200r", (error,)
         record.exc_info = record.exc_text = None
     return True
 
 
-_log.addFilter(_without_traceback)
+def _is_visers(error: BaseException) -> bool:
+    """Return whether an error was raised in viser's own code."""
+    frames = list(traceback.walk_tb(error.__traceback__))
+    return bool(frames) and str(frames[-1][0].f_globals.get("__name__")).partition(".")[0] == "viser"
+
+
+for _source in (_log, logging.getLogger("asyncio")):
+    _source.addFilter(_without_traceback)
 
 
 class PrivateViser:

@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -105,9 +105,9 @@ class Hub:
             loop.call_soon_threadsafe(job)
 
     async def serve(
-        self, socket: WebSocket, first: dict[str, Any], receive: Callable[[int, Tab, str], None]
+        self, socket: WebSocket, first: dict[str, Any], receive: Callable[[int, Tab, str], Awaitable[None]]
     ) -> None:
-        """Serve one tab until it closes; ``receive(tab_id, tab, text)`` gets its messages."""
+        """Serve one tab until it closes; ``receive(tab_id, tab, text)`` gets its messages, one by one."""
         await socket.accept()
         tab, key = Tab(), next(self._ids)
         self._tabs[key] = tab
@@ -116,7 +116,7 @@ class Hub:
         sender = asyncio.create_task(_send(socket, tab))
         try:
             while True:
-                receive(key, tab, await _next_text(socket))
+                await receive(key, tab, await _next_text(socket))
         except (WebSocketDisconnect, RuntimeError):
             pass
         finally:

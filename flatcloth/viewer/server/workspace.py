@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from flatcloth.session.store import SessionFolder
 
 
+_SWAMPED_S = 0.05
+"""Between two looks whether a page that has too much to do has done some of it. Chosen."""
+
+
 def _nothing() -> None:
     """Close nothing."""
 
@@ -137,12 +141,14 @@ class Workspace:
         self._opened.close()
 
     async def _messages(self, browser: WebSocket) -> None:
-        def receive(key: int, tab: Tab, text: str) -> None:
+        async def receive(key: int, tab: Tab, text: str) -> None:
             answer = self._pointed_at(text)
-            if answer is None:
-                self.application.receive(key, text)
-            else:
+            if answer is not None:
                 tab.put(json.dumps(answer, allow_nan=False))
+                return
+            while self.application.is_swamped:  # meanwhile no more of this tab is read
+                await asyncio.sleep(_SWAMPED_S)
+            self.application.receive(key, text)
 
         await self.hub.serve(browser, self.application.last_snapshot, receive)
 

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenes import AXIS, placement_error_m, views
+from scipy import ndimage
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.types import Rigid2
+from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines
 from flatcloth.methods.paper.matching import Matcher
 
@@ -35,6 +37,25 @@ def test_the_initial_estimate_comes_from_lines_of_the_common_z_angle() -> None:
     initial = from_lines(made)
     np.testing.assert_allclose(initial.apply(made.new.point_uv_m), made.current.point_uv_m, atol=1e-12)
     assert placement_error_m(current, new, initial) < 0.02
+
+
+def wavering(view: FlattenedView, seed: int) -> FlattenedView:
+    """The view with normals that waver by 10 degrees over 6 mm, as those of a depth sensor do."""
+    noise = np.random.default_rng(seed).normal(size=(*view.shape, 3))
+    noise = ndimage.gaussian_filter(noise, (1.5, 1.5, 0))
+    normal = view.normal + math.tan(math.radians(10.0)) * noise / noise.std()
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return replace(view, normal=normal.astype(np.float32))
+
+
+def test_wavering_normals_neither_displace_the_start_nor_refuse_the_right_placement() -> None:
+    current, new = (wavering(view, n) for n, view in enumerate(views(0.0, 40.0, square_m=10.0)))
+    found = align_by_z_angle(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0)
+    assert placement_error_m(current, new, found.initial) < 0.02
+    right = Matcher(current, new, AXIS).score(found.current_from_new)
+    assert right.parts["z_angle_agreement"] > 0.7
+    turned = Matcher(current, new, AXIS).score(Rigid2(0.0, 0.04, 0.0) @ found.current_from_new)
+    assert turned.parts["z_angle_agreement"] < 0.3
 
 
 def test_views_without_common_z_angle_are_refused_with_a_remedy() -> None:

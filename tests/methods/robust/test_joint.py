@@ -18,7 +18,7 @@ from flatcloth.methods.robust.joint import (
     with_largest_piece,
     with_poses,
 )
-from flatcloth.methods.robust.layout import _robust_weight
+from flatcloth.methods.robust.layout import _robust_weight, lay_pieces
 from flatcloth.methods.robust.observations import averaged
 
 UV = grid(10, 24)
@@ -170,3 +170,30 @@ def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -
     # It is fixed there: anchored again, it stays.
     assert moved.placed[moved.anchor].all()
     np.testing.assert_allclose(_anchored(moved).uv_m[~former], moved.uv_m[~former], atol=1e-12)
+
+
+def test_a_piece_that_is_joined_keeps_its_layout() -> None:
+    seen = observed(UV, np.ones(len(UV), dtype=bool), 0)
+    shape = shape_of(UV, [seen], COLUMN < 12)
+    true = UV @ np.array([1.0, 1j])
+    waved = true + 0.002 * np.sin(40.0 * true.real)  # what a piece knows, and new pairs do not say
+    laid = np.where(COLUMN < 12, np.nan, waved * np.exp(0.7j) + (10.0 - 3.0j))
+    z = np.where(COLUMN < 12, true, np.nan + 0.0j)
+    piece = np.where(COLUMN < 12, -1, 1).astype(np.int32)
+    found = lay_pieces(z, shape.links, np.arange(len(seen.edges)), laid, piece)
+    own = COLUMN >= 12
+    np.testing.assert_allclose(
+        np.abs(found[own][:, None] - found[own]), np.abs(laid[own][:, None] - laid[own]), atol=1e-12
+    )
+    assert np.abs(found - true).max() < 0.006
+    np.testing.assert_array_equal(found[~own], z[~own])
+
+
+def test_a_piece_that_no_pair_leads_to_stays_without_a_place() -> None:
+    left, right = COLUMN < 12, COLUMN >= 12
+    shape = shape_of(UV, [observed(UV, left, 0), observed(UV, right, 1)], left)
+    true = UV @ np.array([1.0, 1j])
+    z, laid = np.where(left, true, np.nan), np.where(right, true, np.nan)
+    inside = np.arange(len(shape.links.edges))
+    found = lay_pieces(z, shape.links, inside, laid, np.where(right, 1, -1).astype(np.int32))
+    assert np.isnan(found[right]).all()
