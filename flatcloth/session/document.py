@@ -20,6 +20,10 @@ UNSURE = "score too low"
 
 MAX_EXTENT_M = 10.0
 """Bound on positions of a garment's plane: curtains and bed linen stay below 6 m."""
+MAX_ANSWER_M = 1000.0
+"""Farthest place of a computed placement. Chosen: far above any, so that only damaged journals have such."""
+MOST_PLACED_WITH = 1000
+"""Parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
 
 
 class Side(StrEnum):
