@@ -68,7 +68,8 @@ def fitted(raw: Any, kind: type[T]) -> T:
     except OverflowError as error:
         raise MisfitError("", "a number of too many digits", "a number") from error
     except UnicodeEncodeError as error:
-        raise MisfitError(_place_of(str(error.object), raw) or "", "text with half a character", "text") from error
+        place = _place_of(str(error.object), raw) or ""
+        raise MisfitError(place, "text with half a character", "text") from error
 
 
 def decoded(data: bytes | str, kind: type[T]) -> T:
