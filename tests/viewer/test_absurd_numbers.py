@@ -97,6 +97,17 @@ def test_a_tab_that_sends_more_than_is_done_has_to_wait(server):
         assert tab.until(lambda m: m["type"] == "hover")["id"] == 1
 
 
+def test_nobody_waits_for_a_worker_that_is_to_stop():
+    gate = threading.Event()
+    worker = Worker("tested")
+    for _ in range(3):
+        worker.put(lambda: gate.wait(WAIT_S) and None)
+    assert worker.waiting >= 2
+    worker.stop(0.0)
+    assert worker.waiting == 0
+    gate.set()
+
+
 def test_a_worker_goes_on_after_a_job_that_failed():
     faults: list[BaseException] = []
     done: list[int] = []
