@@ -50,7 +50,7 @@ def main() -> None:
         "--keep",
         default="",
         metavar="DIR",
-        help="accuracy, reliability: keep what each recording gave, and reuse it",
+        help="accuracy, reliability, paper_steps: keep what each recording gave, and reuse it",
     )
     arguments = parser.parse_args()
     options = Options(

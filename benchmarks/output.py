@@ -21,8 +21,8 @@ class Options:
 
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
     repetition and no result file; ``learn`` for weights that are learned anew. ``copies``, ``timed`` and
-    ``views`` say how large ``batch`` is. ``keep`` is a folder where ``accuracy`` and ``reliability`` keep
-    what they measured of each recording, so that many can be measured in pieces.
+    ``views`` say how large ``batch`` is. ``keep`` is a folder where ``accuracy``, ``reliability`` and
+    ``paper_steps`` keep what they measured of each recording, so that many can be measured in pieces.
     """
 
     recordings: Sequence[str] = ()

@@ -1,14 +1,17 @@
 """What each change to the method ``paper`` for views in several parts does, alone and together.
 
 The variants are methods of their own: ``before`` has none of the changes, each of the others one of
-them, ``all`` is the method as it is. Takes about a minute a recording; not part of the default run.
+them, ``all`` is the method as it is. Takes some minutes a recording (``--keep DIR`` measures many in
+pieces); not part of the default run.
 """
 
 from __future__ import annotations
 
+import json
 import statistics
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from benchmarks.output import Options, save
@@ -162,10 +165,25 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     return rows
 
 
+def kept_rows(source: str, variants: Sequence[str], keep: str) -> list[dict[str, Any]]:
+    """Return the rows of one recording; those that a folder keeps are not measured again."""
+    file = Path(keep) / f"{Path(source).name}.json"
+    if keep and file.exists():
+        kept: list[dict[str, Any]] = json.loads(file.read_text())
+        return kept
+    rows = rows_of(source, variants)
+    if keep:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(rows))
+    return rows
+
+
 def run(options: Options) -> None:
     """Measure, print and write ``results/paper_steps.json``."""
     variants = ("before", "all") if options.quick else tuple(VARIANTS)
-    rows = [row for source in sources(options.recordings) for row in rows_of(source, variants)]
+    rows = [
+        row for source in sources(options.recordings) for row in kept_rows(source, variants, options.keep)
+    ]
     for name in variants:
         own = [row for row in rows if row["variant"] == name]
         middle = {

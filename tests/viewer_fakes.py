@@ -26,6 +26,7 @@ from flatcloth.session.machine import (
     Event,
     Followed,
     NothingMore,
+    PlacedPart,
     Proposed,
     Request,
     SessionState,
@@ -119,6 +120,7 @@ class CylinderIntegration:
         self.notes = ("No masks: <i>a note</i>.",)
         self.scores = scores
         self.follow_score = 0.9
+        self.also: tuple[PlacedPart, ...] = ()
         self.gate = threading.Event()
         self.gate.set()
         self.at_gate = threading.Event()
@@ -231,7 +233,7 @@ class CylinderIntegration:
             if not left:
                 return NothingMore(request.token, "Nothing more to give.")
             view = left[0]
-        return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores)
+        return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores, also=self.also)
 
 
 class CylinderPlayer:

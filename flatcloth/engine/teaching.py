@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -379,14 +380,11 @@ class _WatchedMatcher(Matcher):
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         self._batches: list[tuple[Float64, Float64]] = []
         self._paths: list[tuple[float, list[Float64]]] = []
-        found = super().search(initial, progress)
         self._initial = initial
-        return found
+        return super().search(initial, progress)
 
-    def _cost(
-        self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
-    ) -> Float64:
-        cost = super()._cost(motions, offsets, points, smoothing_m, expected_share)
+    def _cost(self, motions: list[Rigid2], offsets: Float64, *rest: Any, **named: Any) -> Float64:
+        cost = super()._cost(motions, offsets, *rest, **named)
         self._batches.append((offsets, cost))
         return cost
 
@@ -400,18 +398,22 @@ class _WatchedMatcher(Matcher):
         self._center = center
         return lowest, best
 
+    def _polish(self, initial: Rigid2, start: Float64, center: Float64, share: float) -> Float64:
+        self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
+        return self._paths[-1][1][-1]
+
     def seen(self) -> Search:
         """Return the candidates of the last search."""
         offsets, cost = self._batches[0]
         turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
-        _, steps = min(self._paths, key=lambda item: item[0])
-        moved = [True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]
-        path = np.array(steps)[moved]
+        *paths, (_, polished) = self._paths
+        steps = min(paths, key=lambda item: item[0])[1] + polished
+        path = np.array(steps)[[True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]]
         return Search(
             turns_rad=turns,
             shifts_m=shifts,
             cost=cost.reshape(turns.size, shifts.size, shifts.size),
-            starts=np.array([steps[1] for _, steps in self._paths]),
+            starts=np.array([steps[1] for _, steps in paths]),
             path=path,
             motions=tuple(self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path),
             tried=sum(len(batch) for batch, _ in self._batches),

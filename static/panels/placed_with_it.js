@@ -1,21 +1,20 @@
 // The further parts that accepting a proposal places too: named on the canvas, listed, left out one by one.
 
+import { drawDot } from "/static/canvas/marks.js";
 import { drawName } from "/static/garment/marks.js";
 import { make } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const nameOf = ({ view_index, component }) => `view ${view_index}, part ${component + 1}`;
 
-/** Name each part where it lies, and the proposal itself, which is one outline with them. */
+/** Name each part where it adds cloth: its outline is one with the proposal's. */
 export function drawPlacedWithIt(canvas, context, style, pending) {
-  if (!pending?.also.length || !canvas.overlay.shown || canvas.isMoved) return;
-  for (const part of pending.also) drawAt(canvas, context, style, part.place_uv_m, nameOf(part));
-  drawAt(canvas, context, style, canvas.center, `view ${pending.view_index}`);
-}
-
-function drawAt(canvas, context, style, [u, v], name) {
-  const { x, y } = canvas.transform.toPane(u, v);
-  drawName(context, style, { x: x - 17, y }, name);
+  if (!pending || !canvas.overlay.shown || canvas.isMoved) return;
+  for (const part of pending.also) {
+    const at = canvas.transform.toPane(...part.place_uv_m);
+    drawDot(context, at, style.getPropertyValue("--accent"), 4);
+    drawName(context, style, at, nameOf(part));
+  }
 }
 
 export function placedWithIt({ also, view_index }, send, show) {

@@ -240,13 +240,36 @@ export const EXTENDING_STAGES = [
     parameters: ALL,
     plays: ({ alignment: a }) => a.search.motions.length - 1,
     text: [
-      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I " +
-        "and height z should agree; ρ limits what one bad pixel can do.",
-      "First a coarse grid; its best places (rings) are followed in finer and finer steps. The best one is " +
-        "proposed to the operator.",
+      "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I, " +
+        "height z and the Z-angle a should agree; ρ limits what one bad pixel can do. The paper compares I and z; " +
+        "on plain cloth z tells nothing across the height, and a does.",
+      "First a coarse grid; its best places (rings) are followed in finer and finer steps. From the best one, the " +
+        "last steps compare I and z alone. The result is proposed to the operator.",
     ],
     math: () => [
-      equation("T", "=", words("arg min "), sum("p"), "ρ", "(", "Δ", "I", ")", "+", "ρ", "(", "Δ", "z", ")"),
+      equation(
+        "T",
+        "=",
+        words("arg min "),
+        sum("p"),
+        "ρ",
+        "(",
+        "Δ",
+        "I",
+        ")",
+        "+",
+        "ρ",
+        "(",
+        "Δ",
+        "z",
+        ")",
+        "+",
+        "ρ",
+        "(",
+        "Δ",
+        "a",
+        ")",
+      ),
       equation("Δ", "I", "=", sup("I", "0"), "(", "T", "p", ")", "−", sup("I", "1"), "(", "p", ")"),
     ],
     facts: searchFacts,

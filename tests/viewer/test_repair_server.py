@@ -10,7 +10,8 @@ from page_tabs import Tab
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.session.machine import Nudge
+from flatcloth.methods.paper.merging import shows
+from flatcloth.session.machine import Nudge, PlacedPart
 
 
 def preview(tab, number, **by):
@@ -223,3 +224,22 @@ def test_another_part_of_the_view_is_taken_and_placed_by_hand(server, folder):
         tab.state_where(lambda s: s["step"] == 2)
     (accepted,) = folder.state.document.accepted
     assert (accepted.component, accepted.fixed) == (1, True)
+
+
+def test_a_part_that_accepting_also_places_is_shown_and_left_out(server, folder, integration):
+    integration.also = (PlacedPart(2, 0, Rigid2()),)
+    with Tab(server) as tab:
+        (part,) = tab.proposed()["pending"]["also"]
+        assert (part["view_index"], part["component"]) == (2, 0)
+        assert part["area_cm2"] == pytest.approx(1e4 * integration.part(2, 0).area_m2)
+        place = np.array(part["place_uv_m"])
+        assert [bool(shows(integration.part(view, 0), place)) for view in (0, 1, 2)] == [False, False, True]
+        tab.say(type="leave_out", view_index=1, part_view=2, component=0)
+        state = tab.state_where(lambda s: not s["pending"]["also"])
+        assert state["undo"] == "leave out part 1 of view 2"
+        tab.say(type="leave_out", view_index=1, part_view=2, component=0)
+        assert "Part 1 of view 2 is not placed with the proposal" in tab.note()["text"]
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["step"] == 2)
+    (accepted,) = folder.state.document.accepted
+    assert (accepted.also, accepted.left_out) == ((), {(2, 0)})

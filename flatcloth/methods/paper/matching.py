@@ -26,6 +26,7 @@ _SEARCH_STEP_M = 0.006
 """Step of the coarse search in translation. Set by hand."""
 _SEARCH_STEP_DEG = 2.5
 """Step of the coarse search in rotation. Set by hand."""
+_COARSE_STEP = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M])
 _SEARCH_FINEST_M = 0.0004
 """The detailed search ends at this step. Set by hand."""
 _SEARCH_CANDIDATES = 12
@@ -104,7 +105,13 @@ class Matcher:
         fields[~view.valid] = np.nan
         return np.ascontiguousarray(fields, dtype=np.float32)
 
-    def disagreement(self, motions: list[Rigid2], stride: int, smoothing_m: float | None = None) -> Float64:
+    def disagreement(
+        self,
+        motions: list[Rigid2],
+        stride: int,
+        smoothing_m: float | None = None,
+        z_angle_weight: float | None = None,
+    ) -> Float64:
         """Compute the disagreement under each motion.
 
         Parameters
@@ -115,6 +122,8 @@ class Matcher:
             Step in pixels between the compared pixels of the new view.
         smoothing_m : float, optional
             Coarse or fine texture; by default fine.
+        z_angle_weight : float, optional
+            By default that of the search.
 
         Returns
         -------
@@ -133,7 +142,7 @@ class Matcher:
             self._current_pixel_size_m,
             _HEIGHT_SCALE_M,
             math.radians(_Z_ANGLE_SCALE_DEG),
-            self.z_angle_weight,
+            self.z_angle_weight if z_angle_weight is None else z_angle_weight,
         )
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
@@ -151,14 +160,14 @@ class Matcher:
             progress(0.3 + 0.6 * n / len(starts), "searching the alignment")
             found.append(self._refine(initial, start, center, share))
         _, best = min(found, key=lambda item: item[0])
-        return _disturbed(initial, best, center)
+        return _disturbed(initial, self._polish(initial, best, center, share), center)
 
     def refine(self, initial: Rigid2) -> Rigid2:
         """Descend to the nearest minimum from a placement."""
         center = self._uv.mean(axis=0)
         share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
         _, best = self._refine(initial, np.zeros(3), center, share)
-        return _disturbed(initial, best, center)
+        return _disturbed(initial, self._polish(initial, best, center, share), center)
 
     def score(self, current_from_new: Rigid2) -> AlignmentScore:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
@@ -213,10 +222,17 @@ class Matcher:
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
 
     def _cost(
-        self, motions: list[Rigid2], offsets: Float64, points: int, smoothing_m: float, expected_share: float
+        self,
+        motions: list[Rigid2],
+        offsets: Float64,
+        points: int,
+        smoothing_m: float,
+        expected_share: float,
+        z_angle_weight: float | None = None,
     ) -> Float64:
         """Return the cost that is minimised: disagreement, missing overlap, and a small cost of distance."""
-        result = self.disagreement(motions, max(1, len(self._uv) // points), smoothing_m)
+        stride = max(1, len(self._uv) // points)
+        result = self.disagreement(motions, stride, smoothing_m, z_angle_weight)
         missing = np.clip(1.0 - result[:, 1] / expected_share, 0.0, 1.0)
         far = np.square(offsets[:, 1:]).sum(axis=1) / _SEARCH_TRANSLATION_M**2
         far += np.square(offsets[:, 0]) / math.radians(_SEARCH_ROTATION_DEG) ** 2
@@ -227,9 +243,29 @@ class Matcher:
         self, initial: Rigid2, start: Float64, center: Float64, share: float
     ) -> tuple[float, Float64]:
         """Descend by halving steps over the 26 neighbours; return cost and offset (theta, u, v)."""
+        return self._descend(initial, start, center, share, _COARSE_STEP / 2)
+
+    def _polish(self, initial: Rigid2, start: Float64, center: Float64, share: float) -> Float64:
+        """Descend by the paper's criteria alone, by at most a step of the coarse search; return the offset.
+
+        The Z-angle is averaged over as much, so that it leads to the place but not to the millimetre.
+        """
+        if self.z_angle_weight == 0.0:
+            return start
+        _, best = self._descend(initial, start, center, share, _COARSE_STEP / 4, z_angle_weight=0.0)
+        return best if (np.abs(best - start) <= _COARSE_STEP).all() else start
+
+    def _descend(
+        self,
+        initial: Rigid2,
+        start: Float64,
+        center: Float64,
+        share: float,
+        first_step: Float64,
+        z_angle_weight: float | None = None,
+    ) -> tuple[float, Float64]:
         neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
-        step: Float64 = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M]) / 2
-        best, lowest = start, math.inf
+        step, best, lowest = first_step, start, math.inf
         while step[1] > _SEARCH_FINEST_M:
             fine = step[1] <= FINE_SMOOTHING_M
             smoothing = FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
@@ -238,12 +274,12 @@ class Matcher:
             for _ in range(8):
                 offsets = best + neighbours * step
                 motions = [_disturbed(initial, offset, center) for offset in offsets]
-                cost = self._cost(motions, offsets, points, smoothing, share)
+                cost = self._cost(motions, offsets, points, smoothing, share, z_angle_weight)
                 n = int(np.argmin(cost))
                 if cost[n] >= lowest:
                     break
                 lowest, best = float(cost[n]), offsets[n]
-            step *= 0.5
+            step = step / 2
         return lowest, best
 
 

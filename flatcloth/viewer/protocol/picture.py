@@ -12,6 +12,7 @@ from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, lay_out, overlay_on
 from flatcloth.garments.deciding import decided_pieces
+from flatcloth.methods.paper.merging import shows
 from flatcloth.rendering.layers import legends
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol.verdict import checks, foreseen
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PartPlacedWithIt:
-    """A further component that is placed with the proposal: its area, and a place of its cloth."""
+    """A further component that is placed with the proposal: its area, and a place on the sheet.
+
+    The place is in the middle of the cloth that it alone adds, if there is any.
+    """
 
     view_index: int
     component: int
@@ -145,7 +149,7 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
         score=integration.score(document),
         proposal=integration.proposal(document),
         joined_piece=integration.algorithm.joined_piece(document),
-        also=_placed_with_it(integration, pending),
+        also=_placed_with_it(integration, pending, sheet),
     )
     others = _other_components(integration, document, sheet, made.proposal)
     return replace(
@@ -155,11 +159,16 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
     )
 
 
-def _placed_with_it(integration: Integration, pending: Pending) -> tuple[PartPlacedWithIt, ...]:
+def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) -> tuple[PartPlacedWithIt, ...]:
+    own = integration.part(pending.view_index, pending.component)
+    own_from_plane = pending.current_from_new.inverse()
     found = []
     for placed in pending.also_placed:
         part = integration.part(placed.view_index, placed.component)
-        u_m, v_m = placed.current_from_new.apply(np.array(center_uv_m(part)))
+        uv = placed.current_from_new.apply(part.uv_from_rc(np.argwhere(part.valid)))
+        alone = uv[~shows(sheet.view, uv) & ~shows(own, own_from_plane.apply(uv))]
+        points = alone if len(alone) else uv
+        u_m, v_m = points[np.argmin(np.linalg.norm(points - np.median(points, axis=0), axis=1))]
         found.append(
             PartPlacedWithIt(
                 view_index=placed.view_index,
