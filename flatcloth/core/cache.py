@@ -11,8 +11,6 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
-
 T = TypeVar("T")
 
 _FIXED_BYTES = 200
@@ -185,5 +183,5 @@ class ReadAhead:
                     self._changed.notify_all()
                     return
                 key = self._wanted.pop(0)
-            with contextlib.suppress(FlatclothError):  # raised again when the value is asked for
+            with contextlib.suppress(Exception):  # raised again when the value is asked for
                 self._make(key)

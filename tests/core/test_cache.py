@@ -159,7 +159,8 @@ def test_circles_of_references_are_no_trap() -> None:
     assert size_in_bytes(circle) == about(1)
 
 
-def test_what_is_wanted_is_made_ahead_and_errors_are_left_to_who_asks() -> None:
+@pytest.mark.parametrize("error", [RecordingError("damaged"), IndexError("a fault of the program")])
+def test_what_is_wanted_is_made_ahead_and_errors_are_left_to_who_asks(error: Exception) -> None:
     memory: Cache[int] = Cache(10)
     threads = set()
 
@@ -167,7 +168,7 @@ def test_what_is_wanted_is_made_ahead_and_errors_are_left_to_who_asks() -> None:
         def made() -> int:
             threads.add(threading.current_thread().name)
             if n == 1:
-                raise RecordingError("damaged")
+                raise error
             return n
 
         return memory.get(n, made)
