@@ -17,6 +17,8 @@ import numpy as np
 from benchmarks.output import Options, recordings_of, save, save_page, say
 from benchmarks.unattended import sources, unattended
 from flatcloth.engine.evaluation import compare
+from flatcloth.engine.integration import Integration
+from flatcloth.session.machine import Document
 
 _COLUMNS = {
     "views": "views",
@@ -58,7 +60,11 @@ def run(options: Options) -> None:
 
 def row_of(source: str) -> dict[str, Any]:
     """Return the figures of one recording."""
-    integration, document, truth = unattended(source)
+    return figures_of(*unattended(source))
+
+
+def figures_of(integration: Integration, document: Document, truth: Any) -> dict[str, Any]:
+    """Return the figures of a document's shape against the truth."""
     canonical = integration.canonical(document)
     compared = compare(canonical.view, truth, integration.recording)
     error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)

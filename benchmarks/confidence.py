@@ -22,6 +22,7 @@ from flatcloth.core.config import RobustConfig
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
+from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
@@ -68,10 +69,12 @@ def watched(source: str) -> Watched:
             proposals.append((before[0], event.view_index))
         before[0] = run.state.document
 
-    run = Run(integration, MemorySession(SessionState(len(integration.recording))), watch=watch)
+    session = MemorySession(SessionState(len(integration.recording)))
+    run = Run(integration, session, watch=watch)
     before = [run.state.document]
-    document = run.finish().document
-    return Watched(integration, document, truth, proposals)
+    run.finish()
+    place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does
+    return Watched(integration, session.state.document, truth, proposals)
 
 
 def placements_of(found: Watched, random: np.random.Generator) -> list[Laid]:

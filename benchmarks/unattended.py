@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flatcloth.core.resources import sample_recordings
+from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
@@ -47,4 +48,6 @@ def integrated(recording: Any) -> tuple[Integration, Document]:
     """Integrate an open recording by ``robust`` without an operator."""
     integration = Integration(recording)
     session = MemorySession(SessionState(len(recording)))
-    return integration, Run(integration, session).finish().document
+    Run(integration, session).finish()
+    place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does
+    return integration, session.state.document

@@ -10,14 +10,14 @@ from typing import Any
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
-from flatcloth.engine.garment.recognition import garment_of
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.garment.truth import compare_garment, read_true_points
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Document, MemorySession, SessionState
+from flatcloth.session.machine import MemorySession, SessionState
 
 
 def evaluate_one(
@@ -45,9 +45,12 @@ def evaluate_one(
     recording = integration.recording
     truth = read_truth(recording.location)
     started = time.perf_counter()
-    state = Run(integration, MemorySession(SessionState(len(recording)))).finish(progress)
-    view = integration.canonical(state.document).view
+    session = MemorySession(SessionState(len(recording)))
+    integration.canonical(Run(integration, session).finish(progress).document)
     seconds = time.perf_counter() - started
+    known = place_sure_pieces(GarmentService(integration), session)  # as ``run`` does
+    document = session.state.document
+    view = integration.canonical(document).view
     comparison = compare(view, truth, recording)
     if pictures is not None:
         _write_picture(pictures, recording.name, comparison)
@@ -55,18 +58,17 @@ def evaluate_one(
         "recording": recording.name,
         "method": method,
         **dataclasses.asdict(comparison.evaluation),
-        "views": sorted(state.document.used_views),
+        "views": sorted(document.used_views),
         "seconds": round(seconds, 2),
-        **_garment(integration, state.document, truth),
+        **_garment(integration, known, truth),
     }
 
 
-def _garment(integration: Integration, document: Document, truth: Truth) -> dict[str, Any]:
+def _garment(integration: Integration, known: KnownGarment | str, truth: Truth) -> dict[str, Any]:
     """Return the garment compared with ``truth/points.json``; nothing where there is none."""
     points = read_true_points(Path(integration.recording.location))
     if points is None:
         return {}
-    known = garment_of(integration, document)
     if isinstance(known, str):
         return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
     canonical = known.canonical

@@ -67,6 +67,9 @@ def fitted(raw: Any, kind: type[T]) -> T:
         raise _misfit(str(error), raw) from error
     except OverflowError as error:
         raise MisfitError("", "a number of too many digits", "a number") from error
+    except UnicodeEncodeError as error:
+        place = _place_of(str(error.object), raw) or ""
+        raise MisfitError(place, "text with half a character", "text") from error
 
 
 def decoded(data: bytes | str, kind: type[T]) -> T:
@@ -142,3 +145,17 @@ def _plain(kinds: str) -> str:
 
 def _is_short(value: Any) -> bool:
     return not isinstance(value, int) or abs(value) < 10**60
+
+
+def _place_of(text: str, raw: Any) -> str | None:
+    """Return where a text stands in plain dictionaries and lists, as key or value; None if nowhere."""
+    waiting: list[tuple[str, Any]] = [("", raw)]
+    while waiting:
+        place, value = waiting.pop()
+        if value == text or (isinstance(value, dict) and text in value):
+            return place
+        if isinstance(value, dict):
+            waiting += [(f"{place}.{key}".removeprefix("."), one) for key, one in value.items()]
+        elif isinstance(value, list):
+            waiting += [(f"{place}[{n}]", one) for n, one in enumerate(value)]
+    return None

@@ -151,7 +151,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
         wrong_side_share=float((~known).mean()),
         coverage=float((placed & reachable).sum() / max(int(reachable.sum()), 1)),
         pixels=int(view.valid.sum()),
-        **_sureness(view, known, error_mm),
+        **_of_uncertainty(view, known, error_mm),
     )
     return Comparison(
         evaluation=evaluation,
@@ -165,7 +165,7 @@ def compare(view: FlattenedView, truth: Truth, recording: Recording, seed: int =
     )
 
 
-def _sureness(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
+def _of_uncertainty(view: FlattenedView, known: Bool, error_mm: Float64) -> dict[str, float]:
     """Return the evaluation of the placement uncertainty, if the result has one."""
     if view.placement_std_m is None:
         return {}

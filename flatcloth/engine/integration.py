@@ -31,7 +31,7 @@ from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.links import Cloth
-from flatcloth.garments.parting import parts_taken_off, without_parts
+from flatcloth.garments.parting import parts_taken_off, with_doubts, without_parts
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
@@ -186,10 +186,16 @@ class Integration(RecordedViews):
         return Cloth(uv_m=found.uv_m, xyz_m=found.xyz_m, edges=found.edges, evidence=found.evidence)
 
     def _without_parts(self, whole: Canonical, document: Document) -> Canonical:
-        """Return a shape without the parts that were taken off it by the garment; they float."""
+        """Return a shape without the parts that were taken off it by the garment; they float.
+
+        What a doubted link joins is as unsure as the link.
+        """
         cloth = self._cloth(document)
-        parts = [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
-        if cloth is None or not parts:
+        if cloth is None:
+            return whole
+        parts = parts_taken_off(cloth, document.garment.parts)
+        whole = replace(whole, view=with_doubts(whole.view, cloth, document.garment.parts))
+        if not parts:
             return whole
         view, pieces = without_parts(whole.view, cloth, parts)
         floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)

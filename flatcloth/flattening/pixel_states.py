@@ -7,6 +7,7 @@ sample reaches a strip that is too narrow, and no chain of pairs may lead from a
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from enum import IntEnum
 
 import numpy as np
@@ -74,11 +75,12 @@ def states_of_view(frame: RgbdFrame, item: Bool, surface: Surface | None, on_sur
     return states
 
 
-def component_states(flattening: Flattening, component: int) -> Uint8:
-    """Return the states (H, W) on the surface of a view of which one component is placed; 0 elsewhere."""
+def component_states(flattening: Flattening, components: Collection[int]) -> Uint8:
+    """Return the states (H, W) on the surface of a view of which some components are placed; 0 elsewhere."""
     nearest = flattening.carrier.nearest
     placed = np.zeros(len(flattening.levels[-1].component) + 1, dtype=np.bool_)
-    placed[flattening.components[component].members] = True
+    for component in components:
+        placed[flattening.components[component].members] = True
     states = np.where(placed[nearest], np.uint8(PixelState.SHAPE), np.uint8(PixelState.NO_CHAIN))
     states[nearest < 0] = PixelState.STRIP
     states[~flattening.surface.usable] = PixelState.OFF_ITEM

@@ -9,7 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.errors import FlatteningError
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rigid2
+
+MOST_PIXELS = 16_000_000
+"""Pixels of a plane's grid. Chosen: 8 m by 8 m at 2 mm; its attributes take a gigabyte."""
 
 
 def channels(view: FlattenedView) -> Float32:
@@ -125,12 +129,24 @@ def corners(view: FlattenedView) -> Float64:
 
 
 def bounds(corners: list[Float64], size: float) -> tuple[tuple[float, float], tuple[int, int]]:
-    """Return origin and shape of the grid, aligned to multiples of the pixel, around all corners."""
+    """Return origin and shape of the grid, aligned to multiples of the pixel, around all corners.
+
+    Raises
+    ------
+    FlatteningError
+        If it would have more than ``MOST_PIXELS``.
+    """
     points = np.concatenate(corners) / size
     low = np.floor(points.min(axis=0) + 1e-6)
     high = np.ceil(points.max(axis=0) - 1e-6)
-    extent = (high - low).astype(int) + 1
-    return (float(low[0] * size), float(low[1] * size)), (int(extent[1]), int(extent[0]))
+    cols, rows = (high - low + 1).tolist()
+    if not cols <= MOST_PIXELS / rows:
+        wide_m, high_m = cols * size, rows * size
+        raise FlatteningError(
+            f"A picture of {wide_m:.3g} by {high_m:.3g} m would be too large: a view lies far away from"
+            " the others. Undo its placement, or move it nearer."
+        )
+    return (float(low[0] * size), float(low[1] * size)), (int(rows), int(cols))
 
 
 def grid_rc(

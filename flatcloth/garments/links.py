@@ -70,12 +70,19 @@ class Cloth:
 class DoubtedLink:
     """A part of the shape that no garment allows where it is joined.
 
-    ``part`` (N,) are its samples; ``probability`` that the link is right; ``area_m2`` of the part.
+    ``part`` (N,) are its samples; ``probability`` that the link is right; ``area_m2`` of the part;
+    ``moved_m`` how far off the garment has another place for it (the farthest of it), 0 if it has none.
     """
 
     part: Bool
     probability: float
     area_m2: float
+    moved_m: float = 0.0
+
+    @property
+    def std_m(self) -> float:
+        """Standard deviation of the place of the part: with the probability it is joined, or elsewhere."""
+        return math.sqrt(self.probability * (1.0 - self.probability)) * self.moved_m
 
 
 def is_offered(link: DoubtedLink) -> bool:
@@ -109,9 +116,10 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
         own, rest = split(main, cloth, part)
         if not LEAST_AREA_M2 <= own.area_m2 <= _MOST_SHARE * main.area_m2:
             continue
-        gain = (_apart(fits, rest, own) - together) / TEMPERATURE
+        apart, moved_m = _apart(fits, rest, own)
+        gain = (apart - together) / TEMPERATURE
         chance = 1.0 / (1.0 + math.exp(min(max(gain, -30.0), 30.0)) / _RIGHT_TO_WRONG)
-        found.append(DoubtedLink(part=part, probability=chance, area_m2=own.area_m2))
+        found.append(DoubtedLink(part=part, probability=chance, area_m2=own.area_m2, moved_m=moved_m))
     return sorted(found, key=lambda link: link.probability)
 
 
@@ -179,9 +187,9 @@ def split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence,
     return main.part(edges, insides, pixels[there]), main.part(~edges, ~insides, pixels[~there])
 
 
-def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> float:
-    """Return the evidence of the rest of the shape with the part where else it belongs, by the best kind."""
-    best = -math.inf
+def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> tuple[float, float]:
+    """Return the evidence of the rest with the part where else it belongs (best kind), and how far off."""
+    best, moved_m = -math.inf, 0.0
     for fit in fits[:_TRIED_FITS]:
         begun = [fit, *(other for _, other in fit.others)]
         alone = max(
@@ -194,13 +202,15 @@ def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> floa
                 fit.kind, (rest, own), placed.fit.parameters, placed.fit.garment_from_piece,
                 annealed=((1.0, 8),),
             )  # fmt: skip
-            if _moved_m(both, own) > _ELSEWHERE_M:
-                best = max(best, both.log_evidence - contradiction(both, rest, own))
-    return best
+            off_m, evidence = _moved_m(both, own), both.log_evidence - contradiction(both, rest, own)
+            if off_m.mean() > _ELSEWHERE_M and evidence > best:
+                best, moved_m = evidence, float(off_m.max())
+    return best, moved_m
 
 
-def _moved_m(both: Fit, own: PieceEvidence) -> float:
-    """Return how far a part lies, in the mean, from where it is joined."""
+def _moved_m(both: Fit, own: PieceEvidence) -> Float64:
+    """Return how far the places within a part (K,) lie from where they are joined."""
     main, part = both.garment_from_piece
     there = (main.inverse() @ part).apply(own.inside_uv_m)
-    return float(np.linalg.norm(there - own.inside_uv_m, axis=1).mean())
+    moved: Float64 = np.linalg.norm(there - own.inside_uv_m, axis=1)
+    return moved

@@ -20,14 +20,17 @@ _LEAST_FOUND = 0.5
 """Share of them that is to be found again, or the part is not there any more. Set by hand."""
 
 
-def decided_part(cloth: Cloth, link: DoubtedLink, *, taken_off: bool) -> DoubtedPart:
-    """Return a decision about a part, tied to its cloth and to that of the rest."""
+def decided_part(
+    cloth: Cloth, link: DoubtedLink, *, taken_off: bool, is_doubted: bool = False
+) -> DoubtedPart:
+    """Return a decision about a part, tied to its cloth and to that of the rest; or that it is doubted."""
     placed = np.isfinite(cloth.uv_m[:, 0])
     return DoubtedPart(
         taken_off=taken_off,
         part=_tied(cloth, np.flatnonzero(link.part)),
         rest=_tied(cloth, np.flatnonzero(placed & ~link.part)),
         probability=float(link.probability),
+        std_m=link.std_m if is_doubted else 0.0,
     )
 
 
@@ -56,25 +59,46 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
 
 
 def is_decided(cloth: Cloth, link: DoubtedLink, decisions: Sequence[DoubtedPart]) -> bool:
-    """Return whether an operator has decided about the part of a link already."""
-    for decision in decisions:
-        part = found_again(cloth, decision)
-        if part is not None and (part & link.part).sum() > 0.5 * (part | link.part).sum():
-            return True
-    return False
+    """Return whether one of the decisions is about the part of a link."""
+    return any(_is_same(part, link.part) for _, part in _last_decisions(cloth, decisions))
 
 
 def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
     """Return the samples (N,) of each part that is taken off now; of a part, the last decision counts."""
-    taken: list[Bool] = []
+    return [part for decision, part in _last_decisions(cloth, decisions) if decision.taken_off]
+
+
+def _last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:
+    """Return the last decision about each part that is found again, and its samples (N,)."""
+    found: list[tuple[DoubtedPart, Bool]] = []
     for decision in decisions:
         part = found_again(cloth, decision)
-        if part is None:
-            continue
-        taken = [other for other in taken if (part & other).sum() <= 0.5 * (part | other).sum()]
-        if decision.taken_off:
-            taken.append(part)
-    return taken
+        if part is not None:
+            found = [(before, other) for before, other in found if not _is_same(part, other)]
+            found.append((decision, part))
+    return found
+
+
+def _is_same(part: Bool, other: Bool) -> bool:
+    return bool((part & other).sum() > 0.5 * (part | other).sum())
+
+
+def with_doubts(view: FlattenedView, cloth: Cloth, decisions: Sequence[DoubtedPart]) -> FlattenedView:
+    """Return the shape with larger standard deviations where the link of a part is doubted.
+
+    Joined or lying elsewhere are two hypotheses; the variance of a place is that between them.
+    """
+    doubted = [(d.std_m, part) for d, part in _last_decisions(cloth, decisions) if d.std_m]
+    if not doubted or view.placement_std_m is None:
+        return view
+    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
+    pixels = np.argwhere(view.valid)
+    nearest = placed[cKDTree(cloth.uv_m[placed]).query(view.uv_from_rc(pixels))[1]]
+    std = view.placement_std_m.copy()
+    for std_m, part in doubted:
+        own = pixels[part[nearest]]
+        std[own[:, 0], own[:, 1]] = np.hypot(std[own[:, 0], own[:, 1]], np.float32(std_m))
+    return replace(view, placement_std_m=std)
 
 
 def without_parts(

@@ -20,6 +20,10 @@ UNSURE = "score too low"
 
 MAX_EXTENT_M = 10.0
 """Bound on positions of a garment's plane: curtains and bed linen stay below 6 m."""
+MAX_ANSWER_M = 1000.0
+"""Farthest place of a computed placement. Chosen: far above any, so that only damaged journals have such."""
+MOST_PLACED_WITH = 1000
+"""Parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
 
 
 class Side(StrEnum):
@@ -179,6 +183,12 @@ class Document:
     def placed_components(self) -> dict[int, int]:
         """The component of each accepted view that is placed."""
         return {a.view_index: a.component for a in self.accepted}
+
+    def components_of(self, view_index: int) -> frozenset[int]:
+        """Return all components of a view that are placed, with it or with a later view."""
+        own = {self.placed_components.get(view_index, 0)} if view_index in self.used_views else set()
+        also = (part for a in self.accepted for part in a.also if part.view_index == view_index)
+        return frozenset({*own, *(part.component for part in also)})
 
     @property
     def used_views(self) -> frozenset[int]:

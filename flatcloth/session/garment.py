@@ -61,13 +61,15 @@ class DoubtedPart:
     """A part of the shape that is taken off it because no garment allows its link, or that stays on it.
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, and where they lay.
-    ``probability`` is that of the link when it was decided.
+    ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
+    doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0.
     """
 
     taken_off: bool
     part: ClothPlaces
     rest: ClothPlaces
     probability: float
+    std_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,13 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
             return verb, replace(decisions, pieces=(*decisions.pieces, piece))
         case DecideLink(part=part):
             verb = "take a part off by the garment" if part.taken_off else "keep a part on the shape"
+            verb = "doubt the link of a part" if part.std_m else verb
             return verb, replace(decisions, parts=(*decisions.parts, part))
+
+
+def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
+    """Return the decisions that somebody made, without the links that a run only doubts."""
+    return replace(decisions, parts=tuple(part for part in decisions.parts if not part.std_m))
 
 
 def _cloths(command: GarmentCommand) -> Iterator[ClothPlaces]:
@@ -198,6 +206,8 @@ def _numbers(command: GarmentCommand) -> Iterator[float]:
     if isinstance(command, DecidePiece | DecideLink):
         decided = command.piece if isinstance(command, DecidePiece) else command.part
         yield 0.0 if math.isfinite(decided.probability) else math.nan
+    if isinstance(command, DecideLink):
+        yield command.part.std_m
     for cloth in _cloths(command):
         for point in (*cloth.points_m, *cloth.uv_m):
             yield from point

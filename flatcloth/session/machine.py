@@ -47,7 +47,9 @@ from flatcloth.session.commands import (
     Undo,
 )
 from flatcloth.session.document import (
+    MAX_ANSWER_M,
     MAX_EXTENT_M,
+    MOST_PLACED_WITH,
     UNSURE,
     Accepted,
     Document,
@@ -264,8 +266,8 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
     Raises
     ------
     IllegalDecisionError
-        If a command is not allowed now; the message gives the reason. Answers never raise: stale
-        ones leave the state unchanged.
+        If a command is not allowed now; the message gives the reason. Answers raise only with numbers
+        that no garment has: stale ones leave the state unchanged.
     """
     if isinstance(command, Event):
         return _answer(state, command)
@@ -274,6 +276,24 @@ def apply(state: SessionState, command: Command | Event) -> SessionState:
         raise IllegalDecisionError(reason)
     _check_bounds(state.document, command)
     return _decide(state, command)
+
+
+def _check_answer(state: SessionState, event: Event) -> None:
+    """Refuse an answer, as of a journal, about views that do not exist, or that lie beyond any plane."""
+    if not isinstance(event, Started | Proposed | Followed):
+        return
+    also = () if isinstance(event, Started) else event.also
+    for view in (event.view_index, *(part.view_index for part in also)):
+        if not 0 <= view < state.n_views:
+            raise OutOfBoundsError(f"View {view} does not exist; there are {state.n_views} views.")
+    if isinstance(event, Started):
+        return
+    if len(also) > MOST_PLACED_WITH:
+        raise OutOfBoundsError(f"{len(also)} parts are placed at once; there are at most {MOST_PLACED_WITH}.")
+    for part in (event, *also):
+        motion = part.current_from_new
+        if not (part.component >= 0 and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
+            raise OutOfBoundsError(f"View {part.view_index} has no such part, or lies beyond any plane.")
 
 
 def _check_bounds(document: Document, command: Command) -> None:
@@ -396,6 +416,7 @@ def _edit(state: SessionState, name: str, document: Document) -> SessionState:
 def _answer(state: SessionState, event: Event) -> SessionState:
     if state.request is None or event.token != state.request.token:
         return state
+    _check_answer(state, event)
     state = replace(state, request=None)
     document = state.document
     match event:

@@ -24,6 +24,7 @@ class Worker:
     def __init__(self, name: str, on_fault: Callable[[BaseException], None] = lambda _: None) -> None:
         self._on_fault = on_fault
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -33,11 +34,12 @@ class Worker:
 
     @property
     def waiting(self) -> int:
-        """The number of jobs that wait for the present one."""
-        return self._jobs.qsize()
+        """The number of jobs that wait for the present one; 0 once the thread is to stop."""
+        return 0 if self._stopping else self._jobs.qsize()
 
     def stop(self, timeout_s: float) -> None:
         """Stop the thread after the current job; a job that does not end is abandoned with the daemon."""
+        self._stopping = True
         self._jobs.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout_s)

@@ -40,6 +40,11 @@ def test_a_text_is_read_as_its_type() -> None:
         ('{"parts": [{"size_m": NaN}]}', "parts[0].size_m is not a finite number"),
         ('{"parts": [{"size_m": 1e999}]}', "parts[0].size_m is not a finite number"),
         ('{"parts": [{"size_m": 1' + "0" * 400 + "}]}", "parts[0].size_m is not a finite number"),
+        (
+            '{"parts": [{"size_m": "\\ud800"}]}',
+            "parts[0].size_m is text with half a character; expected text",
+        ),
+        ('{"parts": [{"\\ud800": 1}]}', "parts[0] is text with half a character; expected text"),
         ('{"parts": [{"size_m": true}]}', "parts[0].size_m is true or false"),
         (
             '{"parts": [{"size_m": 1, "at": [1, 2]}]}',

@@ -277,6 +277,32 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     assert made.canonical(apply(off, Undo()).document) is whole
 
 
+def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
+    made = Integration(Cylinder(**SHEET))  # type: ignore[arg-type]
+    state = stepped(made, started(made, 0), Propose())
+    assert state.document.pending is not None
+    state = apply(state, Accept(state.document.pending.view_index))
+    whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
+    assert cloth is not None
+    assert whole.placement_std_m is not None
+    middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
+    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.8, area_m2=0.01, moved_m=0.5)
+    assert link.std_m == pytest.approx(0.4 * 0.5)
+    doubted = apply(state, DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
+    view = made.canonical(doubted.document).view
+    assert view.placement_std_m is not None
+    np.testing.assert_array_equal(view.valid, whole.valid)
+    below = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] > middle + 0.02
+    above = whole.uv_from_rc(np.argwhere(view.valid))[:, 1] < middle - 0.02
+    before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
+    np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
+    np.testing.assert_array_equal(std[above], before[above])
+    kept = apply(doubted, DecideLink(decided_part(cloth, link, taken_off=False)))
+    same = made.canonical(kept.document).view.placement_std_m
+    assert same is not None
+    np.testing.assert_array_equal(same[view.valid], before)
+
+
 def test_the_paper_knows_no_cloth_to_take_apart() -> None:
     made = integration()
     assert made.cloth(started(made, 0).document) is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
@@ -61,11 +62,27 @@ def test_steep_cloth_and_outlines_are_told() -> None:
     assert (bare[seen.mask & (seen.depth_m > 0)] == PixelState.STEEP).all()
 
 
+def test_every_component_that_is_placed_is_in_the_shape() -> None:
+    mask = box(0.1, plane())
+    surface = observe_item(frame(two_layers(ramp_px=0), mask), AXIS, SurfaceConfig())
+    flattening = flatten(surface, AXIS, FlatteningConfig())
+    every = range(len(flattening.components))
+    assert len(every) > 1
+    none, *single, together = (
+        (component_states(flattening, placed)[surface.usable] == PixelState.SHAPE).mean()
+        for placed in ((), *((n,) for n in every), every)
+    )
+    assert none == 0.0
+    assert min(single) > 0.05
+    assert together == pytest.approx(sum(single))
+    assert together > 0.95
+
+
 def test_on_the_surface_a_pixel_has_the_state_of_what_carries_it() -> None:
     cylinder = Cylinder(angles_deg=(0.0,))
     surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
     flattening = flatten(surface, AXIS, FlatteningConfig())
-    states = component_states(flattening, 0)
+    states = component_states(flattening, {0})
     assert set(np.unique(states[surface.usable])) <= {PixelState.SHAPE, PixelState.STRIP}
     assert (states[surface.usable] == PixelState.SHAPE).mean() > 0.95
     flat = cylinder.flat_uv_m(surface.xyz_m.astype(float))

@@ -19,7 +19,19 @@ from flatcloth.core.plain_files import open_own, replace_file
 from flatcloth.core.types import Rigid2
 from flatcloth.export.history import read_history
 from flatcloth.session.journal import Replay, encode
-from flatcloth.session.machine import Nudge, Undo, apply
+from flatcloth.session.machine import (
+    Command,
+    Event,
+    Nudge,
+    PlacedPart,
+    Propose,
+    Proposed,
+    SessionState,
+    Start,
+    Started,
+    Undo,
+    apply,
+)
 from flatcloth.session.store import SessionFolder
 
 
@@ -217,6 +229,33 @@ def test_a_view_cannot_be_moved_to_where_no_garment_reaches(place: Path, by: Rig
         folder.record(Nudge(1, Rigid2(0.0, 3.0, 0.0)))
     assert (place / "journal.jsonl").read_bytes().startswith(before)
     folder.close()
+
+
+FAR = Rigid2(0.0, 1e5, 0.0)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        (Started(1, 36),), (Started(1, -1),),
+        *((Started(1, 0), Propose(1), each) for each in (
+            Proposed(2, 36, Rigid2()), Proposed(2, -1, Rigid2()), Proposed(2, 1, FAR),
+            Proposed(2, 1, Rigid2(), component=-1),
+            Proposed(2, 1, Rigid2(), also=(PlacedPart(36, 0, Rigid2()),)),
+            Proposed(2, 1, Rigid2(), also=(PlacedPart(2, 0, FAR),)),
+            Proposed(2, 1, Rigid2(), also=(PlacedPart(2, 0, Rigid2()),) * 1001),
+        )),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(
+    answer: tuple[Command | Event, ...],
+) -> None:
+    state = apply(SessionState(n_views=36), Start())
+    for step in answer[:-1]:
+        state = apply(state, step)
+    with pytest.raises(OutOfBoundsError):
+        apply(state, answer[-1])
 
 
 def absurd_journal(place: Path) -> bytes:

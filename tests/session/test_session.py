@@ -187,8 +187,13 @@ SEVERAL = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.0, 0.2, 0.0), Side.LEFT,
 
 
 def test_further_parts_are_accepted_with_the_view_they_were_proposed_with() -> None:
-    (accepted,) = after(*SEVERAL, Accept(3)).document.accepted
+    document = after(*SEVERAL, Accept(3)).document
+    (accepted,) = document.accepted
     assert accepted.also == ALSO
+    own = {3: {0}, 2: {0}, 1: set()}  # of these, view 2 is the start view
+    for part in ALSO:
+        own[part.view_index].add(part.component)
+    assert {view: document.components_of(view) for view in own} == own
     assert after(*SEVERAL, Reject(3)).document.accepted == ()
     assert after(*SEVERAL, Accept(3), Undo()).document.pending == after(*SEVERAL).document.pending
 

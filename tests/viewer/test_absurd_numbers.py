@@ -97,6 +97,17 @@ def test_a_tab_that_sends_more_than_is_done_has_to_wait(server):
         assert tab.until(lambda m: m["type"] == "hover")["id"] == 1
 
 
+def test_nobody_waits_for_a_worker_that_is_to_stop():
+    gate = threading.Event()
+    worker = Worker("tested")
+    for _ in range(3):
+        worker.put(lambda: gate.wait(WAIT_S) and None)
+    assert worker.waiting >= 2
+    worker.stop(0.0)
+    assert worker.waiting == 0
+    gate.set()
+
+
 def test_a_worker_goes_on_after_a_job_that_failed():
     faults: list[BaseException] = []
     done: list[int] = []
@@ -108,13 +119,26 @@ def test_a_worker_goes_on_after_a_job_that_failed():
     assert [type(fault) for fault in faults] == [ZeroDivisionError]
 
 
-@pytest.mark.parametrize("ray", [(math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0)])
-def test_a_click_without_a_place_is_told(server, ray):
+def test_clicks_without_a_place_are_told_also_while_painting(server, caplog):
+    absurd: list[Any] = [
+        (math.nan, 0.0, 1.0),
+        (math.inf, 0.0, 1.0),
+        (0.0, 1.0),
+        (0.0,) * 4,
+        "xyz",
+        None,
+        ([], 1, 2),
+    ]
     with Tab(server) as tab:
         tab.ready()
-        server.application.click_ray((0.0, 0.0, 0.0), ray)
-        server.application.click_ray(ray, (0.0, 0.0, 1.0))
-        tab.state_where(lambda s: any("no place in the scene" in n["text"] for n in s["log"]))
+        tab.say(type="brush", side="this")
+        for ray in absurd:
+            server.application.click_ray((0.0, 0.0, 0.0), ray)
+            server.application.click_ray(ray, (0.0, 0.0, 1.0))
+        server.application.click_ray((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        texts = tab.state_where(lambda s: len(s["log"]) > 2 * len(absurd))["log"]
+    assert all("no place in the scene" in note["text"] for note in texts)
+    assert not [r for r in caplog.records if r.exc_info]
 
 
 def test_a_slider_says_no_more_than_it_can(monkeypatch):

@@ -20,7 +20,7 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import recognise
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Accepted, Document
-from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind
+from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.protocol import messages
@@ -62,7 +62,7 @@ class Service:
         if self.error is not None:
             raise self.error
         decided = decided_pieces(document.garment, self.canonical.view, self.canonical.floating)
-        links = () if document.garment.parts else self.links
+        links = () if without_doubts(document.garment).parts else self.links
         return dataclasses.replace(self._known, pieces=decided, cloth=self.cloth, links=links)
 
     def known(self, document: Document) -> KnownGarment | str:
@@ -221,6 +221,22 @@ def test_run_takes_off_what_is_surely_wrong_and_tells_what_it_only_doubts(servic
     (part,) = session.state.document.garment.parts
     assert part.taken_off
     assert outcome_entry(known)["doubted_links"] == []
+
+
+def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:
+    service.links = (dataclasses.replace(doubted, moved_m=0.5),)
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    known = place_sure_pieces(service, session)
+    (part,) = session.state.document.garment.parts
+    assert not part.taken_off
+    assert part.std_m == pytest.approx(0.5 * 0.24**0.5)
+    assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
+    assert [item.name for item in session.state.undo][-2:] == [
+        "doubt the link of a part",
+        "place a piece by the garment",
+    ]
+    place_sure_pieces(service, session)
+    assert session.state.document.garment.parts == (part,)
 
 
 def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:

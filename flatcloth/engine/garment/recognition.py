@@ -32,7 +32,13 @@ from flatcloth.garments.recognition import (
 )
 from flatcloth.methods.base import Canonical
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecideLink, DecidePiece, GarmentDecisions, PlacedPiece
+from flatcloth.session.garment import (
+    DecideLink,
+    DecidePiece,
+    GarmentDecisions,
+    PlacedPiece,
+    without_doubts,
+)
 from flatcloth.session.machine import Keeper
 
 _MOST_TAKEN_OFF = 3
@@ -113,6 +119,8 @@ class GarmentService:
         GarmentError
             If the shape shows too little, or was seen in one view only.
         """
+        # Recognised is the shape as it hangs; what is doubted about it follows from that.
+        document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
             canonical = self._integration.canonical(document)
             if self._shape is None or self._shape.canonical is not canonical:
@@ -168,15 +176,11 @@ class GarmentService:
         )
 
 
-def garment_of(integration: Integration, document: Document) -> KnownGarment | str:
-    """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
-    return GarmentService(integration).known(document)
-
-
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces whose place by the garment is sure, as decisions of the session.
 
-    Before, a part is taken off whose link is surely wrong. What was decided about before stays as it is.
+    Before, a part is taken off whose link is surely wrong; other doubted links make what they join unsure.
+    What was decided about before stays as it is.
     """
     known = service.known(session.state.document)
     for _ in range(_MOST_TAKEN_OFF):
@@ -184,13 +188,25 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
             break
         session.record(link_decision(known, known.links[0], taken_off=True))
         known = service.known(session.state.document)
-    if isinstance(known, str) or known.found.kind == NONE:
+    if isinstance(known, str):
+        return known
+    _record_doubts(session, known)
+    if known.found.kind == NONE:
         return known
     canonical, decided = known.canonical, known.pieces
     for piece in known.found.pieces:
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
             session.record(DecidePiece(piece_decision(canonical, piece, accepted=True)))
     return service.known(session.state.document)
+
+
+def _record_doubts(session: Keeper, known: KnownGarment) -> None:
+    """Record which links are doubted, once."""
+    before = session.state.document.garment.parts
+    for link in known.links:
+        cloth = known.cloth
+        if cloth is not None and link.std_m and not is_decided(cloth, link, before):
+            session.record(DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
 
 
 def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:

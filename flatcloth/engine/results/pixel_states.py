@@ -69,10 +69,8 @@ def states_of(integration: Integration, document: Document, view_index: int) -> 
         flattening = integration.flattening(view_index)
     except (SurfaceError, FlatteningError):
         return states_of_view(frame, item, None, None)
-    component = document.placed_components.get(view_index, 0)
-    return states_of_view(
-        frame, item, flattening.surface, component_states(flattening, component) if is_used else None
-    )
+    on_surface = component_states(flattening, document.components_of(view_index)) if is_used else None
+    return states_of_view(frame, item, flattening.surface, on_surface)
 
 
 def pixel_counts(integration: Integration, document: Document) -> dict[str, int]:

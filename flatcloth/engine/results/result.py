@@ -211,7 +211,8 @@ class _Part:
 
     def reason(self, state: PixelState) -> str:
         """Return why a point is left out."""
-        if state in (PixelState.STRIP, PixelState.NO_CHAIN) or state <= PixelState.STEEP:
+        is_left = state in (PixelState.STRIP, PixelState.NO_CHAIN) or state <= PixelState.STEEP
+        if is_left and state != PixelState.OFF_ITEM:
             return TEXTS[state]
         return FOLDED if self.is_folded else LOOSE
 

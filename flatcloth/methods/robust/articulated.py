@@ -25,6 +25,9 @@ LEAST_RIGID_PART_NODES = 40
 """A wide part needs at least this many nodes to be a rigid part. Set by hand."""
 _STRIP_WIDTH = 3.0
 """Cloth narrower than this many typical pairs is a strip, which directions must hold. Set by hand."""
+STRIP_NOISE_M = 0.0017
+"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles. Set by
+hand."""
 DIRECTION_WEIGHT = 0.5
 """Weight of a pair's direction in a strip, relative to its length. Set by hand."""
 

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 
 _NEAR_M = 0.015
 """Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
@@ -37,8 +38,6 @@ _OTHER_PIECE_M = 5.0
 _EVIDENCE_UNITS = 1000
 """Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
-_HINGE_STD_M = 0.0017
-"""Error of a pair in a hinge beyond its own: that of strips (``uncertainty``). Set by hand."""
 _MOST_MISFIT = 9.0
 """A hinge may turn until its pairs fit worse by three standard deviations. By definition."""
 _TURNS_RAD = [math.radians(sign * turn) for turn in range(1, 13) for sign in (1.0, -1.0)]
@@ -187,7 +186,7 @@ def swung_apart(
     """
     if not edges.size or not np.isfinite(uv_m[edges]).all():
         return None
-    ends, std = np.unique(edges), np.hypot(std_m, _HINGE_STD_M)
+    ends, std = np.unique(edges), np.hypot(std_m, STRIP_NOISE_M)
 
     def misfit(at: Float64) -> float:
         apart = np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1)

@@ -263,8 +263,8 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
-    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is
-    initialised again; if it still does, it is cut where the least evidence joins it.
+    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is laid
+    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off.
     """
     links, before = shape.links, shape.piece
     label = _pieces(shape)

@@ -21,6 +21,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
     DIRECTION_WEIGHT,
+    STRIP_NOISE_M,
     factor,
     flexible,
     nearest_rigid_part,
@@ -39,9 +40,6 @@ _GATHERED_M = 0.07
 """... down to this distance, within which all cloth is gathered in folds. Set by hand."""
 _NOISE_SHARE = 0.85
 """Independent error of each pair, in its standard deviations. Set by hand."""
-_STRIP_NOISE_M = 0.0017
-"""Additional error of each pair in a strip; strips are folded and seen at large incidence angles. Set by
-hand."""
 LEAST_STD_M = 0.002
 """Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
@@ -95,7 +93,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     noise = _NOISE_SHARE * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
     rigid_part = rigid_parts(uv, edges)
     loose = flexible(rigid_part, edges)
-    own = np.hypot(noise * links.std_m[inside], _STRIP_NOISE_M * loose)[:, None]
+    own = np.hypot(noise * links.std_m[inside], STRIP_NOISE_M * loose)[:, None]
     change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True

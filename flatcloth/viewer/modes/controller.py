@@ -183,7 +183,17 @@ class PageController(ABC):
         """Process a click in the 3D scene, unless too many wait."""
         if self.is_swamped:
             return
-        self._put(None, lambda: self._pick_on_ray(np.array(origin_m), np.array(direction)))
+        self._put(None, lambda: self._click(origin_m, direction))
+
+    def _click(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
+        """Process a click; viser passes on whatever a browser says."""
+        try:
+            ray = np.array([origin_m, direction], dtype=np.float64)
+        except (TypeError, ValueError):
+            ray = np.zeros((0, 3))
+        if ray.shape != (2, 3) or not np.isfinite(ray).all() or not ray[1].any():
+            raise FlatclothError("That click has no place in the scene; click again.")
+        self._pick_on_ray(ray[0], ray[1])
 
     def set_follow(self, follow: bool) -> None:
         """Let the cameras follow the view, or not."""
@@ -363,8 +373,6 @@ class PageController(ABC):
         return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        if not (np.isfinite(origin_m).all() and np.isfinite(direction).all()):
-            raise FlatclothError("That click has no place in the scene; click again.")
         # A click on the background changes nothing.
         # Nor does the camera turn: who clicks in the scene sees what is clicked.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):

@@ -132,6 +132,6 @@ class RobotRoutes:
 
 
 async def _disconnected(robot: WebSocket) -> None:
-    """Return when a robot has left; what it says is not heard."""
+    """Return when a robot has left; its messages are ignored."""
     while (await robot.receive())["type"] != "websocket.disconnect":
         pass
