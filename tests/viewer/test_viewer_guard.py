@@ -6,6 +6,8 @@ import contextlib
 import gc
 import io
 import logging
+import os
+import signal
 import socket
 import stat
 import time
@@ -23,6 +25,7 @@ from websockets.sync.client import connect
 from flatcloth.core.errors import ServerError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.server import limits
+from flatcloth.viewer.server.app import serve
 from flatcloth.viewer.server.guard import Guard, is_loopback
 from flatcloth.viewer.server.token import kept_token
 
@@ -114,6 +117,21 @@ def test_the_socket_file_goes_with_the_server(integration, folder):
         path = server._scene.path
         assert path.exists()
     assert not path.parent.exists()
+
+
+def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys):
+    places = []
+
+    def terminated(self):
+        places.append(self._scene.path.parent)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(WAIT_S)
+
+    monkeypatch.setattr(PageServer, "join", terminated)
+    before = signal.getsignal(signal.SIGTERM)
+    serve(integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
+    assert not places[0].exists()
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_nobody_can_open_a_tunnel_or_send_files():

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -314,8 +315,21 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
+@contextlib.contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM end what runs inside as Ctrl-C does, so that no files are left; main thread only."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def serve(**options: Any) -> None:
-    """Print the address of the operator page, and serve it until Ctrl-C.
+    """Print the address of the operator page, and serve it until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
@@ -328,7 +342,7 @@ def serve(**options: Any) -> None:
         If the address cannot be bound, or would admit everybody.
     """
     limit_logs()
-    with PageServer(**options) as server:
+    with _ended_as_by_ctrl_c(), PageServer(**options) as server:
         _print_url(server.url)
         try:
             server.join()
