@@ -389,7 +389,7 @@ def _notes(views: RecordedViews) -> tuple[str, ...]:
     if views.sides is not None:
         notes.append(
             "This recording has no masks: the side of interest is found from the views. "
-            "Paint the cloth to correct it."
+            "Strokes in session mode correct it."
         )
     elif not views.recording.has_masks:
         notes.append(

@@ -18,7 +18,7 @@ from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
 
 _RAMP_HALF_WIDTH_PX = 4
 """Half the width of the slopes by which a stereo sensor joins two layers. Set by hand."""
-_RAMP_HEIGHT_M = 0.010
+RAMP_HEIGHT_M = 0.010
 """A ramp rises by at least this more than the surface beside it explains. Set by hand."""
 _RAMP_SLOPE = 1.5
 """A ramp's middle is at least this steep (depth over width). Set by hand."""
@@ -39,10 +39,10 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
         The camera.
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    strength = _strength(inverse_depth, _RAMP_HALF_WIDTH_PX, _RAMP_HEIGHT_M, _RAMP_SLOPE, focal)
+    strength = _strength(inverse_depth, _RAMP_HALF_WIDTH_PX, RAMP_HEIGHT_M, _RAMP_SLOPE, focal)
     # An edge between layers is long; a short one is noise. Where the layers come closer together,
     # the edge continues as a weaker ramp, which could be a fold if it stood alone.
-    edge = _long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
+    edge = long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
     if not edge.any():
         return edge
     weak = strength >= _WEAK_RAMP_SHARE
@@ -54,7 +54,8 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     return ramp
 
 
-def _long_ones(found: Bool, length_px: int) -> Bool:
+def long_ones(found: Bool, length_px: int) -> Bool:
+    """Return the regions of ``found`` (H, W) that are at least this high or wide."""
     _, label, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
     long = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length_px
     long[0] = False

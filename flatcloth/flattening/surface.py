@@ -23,6 +23,7 @@ from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
+from flatcloth.flattening.wide_ramps import cut_wide_ramps
 
 _NORMAL_WINDOW_PX = 3
 """Half width of the window in which a plane is fitted for each normal. Set by hand."""
@@ -139,6 +140,7 @@ def observe_surface(
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
+    inverse_depth, _ = cut_wide_ramps(inverse_depth, frame.color, k)
     inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
