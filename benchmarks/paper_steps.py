@@ -8,20 +8,23 @@ pieces); not part of the default run.
 from __future__ import annotations
 
 import json
+import math
 import statistics
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.output import Options, save
 from benchmarks.unattended import Remembered, sources
-from flatcloth.core.types import Progress, no_progress
+from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.base import Alignment
-from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Matcher
+from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.method import Aligned, PaperMethod
 from flatcloth.methods.paper.occlusion import near_samples, occluding_edge_length_m
 from flatcloth.methods.registry import MethodEntry, register, unregister
@@ -36,6 +39,8 @@ BEFORE_SCORE = 0.25
 """The least score as it was."""
 
 
+LAG_PX = 6
+"""Distance over which Z-angles are compared, in pixels of the flattened view."""
 BEFORE_TELLING = 0.25
 """The texture that tells fully as it was."""
 
@@ -132,6 +137,20 @@ VARIANTS = {
 }
 
 
+def z_angle_noise_deg(view: FlattenedView, axis: RotationAxis, smoothing_m: float) -> float:
+    """Return the standard deviation of the Z-angles, averaged as given, from their second differences.
+
+    As :func:`flatcloth.flattening.noise.noise_in_pixels`: the direction and the half with the smaller ones.
+    """
+    angle = np.radians(mean_z_angle_deg(view, axis, 0.0, smoothing_m))
+    found = []
+    for a in (angle, angle.T):
+        bend = a[: -2 * LAG_PX] + a[2 * LAG_PX :] - 2.0 * a[LAG_PX:-LAG_PX]
+        off = np.sort(np.abs(np.arcsin(np.sin(bend[np.isfinite(bend)]))))
+        found.append(float(np.degrees(off[: off.size // 2].mean() / (0.325 * math.sqrt(6.0)))))
+    return min(found)
+
+
 def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     """Return a row for each variant of one recording."""
     recording = Remembered(open_recording(source))
@@ -157,11 +176,17 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
                 "far_share": round(found.absolute_far_share, 3),
                 "relative_p95_mm": round(found.relative_p95_mm, 1),
                 "views": len(document.used_views),
+                "start_view": document.start_view,
                 "parts": sum(len(a.also) for a in document.accepted),
             }
         )
         print("{recording:<24}{variant:<14}{coverage:>7.3f}{median_mm:>7.1f}{far_share:>7.1%}"
               "{relative_p95_mm:>7.1f}{views:>4}{parts:>4}".format(**rows[-1]), flush=True)  # fmt: skip
+    assert first is not None
+    start = first.part(rows[0]["start_view"], 0)
+    noise = [round(z_angle_noise_deg(start, first.axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
+    rows[0]["z_angle_noise_deg"] = noise
+    print(f"{recording.name:<24}noise of the Z-angle {noise[0]} deg, averaged {noise[1]}", flush=True)
     return rows
 
 

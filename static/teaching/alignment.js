@@ -244,7 +244,7 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   const span = [Math.min(...least), Math.max(...least)];
   const pad = 0.1 * (span[1] - span[0] || 1);
   const turnPlot = new Plot(sheet, bottom, {
-    x: [turns[0], turns.at(-1)],
+    x: [Math.min(turns[0], last[0]), Math.max(turns.at(-1), last[0])], // finer steps may end beyond the grid
     y: [span[0] - pad, span[1] + pad],
     xLabel: "turn (°)",
     yLabel: "lowest cost of each turn",

@@ -242,7 +242,7 @@ export const EXTENDING_STAGES = [
     text: [
       "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I, " +
         "height z and the Z-angle a should agree; ρ limits what one bad pixel can do. The paper compares I and z; " +
-        "on plain cloth z tells nothing across the height, and a does.",
+        "across plain cloth only a tells.",
       "First a coarse grid; its best places (rings) are followed in finer and finer steps. From the best one, the " +
         "last steps compare I and z alone. The result is proposed to the operator.",
     ],
