@@ -116,7 +116,14 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
         If a view cannot be read.
     """
     frames = [views.recorded(n) for n in range(len(views.recording))]
-    observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
+    observed = observe(
+        frames,
+        views.axis,
+        views.held_point_m,
+        views.config,
+        progress=progress,
+        sensor_blurs=views.sensor_blurs,
+    )
     return SideSolver(observed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -27,7 +28,14 @@ from flatcloth.core.types import (
 )
 from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
-from flatcloth.flattening.surface import foreground_mask, item_mask, observe_item, observed_area_m2
+from flatcloth.flattening.surface import (
+    edge_widths_of,
+    foreground_mask,
+    item_mask,
+    observe_item,
+    observed_area_m2,
+)
+from flatcloth.flattening.wide_ramps import blurs_edges
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.registration.axis import axis_agreement, resolve_axis
@@ -35,6 +43,8 @@ from flatcloth.segmentation.solver import SideSolver
 
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
+_EDGES_IN_VIEWS = 4
+"""Views in which widths of edges are counted together. Chosen: all sides of the item; each takes .1 s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +94,7 @@ class RecordedViews:
     def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
-        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 24 * _MIB)
+        self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 16 * _MIB)
         self._ahead = ReadAhead(self.recorded)
         self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._segmenting = threading.RLock()
@@ -101,10 +111,11 @@ class RecordedViews:
         self._flattening_ahead.want([])
         self._flattening_ahead.wait()
         self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 32 * _MIB)
-        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 80 * _MIB)
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
+        self._blurs: Cache[bool] = Cache(1)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = (
@@ -159,6 +170,17 @@ class RecordedViews:
     def recorded(self, view_index: int) -> RgbdFrame:
         """Read a view as it was recorded, without a mask found by the program."""
         return self._frames.get(view_index, lambda: self.recording[view_index])
+
+    def sensor_blurs(self) -> bool:
+        """Return whether the sensor blurs edges between layers, as a few views together tell (cached)."""
+        return self._blurs.get(len(self.recording), self._count_edges)
+
+    def _count_edges(self) -> bool:
+        found = []
+        for n in sorted({len(self.recording) * k // _EDGES_IN_VIEWS for k in range(_EDGES_IN_VIEWS)}):
+            with contextlib.suppress(SurfaceError):
+                found.append(edge_widths_of(self.recorded(n), self.axis, self.config.surface))
+        return blurs_edges(found)
 
     def cloud(self, view_index: int) -> ViewCloud:
         """Return the foreground points of a view, object frame."""
@@ -217,7 +239,7 @@ class RecordedViews:
     def _flatten(self, view_index: int) -> Flattening:
         config = self.config
         try:
-            surface = observe_item(self.frame(view_index), self.axis, config.surface)
+            surface = observe_item(self.frame(view_index), self.axis, config.surface, self.sensor_blurs)
             return flatten(
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )

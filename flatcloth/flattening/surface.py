@@ -9,6 +9,7 @@ its centre without a depth jump, so layers are never mixed.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, normals_from_fit
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
-from flatcloth.flattening.wide_ramps import cut_wide_ramps
+from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
 _NORMAL_WINDOW_PX = 3
 """Half width of the window in which a plane is fitted for each normal. Set by hand."""
@@ -84,10 +85,30 @@ def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig
     return foreground_mask(frame, axis, config)
 
 
-def observe_item(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> Surface:
+def never() -> bool:
+    """Return that the sensor does not blur edges, as far as is known."""
+    return False
+
+
+def observe_item(
+    frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig, sensor_blurs: Callable[[], bool] = never
+) -> Surface:
     """Find the surface as :func:`observe_surface` does, only in the part of the frame around the item."""
     cropped, item = crop_to_item(frame, item_mask(frame, axis, config))
-    return observe_surface(cropped, axis, config, item)
+    return observe_surface(cropped, axis, config, item, sensor_blurs)
+
+
+def edge_widths_of(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> EdgeWidths:
+    """Return how many wide and narrow edges a view of the whole item, both its sides, shows.
+
+    Raises
+    ------
+    SurfaceError
+        If no pixel belongs to the item.
+    """
+    cropped, item = crop_to_item(frame, foreground_mask(frame, axis, config))
+    inverse_depth = fill_dropouts(_inverse(cropped.depth_m, item), cropped.depth_m > 0, _MAX_DROPOUT_PX)
+    return edge_widths(inverse_depth, cropped.intrinsics)
 
 
 def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[RgbdFrame, Bool]:
@@ -110,7 +131,11 @@ def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[Rgb
 
 
 def observe_surface(
-    frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig, item: Bool | None = None
+    frame: RgbdFrame,
+    axis: RotationAxis,
+    config: SurfaceConfig,
+    item: Bool | None = None,
+    sensor_blurs: Callable[[], bool] = never,
 ) -> Surface:
     """Find the surface of the side of interest in one frame.
 
@@ -124,6 +149,8 @@ def observe_surface(
         Limits.
     item : (H, W) bool, optional
         The measured pixels to use; by default those of :func:`item_mask`.
+    sensor_blurs : callable
+        Returns whether the sensor blurs edges between layers; then they are cut at edges of the colour.
 
     Returns
     -------
@@ -140,7 +167,7 @@ def observe_surface(
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
-    inverse_depth, _ = cut_wide_ramps(inverse_depth, frame.color, k)
+    inverse_depth, _ = cut_wide_ramps(inverse_depth, frame.color, k, sensor_blurs)
     inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))

@@ -3,13 +3,15 @@
 Stereo that matches large windows blurs a jump between two layers into a slope that cloth could have. The
 colour image is sharp: where it has an edge along such a slope, the front layer ends. Each layer is
 continued to that edge as it runs beside the ramp. Without an edge nothing tells a ramp from a
-fold, and the depth stays as measured; nor is anything changed if the view has narrow edges: its sensor is
-sharp, and what looks like a wide ramp is cloth.
+fold, and the depth stays as measured; nor is anything changed if there are narrow edges: the sensor is sharp,
+and what looks like a wide ramp is cloth. One view may show no edge between layers, above all where only one
+side of the cloth is looked at, so that views are counted together.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import cv2
@@ -59,6 +61,13 @@ _LENGTH_PX = 12
 """A cut is at least this long. Chosen: half as long again as a ramp, as colours have more edges."""
 
 
+class EdgeWidths(NamedTuple):
+    """How many pixels of a view lie in the middle of wide ramps, and on narrow edges."""
+
+    wide: int
+    narrow: int
+
+
 class _Layers(NamedTuple):
     """Sums over the ramps through each pixel (H, W): inverse depth of one layer, and how many there are."""
 
@@ -66,8 +75,16 @@ class _Layers(NamedTuple):
     number: Float64
 
 
+def always() -> bool:
+    """Return that the sensor blurs edges, where that is known."""
+    return True
+
+
 def cut_wide_ramps(
-    inverse_depth: Float64, color: NDArray[np.uint8], intrinsics: Intrinsics
+    inverse_depth: Float64,
+    color: NDArray[np.uint8],
+    intrinsics: Intrinsics,
+    sensor_blurs: Callable[[], bool] = always,
 ) -> tuple[Float64, Bool]:
     """Return the inverse depth with wide ramps cut at colour edges, and the pixels that changed.
 
@@ -79,6 +96,8 @@ def cut_wide_ramps(
         RGB, registered to the depth.
     intrinsics : Intrinsics
         The camera.
+    sensor_blurs : callable
+        Returns whether the sensor blurs edges, as other views tell; asked if this view does not deny it.
 
     Returns
     -------
@@ -87,12 +106,10 @@ def cut_wide_ramps(
     changed : (H, W) bool
         Pixels that now lie on one of the two layers.
     """
-    focal = math.sqrt(intrinsics.fx * intrinsics.fy)
     smooth = _smoothed(inverse_depth)
-    half, way = _wide(smooth, focal)
+    half, way = _ramps(smooth, intrinsics)
     none = np.zeros(inverse_depth.shape, dtype=np.bool_)
-    half = np.where(long_ones(_thick(half > 0), _LENGTH_PX), _middles(half, way), 0).astype(np.int8)
-    if not _blurs(inverse_depth, half > 0):
+    if not (blurs_edges([_widths(inverse_depth, half > 0)]) and sensor_blurs()):
         return inverse_depth, none
     lab: Float32 = cv2.blur(
         cv2.cvtColor(color.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB), (3, 3)
@@ -117,19 +134,35 @@ def cut_wide_ramps(
     return np.where(changed, value, inverse_depth), changed
 
 
-def _blurs(inverse_depth: Float64, middles: Bool) -> bool:
-    """Whether the sensor blurs edges: inside the item there are wide ramps, and hardly a narrow one."""
+def edge_widths(inverse_depth: Float64, intrinsics: Intrinsics) -> EdgeWidths:
+    """Return how many wide and narrow edges are inside the item (H, W), inverse depth in 1/m, 0 off it."""
+    half, _ = _ramps(_smoothed(inverse_depth), intrinsics)
+    return _widths(inverse_depth, half > 0)
+
+
+def blurs_edges(views: Iterable[EdgeWidths]) -> bool:
+    """Return whether the sensor blurs edges: the views show wide ramps, and hardly a narrow one."""
+    counted = list(views)
+    wide, narrow = sum(view.wide for view in counted), sum(view.narrow for view in counted)
+    return wide >= _LEAST_WIDE and wide > _WIDE_TO_NARROW * narrow
+
+
+def _ramps(smooth: Float64, intrinsics: Intrinsics) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+    """Return half the width of the wide ramp whose middle a pixel is (H, W), 0 elsewhere; its direction."""
+    half, way = _wide(smooth, math.sqrt(intrinsics.fx * intrinsics.fy))
+    return np.where(long_ones(_thick(half > 0), _LENGTH_PX), _middles(half, way), 0).astype(np.int8), way
+
+
+def _widths(inverse_depth: Float64, middles: Bool) -> EdgeWidths:
     item = cv2.morphologyEx((inverse_depth > 0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     inside = cv2.erode(item, np.ones((2 * _RIM_PX + 1, 2 * _RIM_PX + 1), np.uint8)) > 0
     wide = np.count_nonzero(middles & inside)
-    if wide < _LEAST_WIDE:
-        return False
     depth = np.where(inverse_depth > 0, 1.0 / np.where(inverse_depth > 0, inverse_depth, 1.0), np.nan)
     narrow = np.zeros(depth.shape, dtype=np.bool_)
     for whole, found in ((depth, narrow), (depth.T, narrow.T)):
         step = np.abs(whole[:, 14:-10] - whole[:, 10:-14])
         found[:, 12:-12] |= (step > RAMP_HEIGHT_M) & (step > 0.7 * np.abs(whole[:, 24:] - whole[:, :-24]))
-    return bool(wide > _WIDE_TO_NARROW * np.count_nonzero(long_ones(narrow & inside, _LENGTH_PX)))
+    return EdgeWidths(int(wide), int(np.count_nonzero(long_ones(narrow & inside, _LENGTH_PX))))
 
 
 def _thick(found: Bool) -> Bool:

@@ -45,7 +45,7 @@ _LEAST_FACING = 1e-3
 """Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
 
 
-_IMAGES_KEPT = 8
+_IMAGES_KEPT = 6
 """Views whose images for comparison are kept: a new view and its neighbours. Chosen; the images of a garment
 of 40 000 pixels take 5 MB and are made in 5 ms."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
+from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_surface
 from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
@@ -105,6 +105,7 @@ def observe(
     config: Config,
     settings: SegmentationConfig | None = None,
     progress: Progress = no_progress,
+    sensor_blurs: Callable[[], bool] = never,
 ) -> Observed:
     """Prepare the views of a recording; their masks, if they have any, are not used.
 
@@ -122,6 +123,8 @@ def observe(
         Of the segmentation.
     progress : callable
         Told the share of the work; may raise ``CancelledError``.
+    sensor_blurs : callable
+        Returns whether the sensor blurs edges between layers.
 
     Raises
     ------
@@ -136,7 +139,9 @@ def observe(
     item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
     progress(0.1, "surfaces of the views")
     with ThreadPoolExecutor(_THREADS) as pool:
-        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config), range(len(frames)))
+        seen = pool.map(
+            lambda n: _surface(frames[n], item, n, axis, config, sensor_blurs), range(len(frames))
+        )
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
         raise SegmentationError(
@@ -177,12 +182,14 @@ def observe(
     )
 
 
-def _surface(frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config) -> Surface | None:
+def _surface(
+    frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config, blurs: Callable[[], bool]
+) -> Surface | None:
     if not item.masks[n].any():
         return None
     cropped, own = crop_to_item(replace(frame, mask=None), item.masks[n])
     try:
-        return observe_surface(cropped, axis, config.surface, own)
+        return observe_surface(cropped, axis, config.surface, own, blurs)
     except SurfaceError:
         return None
 

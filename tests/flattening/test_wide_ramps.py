@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flatcloth.core.types import Intrinsics
-from flatcloth.flattening.wide_ramps import cut_wide_ramps
+from flatcloth.flattening.wide_ramps import EdgeWidths, blurs_edges, cut_wide_ramps, edge_widths
 
 CAMERA = Intrinsics(width=120, height=160, fx=600.0, fy=600.0, cx=59.5, cy=79.5)
 EDGE = 63
@@ -90,3 +90,18 @@ def test_a_jump_and_a_narrow_ramp_are_left_to_their_own_tests():
     for width_px in (1, 5, 7):
         measured, _ = blurred(width_px)
         assert cut_wide_ramps(measured, painted(BLUE, WHITE), CAMERA)[0] is measured
+
+
+def test_a_view_without_narrow_edges_does_not_tell_the_sensor_but_views_together_do():
+    measured, _ = blurred(16)
+    sharp, _ = blurred(1)
+    color, asked = painted(BLUE, LIGHTER), []
+
+    def other_views():
+        asked.append(1)
+        return blurs_edges([edge_widths(measured, CAMERA), edge_widths(sharp, CAMERA)])
+
+    assert blurs_edges([edge_widths(measured, CAMERA)])
+    assert cut_wide_ramps(measured, color, CAMERA, other_views)[0] is measured
+    assert asked
+    assert not blurs_edges([EdgeWidths(99, 0)])

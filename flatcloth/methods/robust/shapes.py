@@ -46,7 +46,7 @@ _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 44 * _MIB
 """Shapes that are kept for undo and trials; 36 views with all their prefixes take 40 MiB ..."""
-_DRAWN_BYTES = 40 * _MIB
+_DRAWN_BYTES = 28 * _MIB
 """... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole)."""
 
 
@@ -74,11 +74,11 @@ class JointShapes:
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(4)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
-        self._registrations: Cache[Registered] = Cache(6)
+        self._registrations: Cache[Registered] = Cache(4)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[_Places] = Cache(2 * _MOST_PREFIXES)
-        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(4)
+        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(2)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""
