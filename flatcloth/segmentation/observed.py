@@ -138,15 +138,7 @@ def observe(
     progress(0.0, "looking for the item")
     item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
     progress(0.1, "surfaces of the views")
-    with ThreadPoolExecutor(_THREADS) as pool:
-        seen = pool.map(
-            lambda n: _surface(frames[n], item, n, axis, config, sensor_blurs), range(len(frames))
-        )
-        surfaces = [surface for surface in seen if surface is not None]
-    if not surfaces:
-        raise SegmentationError(
-            "No view shows cloth that could be told from its surroundings; check the depth."
-        )
+    surfaces = _surfaces(frames, item, axis, config, sensor_blurs)
     progress(0.3, "where the cameras stand")
     poses, moved = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
@@ -180,6 +172,19 @@ def observe(
         moved=moved,
         config=settings,
     )
+
+
+def _surfaces(
+    frames: Sequence[RgbdFrame], item: Item, axis: RotationAxis, config: Config, blurs: Callable[[], bool]
+) -> list[Surface]:
+    with ThreadPoolExecutor(_THREADS) as pool:
+        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config, blurs), range(len(frames)))
+        surfaces = [surface for surface in seen if surface is not None]
+    if not surfaces:
+        raise SegmentationError(
+            "No view shows cloth that could be told from its surroundings; check the depth."
+        )
+    return surfaces
 
 
 def _surface(
