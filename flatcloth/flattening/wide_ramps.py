@@ -97,7 +97,7 @@ def cut_wide_ramps(
     intrinsics : Intrinsics
         The camera.
     sensor_blurs : callable
-        Returns whether the sensor blurs edges, as other views tell; asked if this view does not deny it.
+        Returns whether the sensor blurs edges, as views of the whole item tell; if not, no time is taken.
 
     Returns
     -------
@@ -106,10 +106,12 @@ def cut_wide_ramps(
     changed : (H, W) bool
         Pixels that now lie on one of the two layers.
     """
+    none = np.zeros(inverse_depth.shape, dtype=np.bool_)
+    if not sensor_blurs():
+        return inverse_depth, none
     smooth = _smoothed(inverse_depth)
     half, way = _ramps(smooth, intrinsics)
-    none = np.zeros(inverse_depth.shape, dtype=np.bool_)
-    if not (blurs_edges([_widths(inverse_depth, half > 0)]) and sensor_blurs()):
+    if not blurs_edges([_widths(inverse_depth, half > 0)]):
         return inverse_depth, none
     lab: Float32 = cv2.blur(
         cv2.cvtColor(color.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB), (3, 3)
