@@ -12,12 +12,12 @@ import importlib.util
 import logging
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
 from flatcloth.batch.runner import Limits, run_task, start_children, stop_children
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.signals import handled_by
 
 REACHED_S = 15.0
 """A Dask scheduler that does not answer for this long is reported. Chosen: a slow network takes seconds."""
@@ -89,7 +89,8 @@ class _Threads:
 
 
 def _local_client(distributed: Any, workers: int) -> Any:
-    with _deaf_to_ctrl_c():
+    # A terminal sends Ctrl-C to all; this process ends the others.
+    with handled_by(signal.SIGINT, signal.SIG_IGN):
         cluster = distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -99,19 +100,6 @@ def _local_client(distributed: Any, workers: int) -> Any:
             silence_logs=logging.CRITICAL,
         )
     return distributed.Client(cluster)
-
-
-@contextlib.contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Let the processes that start here ignore Ctrl-C, which a terminal sends to all: this one ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class _Dask:

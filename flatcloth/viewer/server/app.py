@@ -8,7 +8,7 @@ import logging
 import signal
 import socket
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from starlette.types import Receive, Scope, Send
 from flatcloth.core.errors import ServerError
 from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
+from flatcloth.core.signals import handled_by
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.routes.start import StartRoutes
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
@@ -315,19 +316,6 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
-@contextlib.contextmanager
-def _ended_as_by_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM end what runs inside as Ctrl-C does, so that no files are left; main thread only."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def serve(**options: Any) -> None:
     """Print the address of the operator page, and serve it until Ctrl-C or SIGTERM.
 
@@ -342,7 +330,8 @@ def serve(**options: Any) -> None:
         If the address cannot be bound, or would admit everybody.
     """
     limit_logs()
-    with _ended_as_by_ctrl_c(), PageServer(**options) as server:
+    # SIGTERM ends it as Ctrl-C does, so that no files are left.
+    with handled_by(signal.SIGTERM, signal.default_int_handler), PageServer(**options) as server:
         _print_url(server.url)
         try:
             server.join()
