@@ -172,7 +172,7 @@ class RecordedViews:
         return self._frames.get(view_index, lambda: self.recording[view_index])
 
     def sensor_blurs(self) -> bool:
-        """Return whether the sensor blurs edges between layers, as a few views together tell (cached)."""
+        """Return whether the sensor blurs edges between layers, judged from opposite views (cached)."""
         return self._blurs.get(min(len(self.recording), _EDGES_IN_VIEWS), self._count_edges)
 
     def _count_edges(self) -> bool:

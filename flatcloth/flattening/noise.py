@@ -17,7 +17,7 @@ from flatcloth.flattening.ramps import find_ramps
 _LAG_PX = 6
 """Distance over which depth is compared. Chosen: stereo noise is alike over 2 px, folds over more than 10."""
 _LEAST_SAMPLES = 500
-"""Fewer comparisons tell no noise. Chosen."""
+"""With fewer comparisons the noise is not estimated. Chosen."""
 _DESIGNED = 1.7
 """Noise, in widths of a pixel, up to which depth is used as measured: the simulated D435's is 0.9 in the
 median and 1.66 at most, that of two stereo views with harsher noise 2.0. Measured by

@@ -2,7 +2,7 @@
 
 Stereo that matches large windows blurs a jump between two layers into a slope that cloth could have. The
 colour image is sharp: where it has an edge along such a slope, the front layer ends. Each layer is
-continued to that edge as it runs beside the ramp. Without an edge nothing tells a ramp from a
+continued to that edge as it runs beside the ramp. Without an edge a ramp cannot be told from a
 fold, and the depth stays as measured; nor is anything changed if there are narrow edges: the sensor is sharp,
 and what looks like a wide ramp is cloth. One view may show no edge between layers, above all where only one
 side of the cloth is looked at, so that views are counted together.
@@ -97,7 +97,7 @@ def cut_wide_ramps(
     intrinsics : Intrinsics
         The camera.
     sensor_blurs : callable
-        Returns whether the sensor blurs edges, as views of the whole item tell; if not, no time is taken.
+        Returns whether the sensor blurs edges, judged from views of the whole item.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def cut_wide_ramps(
     changed: Bool = (cv2.morphologyEx(touched, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0) & (
         inverse_depth > 0
     )
-    # Neighbouring ramps share what they say: a slanted one leaves pixels out.
+    # Averaged over neighbouring ramps, because slanted ones leave pixels out.
     value, count = (np.stack([cv2.blur(of, (3, 3)) for of in (near[n], far[n])]) for n in (0, 1))
     changed &= count.sum(axis=0) > 1e-6
     front = count[0] >= count[1]

@@ -237,7 +237,7 @@ def accept(document: Document, score: float | None) -> Document:
 
 
 def is_placed_with(pending: Pending, view_index: int, component: int) -> bool:
-    """Tell whether a component would be placed together with the proposal's own."""
+    """Return whether a component would be placed together with the proposal's own."""
     return any((p.view_index, p.component) == (view_index, component) for p in pending.also)
 
 

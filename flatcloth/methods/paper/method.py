@@ -283,7 +283,7 @@ class PaperMethod(Method):
         return found
 
     def _starts_on(self, current: FlattenedView, document: Document, view_index: int, component: int) -> bool:
-        """Tell whether an initial estimate of a component of an accepted view overlaps the current view."""
+        """Return whether a component of an accepted view, at its initial estimate, overlaps the current."""
         frame_from_current = self.canonical(document).current_from_view[view_index].inverse()
         new, limit = self._views.part(view_index, component), self._config.planning.z_angle_limit_deg
         seen = (self.angles_deg[view_index],) * 2

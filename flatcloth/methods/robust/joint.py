@@ -79,7 +79,7 @@ class JointShape:
     pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
     of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
     space does not: they lie beside others without being near them in space, which contradicts nothing.
-    ``hinges`` are those whose angle had to be told by what they would overlap.
+    ``hinges`` are those whose angle follows from cloth that must not overlap.
     """
 
     nodes: Nodes

@@ -327,5 +327,5 @@ def _loops(view: FlattenedView) -> list[Float64]:
 
 
 def _same(a: Document, b: Document) -> bool:
-    """Tell whether two documents have the same shape and the same decisions about its garment."""
+    """Return whether two documents have the same shape and the same decisions about its garment."""
     return (a.shape_key, a.garment) == (b.shape_key, b.garment)
