@@ -32,10 +32,12 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
+    from flatcloth.session.header import kept_config
     from flatcloth.export.garment import told as garment_told
 
     base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
-    integration = integration_of(options.source, options.method, source_options_of(options))
+    kept = kept_config(options.out, options.method)
+    integration = integration_of(options.source, options.method, source_options_of(options), kept)
     with ProgressBar(integration.recording.name) as bar:
         done = integrate(
             integration,

@@ -286,6 +286,9 @@ def _align(
     new = paper.part(event.view_index, event.component)
     watched = _WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
+    search = watched.seen()
+    if proposal.alignment.current_from_new == proposal.alignment.initial:  # the start stands
+        search = replace(search, path=search.path[:1], motions=search.motions[:1])
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
     accepted = Accepted(
@@ -302,7 +305,7 @@ def _align(
         flattening=paper.flattening(event.view_index),
         current=current,
         new=new,
-        search=watched.seen(),
+        search=search,
         renewed=renewed,
         origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
         placed_with=len(also),

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
@@ -84,11 +83,6 @@ class PaperMethod(Method):
         self._matchers: Cache[Matcher] = Cache(4)
         self._left: Cache[list[Aligned]] = Cache(8)
 
-    @classmethod
-    def default_config(cls) -> Config:
-        """Keep components together that a narrow neck connects: the paper has one surface per view."""
-        return Config(flattening=FlatteningConfig(least_core_samples=0))
-
     @cached_property
     def overlap_area_m2(self) -> float:
         """S_0, by the expected size of the item."""
@@ -97,7 +91,7 @@ class PaperMethod(Method):
     @property
     def accept_score(self) -> float:
         """Departure: the paper accepts every view that it planned."""
-        return self._config.alignment.accept_score
+        return self._config.alignment.accept_agreement
 
     # ------------------------------------------------- 4.1 Calculation of the appropriate rotation angle
 
@@ -223,7 +217,8 @@ class PaperMethod(Method):
                 break
         if not found:
             raise errors[0]
-        return max(found, key=lambda a: a.score.total)
+        best = max(found, key=lambda a: a.score.total)
+        return replace(best, correspondence=found[0].correspondence)  # the lines are shown where there are any
 
     def settled(self, alignment: Alignment) -> Alignment:
         """Let the start stand where the search ends farther off."""
