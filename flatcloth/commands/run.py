@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
-    from flatcloth.session.header import kept_config
     from flatcloth.export.garment import told as garment_told
+    from flatcloth.session.header import kept_config
 
     base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     kept = kept_config(options.out, options.method)
