@@ -184,8 +184,8 @@ class Matcher:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
         The score is the mean agreement, over the overlap, of the places in the object frame: half for pixels
-        10 mm apart, none for cloth that faces another way, or that would be laid a second time, more than
-        30 mm from where the shape has it. It follows the error of the placement, while
+        10 mm apart, none for cloth that faces another way, and -1 for cloth that would be laid a second time,
+        more than 30 mm from where the shape has it. It follows the error of the placement, while
         intensity, height and Z-angle also agree at wrong placements, and disagree at right ones under
         noise or where the view is bent otherwise than the shape (``docs/method.md``). They are told beside
         the score; intensity and height relative to randomly paired pixels.
@@ -211,7 +211,8 @@ class Matcher:
 
     def total(self, parts: dict[str, float]) -> float:
         """Return the score of a sufficient overlap."""
-        return parts["place_agreement"] * (1.0 - parts["elsewhere_share"])
+        elsewhere = parts["elsewhere_share"]
+        return max(0.0, parts["place_agreement"] * (1.0 - elsewhere) - elsewhere)
 
     def _laid_twice(self, current_from_new: Rigid2) -> float:
         """Return the share of the new view that the shape has already, but elsewhere."""

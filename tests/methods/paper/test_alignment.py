@@ -146,6 +146,4 @@ def test_cloth_that_would_be_laid_a_second_time_counts_against_a_placement() -> 
     twice = Matcher(shape, new, AXIS).score(right)
     assert twice.parts["place_agreement"] > 0.9
     assert 0.2 < twice.parts["elsewhere_share"] < 0.6
-    assert twice.total == pytest.approx(
-        twice.parts["place_agreement"] * (1.0 - twice.parts["elsewhere_share"])
-    )
+    assert twice.total < 0.6 < once.total
