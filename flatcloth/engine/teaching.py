@@ -286,9 +286,6 @@ def _align(
     new = paper.part(event.view_index, event.component)
     watched = _WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
-    search = watched.seen()
-    if proposal.alignment.current_from_new == proposal.alignment.initial:  # the start stands
-        search = replace(search, path=search.path[:1], motions=search.motions[:1])
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
     accepted = Accepted(
@@ -305,7 +302,7 @@ def _align(
         flattening=paper.flattening(event.view_index),
         current=current,
         new=new,
-        search=search,
+        search=watched.seen(proposal.alignment.current_from_new == proposal.alignment.initial),
         renewed=renewed,
         origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
         placed_with=len(also),
@@ -405,12 +402,12 @@ class _WatchedMatcher(Matcher):
         self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
         return self._paths[-1][1][-1]
 
-    def seen(self) -> Search:
-        """Return the candidates of the last search."""
+    def seen(self, start_stands: bool) -> Search:
+        """Return the candidates of the last search; if the start stands, no path leads from it."""
         offsets, cost = self._batches[0]
         turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
         *paths, (_, polished) = self._paths
-        steps = min(paths, key=lambda item: item[0])[1] + polished
+        steps = paths[0][1][:1] if start_stands else min(paths, key=lambda item: item[0])[1] + polished
         path = np.array(steps)[[True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]]
         return Search(
             turns_rad=turns,

@@ -18,9 +18,9 @@ from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
 _SPACING_M = 0.004
 """Distance of the compared pixels. Chosen: a finer one gives the same estimate, in more time."""
 _SAME_PLACE_M = 0.010
-"""Pixels show the same place if they are nearer. As the scale of the score (matching.py)."""
+"""Pixels show the same place if they are nearer. Chosen: the scale of the score (matching.py)."""
 _SAME_FACING = 0.8
-"""... and their normals differ by less than 37 degrees, as in the score."""
+"""... and their normals differ by less than 37 degrees. Chosen: as in the score."""
 _LEAST_AREA_M2 = 0.0003
 """The pixels that show the same place must cover this area, as those of a line must. Set by hand."""
 _TRIALS = 64
