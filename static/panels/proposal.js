@@ -272,7 +272,6 @@ const PARTS = {
   overlap_cm2: "Cloth of the proposal that lies on the shape",
   overlap_share: "The same as a share of the proposal",
   z_angle_agreement: "Agreement of the Z-angles after the rotation: 1 is the same; other cloth has another one",
-  elsewhere_share: CHECKS.twice.replace("15", "30"),
   intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",
   height_rms_mm: "Root of the mean squared difference of the heights along the turning axis",
 };

@@ -18,7 +18,6 @@ from numba import njit
 from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import AlignmentScore
-from flatcloth.methods.paper.places import same_places
 
 _SEARCH_TRANSLATION_M = 0.06
 """Largest change of the translation in the search. Set by hand."""
@@ -57,9 +56,6 @@ _ENOUGH_OVERLAP_M2 = 0.005
 _PLACE_SCALE_M = 0.010
 """Distance in space that counts as half a disagreement. Chosen: half of what is counted as wrong in the
 evaluation; noise, bending of the flattened views and an axis that is a few millimetres off stay below it."""
-_TWICE_M = 0.030
-"""Cloth that would lie farther from where the shape has it is laid twice. Chosen: three times the scale of
-the places, so that what is bent a little is not counted a second time."""
 OTHER_FACING_DEG = 37.0
 """Cloth whose Z-angle differs by more is other cloth. Set by hand: several times the noise of the averaged
 Z-angles, and less than the two flanks of a fold differ by."""
@@ -98,7 +94,6 @@ class Matcher:
             self._fields[smoothing_m] = self._attributes(current, axis, texture / spread)
             self._values[smoothing_m] = self._attributes(new, axis, new_texture / spread)[rc[:, 0], rc[:, 1]]
         self._chance = self._chance_disagreement()
-        self._same_places = same_places(current, new)
 
     def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> Float32:
         """Return (H, W, 6): the texture, height (m), cos and sin of the Z-angle, place across the axis (m).
@@ -184,8 +179,7 @@ class Matcher:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
         The score is the mean agreement, over the overlap, of the places in the object frame: half for pixels
-        10 mm apart, none for cloth that faces another way, and -1 for cloth that would be laid a second time,
-        more than 30 mm from where the shape has it. It follows the error of the placement, while
+        10 mm apart, none for cloth that faces another way. It follows the error of the placement, while
         intensity, height and Z-angle also agree at wrong placements, and disagree at right ones under
         noise or where the view is bent otherwise than the shape (``docs/method.md``). They are told beside
         the score; intensity and height relative to randomly paired pixels.
@@ -196,13 +190,11 @@ class Matcher:
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
         by_z_angle = 1.0 - float(result[5]) if result[1] > 0 else 0.0
         by_place = 1.0 - float(result[6]) if result[1] > 0 else 0.0
-        twice = self._laid_twice(current_from_new)
         parts = {
             "place_agreement": by_place,
             "intensity_agreement": by_intensity,
             "height_agreement": by_height,
             "z_angle_agreement": by_z_angle,
-            "elsewhere_share": twice / max(twice + float(result[1]), 1e-6),
             "height_rms_mm": float(result[4]) * 1e3,
             "overlap_cm2": area * 1e4,
             "overlap_share": float(result[1]),
@@ -211,16 +203,7 @@ class Matcher:
 
     def total(self, parts: dict[str, float]) -> float:
         """Return the score of a sufficient overlap."""
-        elsewhere = parts["elsewhere_share"]
-        return max(0.0, parts["place_agreement"] * (1.0 - elsewhere) - elsewhere)
-
-    def _laid_twice(self, current_from_new: Rigid2) -> float:
-        """Return the share of the new view that the shape has already, but elsewhere."""
-        uv, current_uv, share = self._same_places
-        if not len(uv):
-            return 0.0
-        off_m = np.linalg.norm(current_from_new.apply(uv) - current_uv, axis=1)
-        return share * float((off_m > _TWICE_M).mean())
+        return parts["place_agreement"]
 
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""

@@ -218,9 +218,8 @@ class PaperMethod(Method):
         if not found:
             raise errors[0]
         best = max(found, key=lambda a: a.score.total)
-        return replace(
-            best, correspondence=found[0].correspondence
-        )  # the lines are shown where there are any
+        # The page shows the lines where there are any.
+        return replace(best, correspondence=found[0].correspondence)
 
     def settled(self, alignment: Alignment) -> Alignment:
         """Let the start stand where the search ends farther off."""

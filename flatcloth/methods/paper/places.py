@@ -50,7 +50,7 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
     AlignmentError
         If too few pixels show the same place.
     """
-    uv, target, _ = same_places(current, new)
+    uv, target = _same_places(current, new)
     if len(uv) * _SPACING_M**2 < _LEAST_AREA_M2:
         raise AlignmentError("The views show too little cloth at the same place; choose a smaller rotation.")
     random = np.random.default_rng(0)
@@ -74,27 +74,18 @@ def _agreement(motion: Rigid2, uv: Float64, target: Float64) -> Float64:
     return agreement
 
 
-def same_places(current: FlattenedView, new: FlattenedView) -> tuple[Float64, Float64, float]:
-    """Return where both views have the same places of the item.
-
-    Returns
-    -------
-    uv_m, current_uv_m : (N, 2) float64
-        Sampled pixels of the new view, each with the one of the current view nearest in space.
-    share : float
-        What share of the sampled pixels of the new view they are.
-    """
+def _same_places(current: FlattenedView, new: FlattenedView) -> tuple[Float64, Float64]:
+    """Return pixels (N, 2) of the new view, and those of the current one (N, 2) at the same place."""
     rc, new_rc = _sampled(current), _sampled(new)
     if not (len(rc) and len(new_rc)):
-        return np.zeros((0, 2)), np.zeros((0, 2)), 0.0
+        return np.zeros((0, 2)), np.zeros((0, 2))
     tree = cKDTree(current.xyz_m[rc[:, 0], rc[:, 1]])
     off, at = tree.query(new.xyz_m[new_rc[:, 0], new_rc[:, 1]], distance_upper_bound=_SAME_PLACE_M)
     found = np.isfinite(off)
-    sampled = len(new_rc)
     rc, new_rc = rc[at[found]], new_rc[found]
     facing = (current.normal[rc[:, 0], rc[:, 1]] * new.normal[new_rc[:, 0], new_rc[:, 1]]).sum(axis=1)
     same = facing > _SAME_FACING
-    return new.uv_from_rc(new_rc[same]), current.uv_from_rc(rc[same]), float(same.sum()) / sampled
+    return new.uv_from_rc(new_rc[same]), current.uv_from_rc(rc[same])
 
 
 def _sampled(view: FlattenedView) -> Int64:
