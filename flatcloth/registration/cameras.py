@@ -10,7 +10,8 @@ inferred from the evidence, so that exact poses stay exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -228,23 +229,29 @@ def register_together(
     held_point_m: Float64,
     prior: PosePrior | None = None,
     partners: int = _MOST_PARTNERS,
+    fattening_px: float = 0.0,
+    threads: int = 1,
 ) -> Registered:
     """Register all views at once: the same model as :func:`register_all`, solved once.
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
     ``partners`` before it only. That tells whether the views stand as recorded, in a fraction of the time.
+    The estimate of the fattening begins at ``fattening_px``: near its value, no pair is compared twice.
     """
     registered = begin_registration(axis, held_point_m, prior)
     registered = replace(
         registered,
+        common=np.append(registered.common[:4], fattening_px),
         features=tuple(features),
         known=tuple(held_from_camera(axis, seen.angle_deg) for seen in features),
         jacobians=tuple(jacobian(axis, registered.held_point_m, seen.angle_deg) for seen in features),
         own=np.zeros((len(features), OWN)),
     )
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
-    fits = [_fitted(registered, n, m, None) for n, m in pairs]
-    return _refitted(_solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None))))
+    with ThreadPoolExecutor(threads) as pool:
+        fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
+        together = _solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None)))
+        return _refitted(together, pool.map)
 
 
 def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
@@ -283,13 +290,14 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
     return _refitted(grown)
 
 
-def _refitted(registered: Registered) -> Registered:
-    """Compare those pairs anew that were compared at another fattening."""
+def _refitted(registered: Registered, each: Callable[..., Iterable[PairFit | None]] = map) -> Registered:
+    """Compare those pairs anew that were compared at another fattening, with ``each`` like ``map``."""
     for _ in range(_REFITS):
         stale = [p for p in registered.pairs if _stale(registered, p)]
         if not stale:
             break
-        renewed = {(p.first, p.second): _fitted(registered, p.first, p.second, p) for p in stale}
+        fits = each(lambda p, now=registered: _fitted(now, p.first, p.second, p), stale)
+        renewed = {(p.first, p.second): fit for p, fit in zip(stale, fits, strict=True)}
         pairs = [renewed.get((p.first, p.second), p) for p in registered.pairs]
         registered = _solved(replace(registered, pairs=tuple(p for p in pairs if p is not None)))
     return registered
