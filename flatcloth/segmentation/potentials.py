@@ -25,7 +25,7 @@ _PIECE_NODES = 8
 _WEAK = 0.05
 """Evidence weaker than this share of the strongest joins no pieces: it lies at their borders. Chosen for
 speed."""
-_PRECISION = 1e-3
+_PRECISION = 1e-4
 """Error, in the norm of the energy, over that of the start. Chosen: only the order of potentials counts."""
 _MOST_STEPS = 200
 """Steps after which the solution is taken as it is; 5 to 40 are usual. Chosen."""
