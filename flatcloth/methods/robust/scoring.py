@@ -172,9 +172,9 @@ def _read_nearest(image: Float32, rc: Float64) -> Float64:
 def _space_from_plane(shape: JointShape) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
     links, n = shape.links, len(shape.nodes)
-    used = both_ends(shape.has_place, links.edges)
-    i, j = links.edges[used].T
-    flat = shape.all_uv_m[j] - shape.all_uv_m[i]
+    used = both_ends(shape.has_place, links.once)
+    i, j = links.once[used].T
+    flat = links.views_of_once[used][:, None] * (shape.all_uv_m[j] - shape.all_uv_m[i])
     space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]
     frames = np.zeros((n, 3, 2))
     for row in range(3):
