@@ -124,6 +124,17 @@ def _root(parent: Int64, sign: Float64, node: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _resolved(parent: Int64, sign: Float64) -> tuple[Float64, Int64]:
+    """Return the side of each node relative to its root, and the root."""
+    side, part = np.empty(len(parent)), np.empty(len(parent), np.int64)
+    for n in range(len(parent)):
+        root = _root(parent, sign, n)
+        part[n] = root
+        side[n] = 1.0 if root == n else sign[n]
+    return side, part
+
+
+@njit(cache=True, nogil=True)
 def _slot(keys: Int64, key: int) -> int:
     """Return where a key stands in a hash table with open addresses, or the free place where it would."""
     last = len(keys) - 1
@@ -229,9 +240,4 @@ def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: 
                 following[tail[i]] = head[j]
             tail[i] = tail[j]
         degree[i] += degree[j]
-    side, part = np.empty(count), np.empty(count, np.int64)
-    for n in range(count):
-        root = _root(parent, sign, n)
-        part[n] = root
-        side[n] = 1.0 if root == n else sign[n]
-    return side, part
+    return _resolved(parent, sign)
