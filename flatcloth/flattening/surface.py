@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -60,7 +61,7 @@ class Surface:
     noise_m: float
     noisy: bool
 
-    @property
+    @cached_property
     def pixel_pitch_m(self) -> float:
         """Median size of an image pixel on the surface, seen frontally."""
         depth = float(np.median(self.xyz_m[..., 2][self.usable]))
