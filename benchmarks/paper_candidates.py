@@ -2,11 +2,13 @@
 
 Every placement that the method considers, accepted or not, is compared with the truth: it is *right* within
 10 mm of the place where its cloth lies on the shape as it is, and *wrong* beyond 20 mm, or on cloth that it
-has not in common. The least score is also chosen anew from the other garments, for each garment.
+has not in common. The least score is also chosen anew from the other garments, for each garment. What of
+the cloth the result lacks is counted by where it would have been seen.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,16 +19,18 @@ import numpy as np
 from benchmarks.output import Options, save
 from benchmarks.unattended import Remembered, sources
 from flatcloth.core.config import AlignmentConfig
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64, Rigid2
-from flatcloth.engine.evaluation import CELL_M, look_up
+from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
+from flatcloth.engine.evaluation import CELL_M, look_up, reachable_cells
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.paper.method import Aligned, PaperMethod
 from flatcloth.methods.registry import MethodEntry, register, unregister
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.session.machine import MemorySession, SessionState
+from flatcloth.session.machine import Document, MemorySession, SessionState
 
 RIGHT_MM, WRONG_MM = 10.0, 20.0
 LEAST_CM2 = 10.0
@@ -70,8 +74,55 @@ def _fitted(points: Float64, target: Float64) -> Rigid2:
     return found
 
 
-def rows_of(source: str) -> list[dict[str, Any]]:
-    """Return a row for each placement that was considered in one recording."""
+LACKS = (
+    "renewed by other cloth",
+    "part not placed",
+    "view refused",
+    "view not asked",
+    "small or folded",
+    "none",
+)
+"""Why the result lacks cloth: what shows it, the first of these that applies; ``none`` has it in no part."""
+
+
+def lacking(made: Integration, document: Document, truth: Any) -> dict[str, float]:
+    """Return the share of the reachable cells that the result lacks, by :data:`LACKS`."""
+    reachable, origin = reachable_cells(made.recording, truth)
+    width = reachable.shape[1]
+
+    def cells(view: FlattenedView) -> Int64:
+        column, row = np.floor((_known(view, truth)[1] - origin) / CELL_M + 1e-9).astype(np.int64).T
+        inside = (row >= 0) & (row < reachable.shape[0]) & (column >= 0) & (column < width)
+        return np.unique((row * width + column)[inside])
+
+    shape = made.canonical(document)
+    placed = {(p.view_index, p.component) for p in made.algorithm.canonical(document).layers}  # type: ignore[attr-defined]
+    seen: dict[str, list[Int64]] = {reason: [] for reason in LACKS}
+    for view in range(len(made.recording)):
+        with contextlib.suppress(FlatclothError):
+            components = made.flattening(view).components
+            for n, component in enumerate(components):
+                small = component.view.area_m2 < LEAST_COMPONENT_SHARE * components[0].view.area_m2
+                if (view, n) in placed:
+                    reason = LACKS[0]
+                elif small or component.folded_share > made.config.flattening.max_folded_share:
+                    reason = LACKS[4]
+                elif view in document.used_views:
+                    reason = LACKS[1]
+                else:
+                    reason = LACKS[2 if view in document.refused_views else 3]
+                seen[reason].append(cells(component.view))
+    left = np.setdiff1d(np.flatnonzero(reachable), cells(shape.view))
+    found = {}
+    for reason in LACKS[:-1]:
+        shown = np.isin(left, np.concatenate([*seen[reason], np.zeros(0, dtype=np.int64)]))
+        found[reason] = round(float(shown.sum()) / int(reachable.sum()), 3)
+        left = left[~shown]
+    return {**found, LACKS[-1]: round(left.size / int(reachable.sum()), 3)}
+
+
+def rows_of(source: str) -> dict[str, Any]:
+    """Return a row for each placement that was considered in one recording, and what the result lacks."""
     recording = Remembered(open_recording(source))
     truth = Remembered(read_truth(recording.location))
     rows: list[dict[str, Any]] = []
@@ -107,21 +158,21 @@ def rows_of(source: str) -> list[dict[str, Any]]:
         made = Integration(recording, method=Traced.name)
     finally:
         unregister(Traced.name)
-    Run(made, MemorySession(SessionState(len(recording)))).finish()
-    return rows
+    document = Run(made, MemorySession(SessionState(len(recording)))).finish().document
+    return {"recording": recording.name, "placements": rows, "lacks": lacking(made, document, truth)}
 
 
-def kept_rows(source: str, keep: str) -> list[dict[str, Any]]:
-    """Return the rows of one recording; those that a folder keeps are not measured again."""
+def kept_rows(source: str, keep: str) -> dict[str, Any]:
+    """Return the figures of one recording; those that a folder keeps are not measured again."""
     file = Path(keep) / f"candidates-{Path(source).name}.json"
     if keep and file.exists():
-        kept: list[dict[str, Any]] = json.loads(file.read_text())
+        kept: dict[str, Any] = json.loads(file.read_text())
         return kept
-    rows = rows_of(source)
+    found = rows_of(source)
     if keep:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(rows))
-    return rows
+        file.write_text(json.dumps(found))
+    return found
 
 
 def best_limit(rows: Sequence[dict[str, Any]]) -> float:
@@ -139,7 +190,11 @@ def accepted_shares(rows: Sequence[dict[str, Any]], limit: float) -> tuple[float
 
 def run(options: Options) -> None:
     """Measure, print and write ``results/paper_candidates.json``."""
-    rows = [row for source in sources(options.recordings) for row in kept_rows(source, options.keep)]
+    found = [kept_rows(source, options.keep) for source in sources(options.recordings)]
+    for figures in found:
+        lacks = ", ".join(f"{reason} {share:.3f}" for reason, share in figures["lacks"].items())
+        print(f"{figures['recording']:<24}lacks {sum(figures['lacks'].values()):.3f}: {lacks}")
+    rows = [row for figures in found for row in figures["placements"]]
     for noisy in (False, True):
         for name, least, most in (("right", -1.0, RIGHT_MM), ("wrong", WRONG_MM, 1e9)):
             own = [
@@ -160,4 +215,4 @@ def run(options: Options) -> None:
         print(f"{garment:<12} limit {limit:.2f} from the other garments: {right:.1%} of the right, "
               f"{wrong:.1%} of the wrong accepted")  # fmt: skip
     if not options.quick:
-        save("paper_candidates", rows, [row["recording"] for row in rows])
+        save("paper_candidates", found, [figures["recording"] for figures in found])
