@@ -1,7 +1,8 @@
 """What each change to the method ``paper`` for views in several parts does, alone and together.
 
 ``Z-angle`` is the score by coarse texture, height and Z-angle; ``place`` the score by the places in
-space, which replaced it; ``estimate`` the initial estimate from pixels at the same place.
+space, which replaced it; ``estimate`` the initial estimate from pixels at the same place; ``necks`` that
+parts are separated at narrow necks.
 
 The variants are methods of their own: ``before`` has none of the changes, each of the others one of
 them, ``all`` is the method as it is. Takes some minutes a recording (``--keep DIR`` measures many in
@@ -22,6 +23,7 @@ import numpy as np
 
 from benchmarks.output import Options, save
 from benchmarks.unattended import Remembered, sources
+from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
@@ -144,12 +146,13 @@ class Before(PaperMethod):
 
 CHANGES = (
     *("start", "edges", "new area", "parts", "Z-angle", "place", "S_0", "start stands", "estimate"),
-    *("noise", "search"),
+    *("noise", "search", "necks"),
 )
 VARIANTS = {
     "before": frozenset[str](),
     **{name: frozenset({name}) for name in CHANGES},
     "all but place": frozenset(CHANGES) - {"place", "estimate"},
+    "all but necks": frozenset(CHANGES) - {"necks"},
     "all": frozenset(CHANGES),
 }
 
@@ -172,16 +175,19 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     """Return a row for each variant of one recording."""
     recording = Remembered(open_recording(source))
     truth = Remembered(read_truth(recording.location))
-    rows, first = [], None
+    rows: list[dict[str, Any]] = []
+    first: dict[bool, Integration] = {}
     for name in variants:
         kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": f"paper-{name}"})
         register(MethodEntry(name=kind.name, summary=name, load=lambda kind=kind: kind))
         try:
-            made = Integration(recording, method=kind.name)
+            cuts = "necks" in VARIANTS[name]
+            whole = Config(flattening=FlatteningConfig(least_core_samples=0))
+            made = Integration(recording, Config() if cuts else whole, method=kind.name)
         finally:
             unregister(kind.name)
-        first = first or made
-        made._flattenings, made._areas = first._flattenings, first._areas
+        same = first.setdefault(cuts, made)
+        made._flattenings, made._areas = same._flattenings, same._areas
         document = Run(made, MemorySession(SessionState(len(recording)))).finish().document
         found = compare(made.canonical(document).view, truth, recording).evaluation
         rows.append(
@@ -199,9 +205,8 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
         )
         print("{recording:<24}{variant:<14}{coverage:>7.3f}{median_mm:>7.1f}{far_share:>7.1%}"
               "{relative_p95_mm:>7.1f}{views:>4}{parts:>4}".format(**rows[-1]), flush=True)  # fmt: skip
-    assert first is not None
-    start = first.part(rows[0]["start_view"], 0)
-    noise = [round(z_angle_noise_deg(start, first.axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
+    start, axis = first[False].part(rows[0]["start_view"], 0), first[False].axis
+    noise = [round(z_angle_noise_deg(start, axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
     rows[0]["z_angle_noise_deg"] = noise
     print(f"{recording.name:<24}noise of the Z-angle {noise[0]} deg, averaged {noise[1]}", flush=True)
     return rows
