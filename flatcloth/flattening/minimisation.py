@@ -3,8 +3,7 @@
 ``H(u, v) = sum over pairs of w_ab (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
 quadratic that touches it from above. The minimum of that quadratic takes one solve with the graph
 Laplacian, which is factored once. Majorisation never increases H, and from the pixel start it does
-not fold the sheet, as gradient methods do (the paper's "instability"). Anderson mixing accelerates
-it.
+not fold the sheet, as gradient methods do (the paper's "instability"). Anderson mixing speeds it up.
 
 Majorisation is slow where parts of the sheet are thin, so Gauss-Newton steps finish the
 minimisation. These steps are not damped: bending a thin part is so much softer than any damping
@@ -33,8 +32,7 @@ from flatcloth.core.types import Float64, Int32
 
 T = TypeVar("T")
 _ANDERSON_DEPTH = 6
-"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen; more cost memory
-traffic."""
+"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
 _MAX_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
@@ -44,8 +42,7 @@ _WIDE_BAND = 24
 _MOST_CG_STEPS = 9
 """Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
-"""Range of the Levenberg-Marquardt damping, as a share of the diagonal. Chosen: from none to a gradient
-step."""
+"""Range of the damping (Levenberg-Marquardt), shares of the diagonal. Chosen: none to a gradient step."""
 _EXACT_M2 = 1e-14
 """Below this H per pair the lengths count as met exactly. Set by hand."""
 
@@ -69,12 +66,14 @@ class Banding:
     """A numbering of the points that makes the matrices of a graph narrow bands.
 
     ``order`` (N,) lists the points in the new order; ``place`` (N,) is the position of each point in
-    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first.
+    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first; if they are the
+    different ones of a longer list, ``pair`` (L,) int32 is the place of each of that list among them.
     """
 
     order: Int32
     place: Int32
     pairs: Int32
+    pair: Int32 | None = None
 
 
 def banding(n: int, edges: Int32) -> Banding:
@@ -119,6 +118,7 @@ def minimise(
     weight: Float64 | None = None,
     record: bool = False,
     narrow: Banding | None = None,
+    least_energy_m2: float = 0.0,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -140,6 +140,8 @@ def minimise(
         Keep about twenty intermediate states.
     narrow : Banding, optional
         The banding of the pairs, if it is already known.
+    least_energy_m2 : float
+        Part of H that is left out since no place changes it; the tolerance counts it.
 
     Returns
     -------
@@ -162,7 +164,8 @@ def minimise(
     band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
     laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
-    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, energy_tolerance, trace)
+    tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +32,7 @@ from flatcloth.registration.pose_prior import (
     pair_covariance,
     poses,
     twist_of,
+    twists_between,
     variances,
 )
 from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
@@ -60,7 +62,6 @@ __all__ = [
     "register_together",
 ]
 
-_SHARED, _EACH = np.arange(COMMON), np.arange(OWN)
 _LEAST_CHANCE = 1e-3
 """Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
 _STEPS = 3
@@ -228,22 +229,27 @@ def register_together(
     held_point_m: Float64,
     prior: PosePrior | None = None,
     partners: int = _MOST_PARTNERS,
+    fattening_px: float = 0.0,
+    threads: int = 1,
 ) -> Registered:
     """Register all views at once: the same model as :func:`register_all`, solved once.
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
-    ``partners`` before it only. That tells whether the views stand as recorded, in a fraction of the time.
+    ``partners`` before it only: that tells in a fraction of the time whether the views stand as recorded.
+    Near the value of ``fattening_px`` no pair is compared twice.
     """
     registered = begin_registration(axis, held_point_m, prior)
     registered = replace(
         registered,
+        common=np.append(registered.common[:4], fattening_px),
         features=tuple(features),
         known=tuple(held_from_camera(axis, seen.angle_deg) for seen in features),
         jacobians=tuple(jacobian(axis, registered.held_point_m, seen.angle_deg) for seen in features),
         own=np.zeros((len(features), OWN)),
     )
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
-    fits = [_fitted(registered, n, m, None) for n, m in pairs]
+    with ThreadPoolExecutor(threads) as pool:
+        fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
     return _refitted(_solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None))))
 
 
@@ -324,15 +330,12 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
 
 
 def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
-    return held.apply(np.median(seen.points_m, axis=0))
+    return held.apply(seen.middle_m)
 
 
 def _stale(registered: Registered, pair: PairFit) -> bool:
     """Return whether a pair's quadratic form was computed too far from its present use."""
     return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
-
-
-# ------------------------------------------------------------------ all pairs together
 
 
 def _solved(registered: Registered) -> Registered:
@@ -387,26 +390,33 @@ def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tu
     Unless ``trusting``, a pair that contradicts the others loses its weight (Student's t).
     """
     size = COMMON + OWN * len(registered.features)
-    matrix, right = np.zeros((size, size)), np.zeros(size)
+    matrix, right, pairs = np.zeros((size, size)), np.zeros(size), registered.pairs
+    if not pairs:
+        return matrix, right
     moved = zip(registered.held_from_camera, registered.known, strict=True)
     corrections = [now @ known.inverse() for now, known in moved]
-    rows = np.zeros((UNKNOWNS, COMMON + 2 * OWN))
-    rows[6, 4] = 1.0
-    for p, share in zip(registered.pairs, shares, strict=True):
-        twist = twist_of(corrections[p.second].inverse() @ corrections[p.first], p.center_m)
-        off = np.append(twist - p.twist, registered.fattening_px - p.fattening_px)
-        one, other = (at_center(registered.jacobians[i], p.center_m) for i in (p.first, p.second))
-        rows[:6, :4] = one[:, OWN:] - other[:, OWN:]
-        rows[:6, COMMON : COMMON + OWN] = one[:, :OWN]
-        rows[:6, COMMON + OWN :] = -other[:, :OWN]
-        at = np.concatenate([_SHARED, *(COMMON + OWN * i + _EACH for i in (p.first, p.second))])
-        pull = p.gradient + p.matrix @ off
-        if not trusting:
-            surprise = share * float(pull @ np.linalg.solve(p.matrix + _RIDGE, pull))
-            share *= min(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
-        weighed = share * rows.T
-        matrix[np.ix_(at, at)] += weighed @ p.matrix @ rows
-        right[at] -= weighed @ pull
+    ends = np.array([(p.first, p.second) for p in pairs]).T
+    centers, form = np.stack([p.center_m for p in pairs]), np.stack([p.matrix for p in pairs])
+    moves, against = ([corrections[i] for i in end] for end in ends)
+    twists = twists_between(moves, against, centers)
+    off = np.empty((len(pairs), UNKNOWNS))
+    off[:, :6] = twists - [p.twist for p in pairs]
+    off[:, 6] = registered.fattening_px - np.array([p.fattening_px for p in pairs])
+    one, other = (at_center(np.stack([registered.jacobians[i] for i in end]), centers) for end in ends)
+    rows = np.zeros((len(pairs), UNKNOWNS, COMMON + 2 * OWN))
+    rows[:, 6, 4] = 1.0
+    rows[:, :6, :4] = one[..., OWN:] - other[..., OWN:]
+    rows[:, :6, COMMON : COMMON + OWN] = one[..., :OWN]
+    rows[:, :6, COMMON + OWN :] = -other[..., :OWN]
+    own = [COMMON + OWN * end[:, None] + np.arange(OWN) for end in ends]
+    at = np.concatenate([np.broadcast_to(np.arange(COMMON), (len(pairs), COMMON)), *own], axis=1)
+    pull = np.stack([p.gradient for p in pairs]) + np.einsum("pij,pj->pi", form, off)
+    if not trusting:
+        surprise = shares * (pull * np.linalg.solve(form + _RIDGE, pull[..., None])[..., 0]).sum(axis=1)
+        shares = shares * np.minimum(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
+    weighed = shares[:, None, None] * rows.transpose(0, 2, 1)
+    np.add.at(matrix, (at[:, :, None], at[:, None, :]), weighed @ form @ rows)
+    np.subtract.at(right, at, np.einsum("pij,pj->pi", weighed, pull))
     return matrix, right
 
 

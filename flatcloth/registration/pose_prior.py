@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,6 +65,18 @@ def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
     return np.concatenate([turn, moved.apply(center_m) - center_m])
 
 
+def twists_between(one: Sequence[Rigid3], other: Sequence[Rigid3], centers_m: Float64) -> Float64:
+    """Return :func:`twist_of` of ``other^-1 one`` (P, 6) about centers (P, 3), for P pairs of motions."""
+    back = np.stack([motion.rotation for motion in other]).transpose(0, 2, 1)
+    r = back @ np.stack([motion.rotation for motion in one])
+    apart = np.stack([a.translation_m - b.translation_m for a, b in zip(one, other, strict=True)])
+    axis = 0.5 * np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    sine = np.linalg.norm(axis, axis=1)
+    scale = np.where(sine > 1e-12, np.arcsin(np.minimum(1.0, sine)) / np.maximum(sine, 1e-12), 1.0)
+    shift = np.einsum("pij,pj->pi", r, centers_m) + np.einsum("pij,pj->pi", back, apart) - centers_m
+    return np.concatenate([scale[:, None] * axis, shift], axis=1)
+
+
 def moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
     """Return the axis, shifted and tilted by the common unknowns (5,)."""
     side, front = across(axis)
@@ -104,9 +117,10 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 
 
 def at_center(derivative: Float64, center_m: Float64) -> Float64:
-    """Transform the derivative (6, N) of a twist about the origin to that of a twist about a center."""
+    """Transform derivatives (..., 6, N) of twists about the origin to those about centers (..., 3)."""
     there = derivative.copy()
-    there[3:] -= _cross(center_m) @ derivative[:3]
+    turns = derivative[..., :3, :].swapaxes(-1, -2)
+    there[..., 3:, :] -= np.cross(center_m[..., None, :], turns).swapaxes(-1, -2)
     return there
 
 

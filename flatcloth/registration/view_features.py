@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -87,6 +88,12 @@ class ViewFeatures:
     inner: Bool
     make_images: Callable[[], ComparedImages]
     surface: Surface | None = None
+
+    @cached_property
+    def middle_m(self) -> Float64:
+        """The median (3,) of the points."""
+        middle: Float64 = np.median(self.points_m, axis=0)
+        return middle
 
     @property
     def images(self) -> ComparedImages:
@@ -240,16 +247,18 @@ def fattening_of(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Floa
     return found
 
 
+_LOG = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)
+"""Logarithm of each value of a colour. By definition."""
+
+
 def _texture(surface: Surface, size_px: float) -> Float32:
     """Texture (3, H, W), slightly smoothed, minus its mean over that size; 0 off the surface.
 
     It is logarithmic, so that shading adds to the first channel only, over the size of the folds, and
     does not change the color differences.
     """
-    log = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)
     inside = surface.usable.astype(np.float32)
-    channels: list[Float32] = [log[surface.frame.color[..., n]] * inside for n in range(3)]
-    red, green, blue = channels
+    red, green, blue = (image * inside for image in cv2.split(cv2.LUT(surface.frame.color, _LOG)))
     fine, coarse = (_blurred_share(inside, sigma) for sigma in (1.0, size_px))
     texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
     third, half = np.float32(1 / 3), np.float32(0.5)

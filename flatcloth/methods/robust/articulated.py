@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import SuperLU, splu
 
 from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.methods.robust.connectivity import pairs_once
 from flatcloth.methods.robust.relaxation import local_rotations
 
 LEAST_RIGID_PART_NODES = 40
@@ -79,6 +80,7 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     from the outline, and nodes near to those, are wide (a morphological opening).
     """
     n = len(uv_m)
+    edges = edges[pairs_once(n, edges)[0]]
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
     graph = _graph(uv_m, edges)
     pair = float(np.median(graph.data))
@@ -99,19 +101,19 @@ def nearest_rigid_part(uv_m: Float64, edges: Int32, rigid_part: Int32) -> Int32:
     inside = np.flatnonzero(rigid_part >= 0)
     nearest = np.full(len(uv_m), -1, dtype=np.int32)
     if inside.size:
+        graph = _graph(uv_m, edges[pairs_once(len(uv_m), edges)[0]])
         _, _, source = dijkstra(
-            _graph(uv_m, edges), directed=False, indices=inside, min_only=True, return_predecessors=True
+            graph, directed=False, indices=inside, min_only=True, return_predecessors=True
         )
         nearest[source >= 0] = rigid_part[source[source >= 0]]
     return nearest
 
 
 def _graph(uv_m: Float64, edges: Int32) -> csr_matrix:
+    """Return the lengths of pairs, each of which occurs once."""
     length = np.linalg.norm(uv_m[edges[:, 1]] - uv_m[edges[:, 0]], axis=1)
-    low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
-    _, once = np.unique(low * len(uv_m) + high, return_index=True)
     shape = (len(uv_m), len(uv_m))
-    return coo_matrix((np.maximum(length[once], 1e-6), tuple(edges[once].T)), shape=shape).tocsr()
+    return coo_matrix((np.maximum(length, 1e-6), tuple(edges.T)), shape=shape).tocsr()
 
 
 def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:

@@ -39,11 +39,10 @@ def connected_pieces(
     least_evidence : float
         Two cores are joined if the pairs between them have this much evidence together.
     """
-    i, j = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
-    key, where = np.unique(i * n + j, return_inverse=True)
-    i, j = key // n, key % n
-    summed: Float64 = np.bincount(where, evidence, key.size).astype(np.float64)
-    ones = np.ones(2 * key.size, dtype=np.int32)
+    first, where = pairs_once(n, edges)
+    i, j = np.sort(edges[first], axis=1).astype(np.int64).T
+    summed: Float64 = np.bincount(where, evidence, i.size).astype(np.float64)
+    ones = np.ones(2 * i.size, dtype=np.int32)
     adjacency = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)).tocsr()
     adjacency.sort_indices()
     rigid = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
@@ -59,6 +58,53 @@ def connected_pieces(
 def both_ends(flags: Bool, edges: Int32 | NDArray[np.int64]) -> Bool:
     """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
     return flags[edges[:, 0]] & flags[edges[:, 1]]
+
+
+@njit(cache=True, nogil=True)
+def pairs_once(n: int, edges: Int32) -> tuple[Int32, Int32]:
+    """Find the different pairs among those that several views contribute.
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes.
+    edges : (M, 2) int32
+        Pairs of nodes, in either order.
+
+    Returns
+    -------
+    first : (P,) int32
+        The first occurrence of each different pair, sorted by its lower node, then by the higher one.
+    pair : (M,) int32
+        Which of these each of the edges is.
+    """
+    m = edges.shape[0]
+    order, sorted_ = np.arange(m).astype(np.int32), np.empty(m, dtype=np.int32)
+    for is_lower in (False, True):  # a counting sort by the higher node, then a stable one by the lower
+        at = np.zeros(n + 1, dtype=np.int64)
+        for e in range(m):
+            a, b = edges[e, 0], edges[e, 1]
+            at[(min(a, b) if is_lower else max(a, b)) + 1] += 1
+        at = np.cumsum(at)
+        for k in range(m):
+            e = order[k]
+            a, b = edges[e, 0], edges[e, 1]
+            node = min(a, b) if is_lower else max(a, b)
+            sorted_[at[node]] = e
+            at[node] += 1
+        order, sorted_ = sorted_, order
+    first, pair, count = np.empty(m, dtype=np.int32), np.empty(m, dtype=np.int32), 0
+    for k in range(m):
+        e = order[k]
+        low, high = min(edges[e, 0], edges[e, 1]), max(edges[e, 0], edges[e, 1])
+        if count:
+            f = first[count - 1]
+            if min(edges[f, 0], edges[f, 1]) == low and max(edges[f, 0], edges[f, 1]) == high:
+                pair[e] = count - 1
+                continue
+        first[count], pair[e] = e, count
+        count += 1
+    return first[:count], pair
 
 
 @njit(cache=True, nogil=True)

@@ -275,9 +275,7 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
     main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
     if sizes.max() > _OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
-    order = np.concatenate([[main], sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])]).astype(
-        int
-    )
+    order = np.array([main, *sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])], dtype=int)
     piece = np.full(len(label), -1, dtype=np.int32)
     uv, weight = np.full((len(label), 2), np.nan), shape.weight.copy()
     hinges: list[Hinge] = []
@@ -322,7 +320,9 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
             uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
-    return _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight, hinges=tuple(hinges)))
+    made = _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight, hinges=tuple(hinges)))
+    made.__dict__["links"] = links  # of the same observations
+    return made
 
 
 def _with_pieces(z: Complex128, shape: JointShape, links: Links, within: Int64, members: Bool) -> Complex128:
@@ -442,9 +442,8 @@ def _anchored(shape: JointShape) -> JointShape:
 
 
 def _pieces(shape: JointShape) -> Int32:
-    """Return the piece of cloth of each node (N,)."""
-    kept = ~shape.is_cut
-    evidence = (shape.weight * shape.links.evidence)[kept]
-    return connected_pieces(
-        len(shape.nodes), shape.links.edges[kept], evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE
-    )
+    """Return the piece of each node (N,)."""
+    edges, evidence = shape.links.edges, shape.weight * shape.links.evidence
+    if shape.is_cut.any():
+        edges, evidence = edges[~shape.is_cut], evidence[~shape.is_cut]
+    return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +18,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import banding, minimise
+from flatcloth.flattening.minimisation import Banding, banding, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
-from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.connectivity import both_ends, pairs_once
 from flatcloth.methods.robust.observations import Complex128, Observation
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
@@ -52,6 +53,7 @@ class Links:
     ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
     memberships, ``n_members`` of them; ``length_m``, ``std_m``, ``evidence`` (M,); ``offset`` (M, 2)
     complex as in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
+    ``once`` (P, 2) int32 are the different pairs of nodes, ``views_of_once`` (P,) how many views saw each.
     """
 
     edges: Int32
@@ -62,6 +64,21 @@ class Links:
     evidence: Float64
     offset: Complex128
     observation: Int32
+
+    @cached_property
+    def _once(self) -> tuple[Int32, Int64]:
+        first, pair = pairs_once(int(self.edges.max(initial=-1)) + 1, self.edges)
+        return self.edges[first], np.bincount(pair, minlength=len(first))
+
+    @property
+    def once(self) -> Int32:
+        """The different pairs of nodes."""
+        return self._once[0]
+
+    @property
+    def views_of_once(self) -> Int64:
+        """The number of views that saw each of them."""
+        return self._once[1]
 
 
 def links_of(observations: Sequence[Observation]) -> Links:
@@ -293,50 +310,59 @@ def minimise_piece(z: Complex128, links: Links, inside: Int64, weight: Float64) 
     own = np.flatnonzero(np.isfinite(z.real))
     place = np.full(len(z), -1, dtype=np.int32)
     place[own] = np.arange(own.size)
-    edges = place[links.edges[inside]]
+    edges = place[links.edges.take(inside, axis=0)]
     if not edges.size:
         return np.stack([z.real, z.imag], axis=1), weight
-    std = links.std_m[inside]
+    length, std = links.length_m[inside], links.std_m[inside]
+    member, offset = links.member.take(inside, axis=0), links.offset.take(inside, axis=0)
     accuracy = np.square(np.median(std) / std)
-    narrow = banding(own.size, edges)
-    x = relax_rigidly(
-        z[own],
-        edges,
-        links.member[inside],
-        links.offset[inside],
-        accuracy * weight,
-        links.n_members,
-        _ARAP_STEPS,
-        narrow,
-    )
-    length = links.length_m[inside]
+    first, pair = pairs_once(own.size, edges)
+    once = edges[first]
+    narrow = replace(banding(own.size, once), pair=pair)
+    x = relax_rigidly(z[own], edges, member, offset, accuracy * weight, links.n_members, _ARAP_STEPS, narrow)
     for _ in range(_ROBUST_ROUNDS):
-        x = minimise(
-            x,
-            edges,
-            length,
-            weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-            majorisations=_MAJORISATIONS,
-            energy_tolerance=_TOLERANCE,
-            narrow=narrow,
-        ).uv_m
-        residual = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) - length
+        x = _minimised(x, narrow, once, length, np.maximum(accuracy * weight, _LEAST_WEIGHT))
+        residual = np.linalg.norm(x[once[:, 0]] - x[once[:, 1]], axis=1)[pair] - length
         weight = _robust_weight(residual / std)
     sheet = FlexibleSheet(
         edges=edges,
-        member=links.member[inside],
+        member=member,
         n_members=links.n_members,
         length_m=length,
         weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
-        offset=links.offset[inside],
+        offset=offset,
     )
     uv = np.full((len(z), 2), np.nan)
     uv[own] = settle_flexible(x, sheet)
     return uv, weight
 
 
+def _minimised(uv_m: Float64, narrow: Banding, once: Int32, length_m: Float64, weight: Float64) -> Float64:
+    """Minimise Eq. (2) over pairs (M,) that several views contribute; ``once`` (P, 2) are the different ones.
+
+    What several views say of one pair is one term with the mean length: it differs by a constant.
+    """
+    assert narrow.pair is not None
+    total: Float64 = np.bincount(narrow.pair, weight).astype(np.float64)
+    mean = np.bincount(narrow.pair, weight * length_m) / total
+    spread = float((weight * np.square(length_m - mean[narrow.pair])).sum())
+    return minimise(
+        uv_m,
+        once,
+        mean,
+        weight=total,
+        majorisations=_MAJORISATIONS,
+        energy_tolerance=_TOLERANCE,
+        narrow=narrow,
+        least_energy_m2=spread,
+    ).uv_m
+
+
 def _robust_weight(normed: Float64) -> Float64:
     """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
     scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
-    weight: Float64 = 1.0 / np.square(1.0 + np.square(normed / scale))
-    return weight
+    weight = np.square(normed * (1.0 / scale))
+    weight += 1.0
+    np.square(weight, out=weight)
+    result: Float64 = np.reciprocal(weight, out=weight)
+    return result

@@ -157,23 +157,21 @@ def _rim(shape: JointShape) -> _Rim:
     number = np.full(len(shape.nodes), -1)
     number[placed] = np.arange(placed.size)
     links = shape.links
-    used = both_ends(shape.has_place, links.edges)
-    i, j = number[links.edges[used]].T
+    used = both_ends(shape.has_place, links.once)
+    i, j = number[links.once[used]].T
+    seen = links.views_of_once[used].astype(np.float64)
     n = placed.size
     uv = shape.all_uv_m[placed]
     along = uv[j] - uv[i]
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
     unit = along / length[:, None]
-    degree = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)
-    pull = np.stack([np.bincount(i, unit[:, k], n) - np.bincount(j, unit[:, k], n) for k in range(2)], axis=1)
+    degree = np.bincount(i, seen, n) + np.bincount(j, seen, n)
+    pull = _sums_out_of(i, j, seen[:, None] * unit, n)
     lopsided = np.linalg.norm(pull, axis=1) / np.maximum(degree, 1)
     at = np.flatnonzero((lopsided > 0.35) & (degree >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
-    space = (xyz[j] - xyz[i]) / length[:, None]
-    inwards = np.stack(
-        [np.bincount(i, space[:, k], n) - np.bincount(j, space[:, k], n) for k in range(3)], axis=1
-    )[at]
+    inwards = _sums_out_of(i, j, (seen / length)[:, None] * (xyz[j] - xyz[i]), n)[at]
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
     beyond = math.cos(math.radians(40.0)) * normal[at] + math.sin(math.radians(40.0)) * outwards
     spacing = math.sqrt(_node_area_m2(shape))
@@ -183,6 +181,12 @@ def _rim(shape: JointShape) -> _Rim:
         np.add.at(observations, observation.node, observation.incidence_deg < 60.0)
     promise = spacing * 0.03 * 0.4 ** np.maximum(observations[placed][at] - 1.0, 0.0)
     return _Rim(at, beyond, promise)
+
+
+def _sums_out_of(i: NDArray[np.intp], j: NDArray[np.intp], vectors: Float64, n: int) -> Float64:
+    """Return for each of n nodes the sum of the vectors (P, k) from it to its neighbours (n, k)."""
+    columns = [np.bincount(i, vector, n) - np.bincount(j, vector, n) for vector in vectors.T]
+    return np.stack(columns, axis=1)
 
 
 def _uncovered(points: Float64) -> Bool:

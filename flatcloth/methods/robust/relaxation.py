@@ -92,9 +92,10 @@ def relax_rigidly(
     steps : int
         Number of alternations between rotating the neighbourhoods and moving the nodes.
     narrow : Banding
-        The banding of the pairs.
+        The banding of the pairs, or of the different ones among them.
     """
-    laplacian = BandedLaplacian(narrow, weight, _HELD)
+    pair = np.arange(len(edges)) if narrow.pair is None else narrow.pair
+    laplacian = BandedLaplacian(narrow, np.bincount(pair, weight).astype(np.float64), _HELD)
     alike = np.ones(len(edges))
     center = z.mean()
     z = z - center

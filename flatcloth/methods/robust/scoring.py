@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import Rigid3, height_m, project
+from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries, project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
+from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import JointShape
 
@@ -128,7 +131,7 @@ class ReferenceShape:
         self._poses = [held.inverse() for held in shape.held_from_camera]
         self._surfaces = [surfaces[v] for v in shape.views]
         self._textures = [textures[v].texture for v in shape.views]
-        self._tree = cKDTree(self.uv_m)
+        self._near = NearPoints(self.uv_m, _COVER_M)
         self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
         self._place[self.number] = np.arange(self.number.size)
 
@@ -144,11 +147,20 @@ class ReferenceShape:
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
         """Return which positions (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
-        distance, nearest = self._tree.query(uv_m, distance_upper_bound=_COVER_M)
-        covered = np.isfinite(distance)
-        at = np.where(covered, nearest, 0).astype(np.int32)
+        nearest = self._near.nearest(uv_m)
+        at = np.maximum(nearest, 0)
         offset = uv_m - self.uv_m[at]
-        return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
+        return nearest >= 0, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
+
+    def pull(self, uv_m: Float64, sampled: SampledComponent, radius_m: float) -> _Pull:
+        """Return how the surface under samples, placed at (K, 2), pulls them in space; see :func:`refine`."""
+        nearest = self._near.nearest(uv_m)
+        return _Pull(
+            *_pulled(
+                nearest, uv_m, sampled.xyz_m, sampled.normal,
+                (self.uv_m, self.xyz_m, self.normal, self.frames), radius_m,
+            )
+        )  # fmt: skip
 
     def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
         """Return the features (K, 3) of points in the accepted view that observed the node best."""
@@ -159,6 +171,64 @@ class ReferenceShape:
             rc = project(self._poses[n].apply(xyz_m[own]), self._surfaces[n].frame.intrinsics)
             found[own] = _read_nearest(self._textures[n], rc)
         return found
+
+
+class _Pull(NamedTuple):
+    """Normal equations of a motion about ``center_m`` of covered samples: ``hessian`` (3, 3), ``right`` (3,).
+
+    ``weight`` is the sum of the samples' weights.
+    """
+
+    center_m: Float64
+    weight: float
+    hessian: Float64
+    right: Float64
+    covered: int
+
+
+@njit(cache=True, nogil=True)
+def _pulled(
+    nearest: Int32,
+    uv: Float64,
+    xyz: Float64,
+    normal: Float64,
+    nodes: tuple[Float64, Float64, Float64, Float64],
+    radius: float,
+) -> tuple[Float64, float, Float64, Float64, int]:
+    """Sum over the samples that have a ``nearest`` of the nodes (uv, xyz, normal, frames); see _Pull."""
+    node_uv, node_xyz, node_normal, frames = nodes
+    center, hessian, right, row = np.zeros(2), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    covered, total = 0, 0.0
+    for k in range(nearest.size):
+        if nearest[k] >= 0:
+            covered += 1
+            center[0] += uv[k, 0]
+            center[1] += uv[k, 1]
+    center /= max(covered, 1)
+    for k in range(nearest.size):
+        n = nearest[k]
+        if n < 0:
+            continue
+        facing, square = 0.0, 0.0
+        off_u, off_v = uv[k, 0] - node_uv[n, 0], uv[k, 1] - node_uv[n, 1]
+        for a in range(3):
+            facing += normal[k, a] * node_normal[n, a]
+            there = node_xyz[n, a] + frames[n, a, 0] * off_u + frames[n, a, 1] * off_v
+            square += (xyz[k, a] - there) ** 2
+        if facing <= 0.5:
+            continue
+        weight = 1.0 / (1.0 + square / (radius * radius)) ** 2
+        total += weight
+        arm_u, arm_v = uv[k, 0] - center[0], uv[k, 1] - center[1]
+        for a in range(3):
+            row[0] = frames[n, a, 1] * arm_u - frames[n, a, 0] * arm_v
+            row[1], row[2] = frames[n, a, 0], frames[n, a, 1]
+            off = xyz[k, a] - node_xyz[n, a] - frames[n, a, 0] * off_u - frames[n, a, 1] * off_v
+            for i in range(3):
+                right[i] += weight * row[i] * off
+                for j in range(3):
+                    hessian[i, j] += weight * row[i] * row[j]
+    return center, total, hessian, right, covered
 
 
 def _read_nearest(image: Float32, rc: Float64) -> Float64:
@@ -172,9 +242,9 @@ def _read_nearest(image: Float32, rc: Float64) -> Float64:
 def _space_from_plane(shape: JointShape) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
     links, n = shape.links, len(shape.nodes)
-    used = both_ends(shape.has_place, links.edges)
-    i, j = links.edges[used].T
-    flat = shape.all_uv_m[j] - shape.all_uv_m[i]
+    used = both_ends(shape.has_place, links.once)
+    i, j = links.once[used].T
+    flat = links.views_of_once[used][:, None] * (shape.all_uv_m[j] - shape.all_uv_m[i])
     space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]
     frames = np.zeros((n, 3, 2))
     for row in range(3):
@@ -183,25 +253,7 @@ def _space_from_plane(shape: JointShape) -> Float64:
             frames[:, row, col] = np.bincount(i, product, n) + np.bincount(j, product, n)
     normal = shape.nodes.normal
     frames -= normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
-    return _nearest_isometries(frames)
-
-
-def _nearest_isometries(maps: Float64) -> Float64:
-    """Return the isometries nearest to linear maps M (N, 3, 2): M (M'M)^(-1/2), the root in closed form."""
-    a, b, d = (np.einsum("ni,ni->n", maps[:, :, i], maps[:, :, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    root_det = np.sqrt(np.maximum(a * d - b * b, 0.0))
-    trace = np.sqrt(a + d + 2.0 * root_det)
-    scale = 1.0 / np.maximum(root_det * trace, 1e-30)
-    # The root of a 2 x 2 matrix S is (S + sqrt(det) 1) / trace; its inverse is the adjugate over sqrt(det).
-    inverse = np.empty((len(maps), 2, 2))
-    inverse[:, 0, 0], inverse[:, 1, 1] = scale * (d + root_det), scale * (a + root_det)
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -scale * b
-    isometry: Float64 = maps @ inverse
-    flat = root_det <= 1e-6 * (a + d)
-    if flat.any():
-        u, _, v = np.linalg.svd(maps[flat], full_matrices=False)
-        isometry[flat] = u @ v
-    return isometry
+    return nearest_isometries(frames)
 
 
 def _best_textures(
@@ -337,25 +389,12 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     hessian = np.zeros((3, 3))
     for _ in range(rounds):
         uv = motion.apply(sampled.uv_m)
-        covered, node, there = reference.surface_at(uv)
-        at = np.flatnonzero(covered)
-        if at.size < 6:
+        pull = reference.pull(uv, sampled, radius_m)
+        if pull.covered < 6 or pull.weight < 3.0:
             return Refined(shape_from_component=motion, std=np.full(3, np.inf))
-        residual = sampled.xyz_m[at] - there[at]
-        size = np.linalg.norm(residual, axis=1)
-        weight = 1.0 / np.square(1.0 + np.square(size / radius_m))
-        weight *= (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1) > 0.5
-        if weight.sum() < 3.0:
-            return Refined(shape_from_component=motion, std=np.full(3, np.inf))
-        center = uv[at].mean(axis=0)
-        frames = reference.frames[node[at]]
-        offset = uv[at] - center
-        turned = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
-        rows = np.concatenate([np.einsum("nij,nj->ni", frames, turned)[:, :, None], frames], axis=2)
-        hessian = np.einsum("n,nki,nkj->ij", weight, rows, rows)
-        right = np.einsum("n,nki,nk->i", weight, rows, residual)
-        step = np.linalg.solve(hessian + 1e-9 * np.eye(3), right)
-        motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(center) @ motion
+        hessian = pull.hessian
+        step = np.linalg.solve(hessian + 1e-9 * np.eye(3), pull.right)
+        motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(pull.center_m) @ motion
         radius_m = max(0.6 * radius_m, scale)
         if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
             break

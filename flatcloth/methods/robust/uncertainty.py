@@ -27,7 +27,7 @@ from flatcloth.methods.robust.articulated import (
     nearest_rigid_part,
     rigid_parts,
 )
-from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.connectivity import both_ends, pairs_once
 from flatcloth.methods.robust.joint import JointShape
 
 _STRAIN = 0.0035
@@ -79,21 +79,30 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
     inside = np.flatnonzero(both_ends(shape.placed, links.edges))
-    edges = number[links.edges[inside]]
-    uv = shape.uv_m[placed]
+    every = number[links.edges[inside]]
+    first, pair = pairs_once(placed.size, every)
+    edges, uv = every[first], shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]
-    unit = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    weight = shape.weight[inside] / np.square(links.std_m[inside])
+    distance_m = np.linalg.norm(along, axis=1)
+    unit = along / np.maximum(distance_m, 1e-9)[:, None]
+    length_m, std_m = links.length_m[inside], links.std_m[inside]
+    rigid_part = rigid_parts(uv, edges)
+    loose = flexible(rigid_part, edges)
+    normed = (distance_m[pair] - length_m) / std_m
+    noise = _NOISE_SHARE * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
+    # What several views say of one pair is one term with their mean, and its error.
+    each = shape.weight[inside] / np.square(std_m)
+    weight: Float64 = np.bincount(pair, each).astype(np.float64)
+    share = each / np.maximum(weight, 1e-30)[pair]
+    mean_m = np.bincount(pair, share * length_m)
+    error_m = share * np.hypot(noise * std_m, STRIP_NOISE_M * loose[pair])
+    off_m = np.sqrt(np.bincount(pair, np.square(error_m)))
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
     change = _strained(uv, edges, unit, random)
-    change *= (more * links.length_m[inside])[:, None]
-    normed = (np.linalg.norm(along, axis=1) - links.length_m[inside]) / links.std_m[inside]
-    noise = _NOISE_SHARE * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
-    rigid_part = rigid_parts(uv, edges)
-    loose = flexible(rigid_part, edges)
-    own = np.hypot(noise * links.std_m[inside], STRIP_NOISE_M * loose)[:, None]
+    change *= (more * mean_m)[:, None]
+    own = off_m[:, None]
     change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True

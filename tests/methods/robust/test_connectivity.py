@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Int32
-from flatcloth.methods.robust.connectivity import _neighbours_in_common, connected_pieces
+from flatcloth.methods.robust.connectivity import _neighbours_in_common, connected_pieces, pairs_once
 
 LEAST_CORE_NODES, LEAST_EVIDENCE = 40, 2.0
 
@@ -75,3 +75,12 @@ def test_neighbours_in_common_are_those_of_both_ends() -> None:
     near = [set(graph.indices[graph.indptr[n] : graph.indptr[n + 1]]) for n in range(42)]
     found = _neighbours_in_common(graph.indptr, graph.indices, i, j)
     np.testing.assert_array_equal(found, [len(near[a] & near[b]) for a, b in zip(i, j, strict=True)])
+
+
+def test_pairs_that_several_views_contribute_are_found_once_in_either_order() -> None:
+    edges = np.array([[3, 1], [0, 2], [1, 3], [2, 0], [0, 1], [2, 0]], dtype=np.int32)
+    first, pair = pairs_once(5, edges)
+    np.testing.assert_array_equal(np.sort(edges[first], axis=1), [[0, 1], [0, 2], [1, 3]])
+    np.testing.assert_array_equal(first, [4, 1, 0])
+    np.testing.assert_array_equal(pair, [2, 1, 2, 1, 0, 1])
+    assert [len(found) for found in pairs_once(3, edges[:0])] == [0, 0]

@@ -1,0 +1,87 @@
+"""The nearest of many points of the plane, within a distance that is the same for all questions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from flatcloth.core.types import Float64, Int32
+
+_CELLS_PER_POINT = 2
+"""Cells of the table for each point. Chosen: few cells then hold points of several places."""
+
+
+class NearPoints:
+    """Points of the plane, found by place.
+
+    Parameters
+    ----------
+    uv_m : (N, 2) float64
+        The points, m; all finite.
+    within_m : float
+        Distance within which they are looked for, m.
+
+    Notes
+    -----
+    The plane is divided into squares of that size. Each leads to a cell of a table (spatial hashing), so
+    pieces of cloth that lie far apart on the plane take no memory between them.
+    """
+
+    def __init__(self, uv_m: Float64, within_m: float) -> None:
+        self._uv_m, self._within_m = np.ascontiguousarray(uv_m), within_m
+        bits = max(4, math.ceil(math.log2(_CELLS_PER_POINT * max(len(uv_m), 1))))
+        self._first, self._points = _table(self._uv_m, within_m, 1 << bits)
+
+    def nearest(self, uv_m: Float64) -> Int32:
+        """Return the index (K,) of the point nearest to each of the places (K, 2); -1 if none is near."""
+        at = np.ascontiguousarray(uv_m)
+        found: Int32 = _nearest(at, self._uv_m, self._first, self._points, self._within_m)
+        return found
+
+
+@njit(cache=True, nogil=True)
+def _cell(column: int, row: int, cells: int) -> int:
+    """Return the cell of a square: multiples of two large primes (Teschner and others, 2003)."""
+    return ((column * 73856093) ^ (row * 19349663)) & (cells - 1)
+
+
+@njit(cache=True, nogil=True)
+def _table(uv: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
+    """Return the points by cell (N,), and the first of each cell (cells + 1,)."""
+    cell, first = np.empty(uv.shape[0], dtype=np.int64), np.zeros(cells + 1, dtype=np.int32)
+    for n in range(uv.shape[0]):
+        cell[n] = _cell(math.floor(uv[n, 0] / size), math.floor(uv[n, 1] / size), cells)
+        first[cell[n] + 1] += 1
+    for c in range(cells):
+        first[c + 1] += first[c]
+    points, filled = np.empty(uv.shape[0], dtype=np.int32), first[:-1].copy()
+    for n in range(uv.shape[0]):
+        points[filled[cell[n]]] = n
+        filled[cell[n]] += 1
+    return first, points
+
+
+@njit(cache=True, nogil=True)
+def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: float) -> Int32:
+    """See :meth:`NearPoints.nearest`."""
+    found = np.full(at.shape[0], -1, dtype=np.int32)
+    cells = first.size - 1
+    for k in range(at.shape[0]):
+        u, v = at[k, 0], at[k, 1]
+        if not (math.isfinite(u) and math.isfinite(v)):
+            continue
+        column, row = math.floor(u / within), math.floor(v / within)
+        least = within * within
+        for c in range(column - 1, column + 2):
+            for r in range(row - 1, row + 2):
+                cell = _cell(c, r, cells)
+                for p in range(first[cell], first[cell + 1]):
+                    n = points[p]
+                    du, dv = uv[n, 0] - u, uv[n, 1] - v
+                    apart = du * du + dv * dv
+                    if apart < least:
+                        least = apart
+                        found[k] = n
+    return found
