@@ -1,8 +1,9 @@
 """What compiling the numerics costs on a fresh machine, and which kernels a typical integration needs.
 
-An empty cache of numba: the warm-up's two processes first, then a bundled recording unattended, which
-compiles what the table of kernels (flatcloth/engine/kernels/table.json) lacks. The table is written from
-what was seen. Processor seconds depend little on what else the machine does; the clock does.
+An empty cache of numba: the warm-up's two processes first, then a bundled recording unattended, and its
+sides found without its masks, with a stroke, which compiles what the table of kernels
+(flatcloth/engine/kernels/table.json) lacks. The table is written from what was seen. Processor seconds
+depend little on what else the machine does; the clock does.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.output import Options, save
 
@@ -116,7 +119,28 @@ def _watch(written: Path, out: str) -> None:
 
     warm_up()
     main(["run", RECORDING, "--out", out])
+    _segment()
     written.write_text(json.dumps(seen))
+
+
+def _segment() -> None:
+    """Find the sides of some views, and contradict them: what a recording without masks needs."""
+    from flatcloth.core.config import Config
+    from flatcloth.core.strokes import ImageStroke
+    from flatcloth.engine.integration import Integration
+    from flatcloth.recordings import open_recording
+    from flatcloth.segmentation.observed import observe
+    from flatcloth.segmentation.solver import SideSolver
+
+    recording = open_recording(RECORDING)
+    integration = Integration(recording)
+    frames = [recording[n] for n in range(0, len(recording), 6)]
+    solver = SideSolver(observe(frames, integration.axis, integration.held_point_m, Config()))
+    view = solver.observed.views[solver.observed.start_view]
+    shown = solver.solve(()).view(view.view_index)
+    assert shown is not None
+    row, col = np.median(np.argwhere((shown.side == 1) & view.surface), axis=0) + view.offset_rc
+    solver.solve([ImageStroke(side="other", view_index=view.view_index, points_rc=((row, col),))])
 
 
 def _told(argument: Any) -> Any:

@@ -218,13 +218,9 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     if count == 0:
         raise SurfaceError(f"View {frame.view_index}: nothing was measured; use another view.")
     label = labels[measured]
-    xyz = back_project(frame.depth_m, k)[measured].astype(np.float64)
-    area = np.bincount(label, xyz[:, 2] ** 2 / (k.fx * k.fy), count)
-    if axis is None:
-        distance = xyz[:, 2]
-    else:
-        offset = xyz - axis.point_m
-        distance = np.linalg.norm(offset - (offset @ axis.direction)[:, None] * axis.direction, axis=1)
+    depth = frame.depth_m[measured].astype(np.float64)
+    area = np.bincount(label, depth**2 / (k.fx * k.fy), count)
+    distance = depth if axis is None else about_axis(frame, measured, axis)[1]
     mean_distance = np.bincount(label, distance, count) / np.maximum(np.bincount(label, None, count), 1)
     large = area >= min(_MIN_ITEM_AREA_M2, area.max())
     nearest = mean_distance[large].min()
@@ -232,6 +228,36 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     chosen = large & (mean_distance <= nearest + _ITEM_DEPTH_EXTENT_M)
     kept: Bool = measured & np.append(chosen, False)[labels]
     return kept
+
+
+def about_axis(frame: RgbdFrame, at: Bool, axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Return the height along the axis and the distance from it, m, (K,) of the measured pixels ``at``."""
+    k = frame.intrinsics
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    point_m, direction = (np.ascontiguousarray(of, dtype=np.float64) for of in (axis.point_m, axis.direction))
+    return _about_axis(frame.depth_m, at, camera, point_m, direction)
+
+
+@njit(cache=True, nogil=True)
+def _about_axis(
+    depth_m: Float32, at: Bool, camera: Float64, point_m: Float64, direction: Float64
+) -> tuple[Float64, Float64]:
+    rows, cols = at.shape
+    count = at.sum()
+    height, away = np.empty(count), np.empty(count)
+    fx, fy, cx, cy = camera
+    n = 0
+    for r in range(rows):
+        for c in range(cols):
+            if not at[r, c]:
+                continue
+            z = float(depth_m[r, c])
+            dx, dy, dz = (c - cx) / fx * z - point_m[0], (r - cy) / fy * z - point_m[1], z - point_m[2]
+            up = dx * direction[0] + dy * direction[1] + dz * direction[2]
+            height[n] = up
+            away[n] = math.sqrt(max(dx * dx + dy * dy + dz * dz - up * up, 0.0))
+            n += 1
+    return height, away
 
 
 def _inverse(depth_m: Float32, item: Bool) -> Float64:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -228,22 +229,27 @@ def register_together(
     held_point_m: Float64,
     prior: PosePrior | None = None,
     partners: int = _MOST_PARTNERS,
+    fattening_px: float = 0.0,
+    threads: int = 1,
 ) -> Registered:
     """Register all views at once: the same model as :func:`register_all`, solved once.
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
-    ``partners`` before it only. That tells whether the views stand as recorded, in a fraction of the time.
+    ``partners`` before it only: that tells in a fraction of the time whether the views stand as recorded.
+    Near the value of ``fattening_px`` no pair is compared twice.
     """
     registered = begin_registration(axis, held_point_m, prior)
     registered = replace(
         registered,
+        common=np.append(registered.common[:4], fattening_px),
         features=tuple(features),
         known=tuple(held_from_camera(axis, seen.angle_deg) for seen in features),
         jacobians=tuple(jacobian(axis, registered.held_point_m, seen.angle_deg) for seen in features),
         own=np.zeros((len(features), OWN)),
     )
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
-    fits = [_fitted(registered, n, m, None) for n, m in pairs]
+    with ThreadPoolExecutor(threads) as pool:
+        fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
     return _refitted(_solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None))))
 
 
@@ -330,9 +336,6 @@ def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
 def _stale(registered: Registered, pair: PairFit) -> bool:
     """Return whether a pair's quadratic form was computed too far from its present use."""
     return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
-
-
-# ------------------------------------------------------------------ all pairs together
 
 
 def _solved(registered: Registered) -> Registered:

@@ -42,8 +42,8 @@ UNKNOWNS = 7
 definition."""
 _DARKEST = 8
 """Darker values count as this one, because their logarithm is noise. Chosen."""
-_IMAGES_KEPT, _IMAGES_BYTES = 64, 40 * 2**20
-"""Views whose images for comparison are kept. Chosen: those of a view take 1 to 4 MB and are made in 5 ms;
+_IMAGES_KEPT, _IMAGES_BYTES = 64, 30 * 2**20
+"""Views whose images for comparison are kept. Chosen: those of a view take 1 MB and are made in 5 ms;
 every new view is compared with up to six others."""
 
 

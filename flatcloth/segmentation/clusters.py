@@ -6,7 +6,9 @@ the cameras are registered; ``python -m benchmarks segmentation`` tells the puri
 
 from __future__ import annotations
 
+import itertools
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +23,10 @@ _BUCKETS = 1 << 17
 collides."""
 _COARSE = 3
 """Clusters are first moved to the mean of every third pixel. Chosen for speed: each has about 60."""
+_NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n - 1) for n in cell))) - 1
+"""Cells about one, itself first, by definition: what lies near bounds the search in the others."""
+_THREADS = 2
+"""Shares in which pixels are given their clusters. Chosen for two cores."""
 _AREA = 1.11
 """Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
 
@@ -73,22 +79,19 @@ def gather(
         offset_m=max(config.cluster_offset_m, config.cluster_noise * noise_m),
         least_cos=config.cluster_cos,
     )
-    order = np.argsort(-facing, kind="stable")
-    place, normal = _seeded(points_m, normals, order, limits)
+    place, normal = _seeded(points_m, normals, _falling(facing), limits)
     of_pixel = np.empty(len(points_m), dtype=np.int32)
-    pixels = np.zeros(len(place), dtype=np.int64)
+    pixels, best = np.zeros(len(place), dtype=np.int64), np.zeros(len(place))
     for every in (_COARSE, 1):
         cells = _cells(place, limits.radius_m)
-        some, turned, seen = points_m[::every], normals[::every], facing[::every]
+        some, turned, seen = (np.ascontiguousarray(of[::every]) for of in (points_m, normals, facing))
         assigned_to = of_pixel[: len(some)]
-        _assign(some, turned, limits, cells, place, normal, assigned_to)
-        pixels = _averaged(some, turned, seen, assigned_to, place, normal)
+        _assign_together(some, turned, limits, cells, place, normal, assigned_to)
+        pixels, best = _averaged(some, turned, seen, assigned_to, place, normal)
     kept = pixels > 0
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     assigned = of_pixel >= 0
     of_pixel[assigned] = number[of_pixel[assigned]]
-    best = np.zeros(len(place))
-    np.maximum.at(best, np.flatnonzero(kept)[of_pixel[assigned]], facing[assigned])
     area = np.full(int(kept.sum()), _AREA * limits.radius_m**2)
     return Clusters(
         place_m=place[kept],
@@ -98,6 +101,17 @@ def gather(
         area_m2=area,
         of_pixel=of_pixel,
     )
+
+
+def _falling(facing: Float32) -> Int64:
+    """Return the order of positive numbers (N,), largest first, equal ones as they stand.
+
+    Their bits, as whole numbers, stand in the same order; NumPy sorts 16 bits at a time ten times as fast.
+    """
+    bits = ~facing.view(np.uint32)
+    order = np.argsort(bits.astype(np.uint16), kind="stable")
+    high = (bits >> np.uint32(16)).astype(np.uint16)
+    return order[np.argsort(high[order], kind="stable")]
 
 
 class _Limits(NamedTuple):
@@ -141,7 +155,8 @@ def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) ->
         x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
         covered = False
         for n in range(27):
-            j = head[_bucket(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)]
+            dx, dy, dz = _NEAREST_FIRST[n]
+            j = head[_bucket(x + dx, y + dy, z + dz)]
             while j >= 0:
                 turn, along, beside = _relation(points, normals, i, place, normal, j)
                 if turn > least_cos and abs(along) < offset and beside < radius * radius:
@@ -174,6 +189,27 @@ def _relation(
     return turn, along, distance - along * along
 
 
+def _assign_together(
+    points: Float32,
+    normals: Float32,
+    limits: _Limits,
+    cells: tuple[Int32, Int32],
+    place: Float64,
+    normal: Float64,
+    of_pixel: Int32,
+) -> None:
+    """Do :func:`_assign` in shares, side by side."""
+    ends = np.linspace(0, len(points), _THREADS + 1).astype(int)
+    shares = [slice(*pair) for pair in itertools.pairwise(ends)]
+    with ThreadPoolExecutor(_THREADS) as pool:
+        done = [
+            pool.submit(_assign, points[own], normals[own], limits, cells, place, normal, of_pixel[own])
+            for own in shares
+        ]
+    for share in done:
+        share.result()
+
+
 @njit(cache=True, nogil=True)
 def _assign(
     points: Float32,
@@ -188,17 +224,26 @@ def _assign(
     radius, offset, least_cos = limits
     head, following = cells
     farthest = 1.2 * radius * radius
+    reach = farthest + 2.25 * offset * offset
+    gap = np.zeros((3, 3))
     for i in range(len(points)):
         x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
-        best, least = -1, 1e9
+        for k in range(3):  # squared distances to the cells before, here, and after
+            inside = points[i, k] - radius * _cell(points[i, k], radius)
+            gap[k, 0], gap[k, 2] = inside * inside, (radius - inside) ** 2
+        best, least, bound = -1, np.inf, reach
         for n in range(27):
-            j = head[_bucket(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)]
+            dx, dy, dz = _NEAREST_FIRST[n]
+            # What is compared is at least the squared distance, and this at least that to the cell.
+            if gap[0, dx + 1] + gap[1, dy + 1] + gap[2, dz + 1] >= bound:
+                continue
+            j = head[_bucket(x + dx, y + dy, z + dz)]
             while j >= 0:
                 turn, along, beside = _relation(points, normals, i, place, normal, j)
                 if turn > least_cos and beside < farthest and abs(along) < 1.5 * offset:
                     distance = beside + 4.0 * along * along + (1.0 - turn) * radius * radius
                     if distance < least:
-                        best, least = j, distance
+                        best, least, bound = j, distance, min(distance, reach)
                 j = following[j]
         of_pixel[i] = best
 
@@ -206,10 +251,13 @@ def _assign(
 @njit(cache=True, nogil=True)
 def _averaged(
     points: Float32, normals: Float32, facing: Float32, of_pixel: Int32, place: Float64, normal: Float64
-) -> Int64:
-    """Move clusters to the mean of their pixels, weighted by incidence; return their numbers of pixels."""
+) -> tuple[Int64, Float64]:
+    """Move clusters to the mean of their pixels, weighted by incidence.
+
+    Return their numbers of pixels, and the largest cosine of incidence.
+    """
     count = len(place)
-    pixels, weight = np.zeros(count, np.int64), np.zeros(count)
+    pixels, weight, best = np.zeros(count, np.int64), np.zeros(count), np.zeros(count)
     at, up = np.zeros((count, 3)), np.zeros((count, 3))
     for i in range(len(points)):
         j = of_pixel[i]
@@ -218,6 +266,7 @@ def _averaged(
         w = facing[i] * facing[i]
         pixels[j] += 1
         weight[j] += w
+        best[j] = max(best[j], facing[i])
         for k in range(3):
             at[j, k] += w * points[i, k]
             up[j, k] += w * normals[i, k]
@@ -226,4 +275,4 @@ def _averaged(
         if weight[j] > 0 and length > 0:
             for k in range(3):
                 place[j, k], normal[j, k] = at[j, k] / weight[j], up[j, k] / length
-    return pixels
+    return pixels, best

@@ -9,7 +9,9 @@ neck and has another colour, is what holds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,8 +19,10 @@ import numpy as np
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
-from flatcloth.flattening.surface import foreground_mask
+from flatcloth.flattening.surface import about_axis, foreground_mask
 
+_THREADS = 2
+"""Views worked on at a time. Chosen for two cores."""
 _APART_M = 0.03
 """Regions farther than this from the largest are something else. Set by hand."""
 _SECOND_SHARE = 0.4
@@ -92,16 +96,9 @@ def find_item(
     SegmentationError
         If no view shows an item, or most show two.
     """
-    cuts: list[CutOff] = []
-    masks: list[Bool] = []
-    doubles = []
-    for frame in frames:
-        measured = frame.depth_m > 0
-        mask = _foreground(frame, axis, config)
-        _note(cuts, frame, measured & ~mask, "background", "is too far from what hangs nearest to the axis")
-        mask, doubled = _largest(frame, mask, cuts)
-        doubles.append(doubled)
-        masks.append(mask)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        parts = list(pool.map(lambda frame: _hanging(frame, axis, config), frames))
+    masks, doubles = [part.mask for part in parts], [part.doubled for part in parts]
     if not any(mask.any() for mask in masks):
         raise SegmentationError(
             "Nothing hangs in front of the camera in any view: the foreground is empty. Check depth and axis."
@@ -112,13 +109,34 @@ def find_item(
             f"View {view}: two items hang side by side, about as large; take one away, or give masks."
         )
     still = _still(frames)
-    masks = [
-        _without_holder(frame, mask, still, axis, held_point_m, cuts)
-        for frame, mask in zip(frames, masks, strict=True)
-    ]
+    with ThreadPoolExecutor(_THREADS) as pool:
+        freed = list(
+            pool.map(
+                lambda n: _without_holder(frames[n], masks[n], still, axis, held_point_m), range(len(frames))
+            )
+        )
+    masks = [mask for mask, _ in freed]
+    cuts = [cut for part in parts for cut in part.cuts] + [cut for _, own in freed for cut in own]
     if not any(mask.any() for mask in masks):
         raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
     return Item(masks=tuple(masks), cut_off=tuple(cuts))
+
+
+class _Hanging(NamedTuple):
+    """What hangs near the axis in a view: its pixels, whether there are two such things, what was cut off."""
+
+    mask: Bool
+    doubled: bool
+    cuts: list[CutOff]
+
+
+def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> _Hanging:
+    cuts: list[CutOff] = []
+    mask = _foreground(frame, axis, config)
+    off: Bool = (frame.depth_m > 0) & ~mask
+    _note(cuts, frame, off, "background", "is too far from what hangs nearest to the axis")
+    mask, doubled = _largest(frame, mask, cuts)
+    return _Hanging(mask, doubled, cuts)
 
 
 def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
@@ -131,24 +149,12 @@ def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConf
     if not large.any():
         return large
     away = (
-        frame.depth_m[measured].astype(np.float64) if axis is None else _about_axis(frame, measured, axis)[1]
+        frame.depth_m[measured].astype(np.float64) if axis is None else about_axis(frame, measured, axis)[1]
     )
     most = float(np.quantile(away[large[measured]], 0.995)) + _APART_M
     item = measured.copy()
     item[measured] = away <= most
     return item
-
-
-def _about_axis(frame: RgbdFrame, at: Bool, axis: RotationAxis) -> tuple[Float64, Float64]:
-    """Height along the axis, and distance from it, (K,) of the measured pixels."""
-    k = frame.intrinsics
-    rows, cols = np.nonzero(at)
-    depth = frame.depth_m[at].astype(np.float64)
-    offset = np.stack([(cols - k.cx) / k.fx * depth, (rows - k.cy) / k.fy * depth, depth], axis=1)
-    offset -= axis.point_m
-    height = offset @ axis.direction
-    away: Float64 = np.linalg.norm(offset - height[:, None] * axis.direction, axis=1)
-    return height, away
 
 
 def _note(cuts: list[CutOff], frame: RgbdFrame, off: Bool, kind: str, why: str) -> None:
@@ -207,12 +213,12 @@ def _without_holder(
     still: tuple[Bool, Float32] | None,
     axis: RotationAxis | None,
     held_point_m: Float64 | None,
-    cuts: list[CutOff],
-) -> Bool:
+) -> tuple[Bool, list[CutOff]]:
+    cuts: list[CutOff] = []
     if not mask.any():
-        return mask
+        return mask, cuts
     if axis is not None:
-        height, beside = _about_axis(frame, mask, axis)
+        height, beside = about_axis(frame, mask, axis)
         off = np.zeros_like(mask)
         if still is not None:
             stays = still[0][mask] & (np.abs(frame.depth_m[mask] - still[1][mask]) <= _STILL_M)
@@ -230,7 +236,7 @@ def _without_holder(
         off = _gripper(frame, mask)
         _note(cuts, frame, off, "gripper", "sticks to the top by a narrow neck and has another colour")
         mask = mask & ~off
-    return mask
+    return mask, cuts
 
 
 def _large(frame: RgbdFrame, off: Bool) -> Bool:

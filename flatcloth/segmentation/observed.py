@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -143,20 +144,17 @@ def observe(
     poses, moved = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
-    facing = [_facing(surface) for surface in surfaces]
-    clusters, labels = _clustered(surfaces, poses, facing, noise_m, settings)
-    links = [
-        links_of_view(label, cos, surface.steps)
-        for label, cos, surface in zip(labels, facing, surfaces, strict=True)
-    ]
-    graph = signed_graph(clusters, links, noise_m, settings)
-    progress(0.8, "sides")
-    views = {
-        surface.frame.view_index: _view(
-            surface, item.masks[at[surface.frame.view_index]], pose, label, cos, settings
-        )
-        for surface, pose, label, cos in zip(surfaces, poses, labels, facing, strict=True)
-    }
+    with ThreadPoolExecutor(_THREADS) as pool:
+        facing = list(pool.map(_facing, surfaces))
+        clusters, labels = _clustered(surfaces, poses, facing, noise_m, settings)
+        links = list(pool.map(links_of_view, labels, facing, (surface.steps for surface in surfaces)))
+        graph = signed_graph(clusters, links, noise_m, settings)
+        progress(0.8, "sides")
+        masks = (item.masks[at[surface.frame.view_index]] for surface in surfaces)
+        views = {
+            view.view_index: view
+            for view in pool.map(_view, surfaces, masks, poses, labels, facing, itertools.repeat(settings))
+        }
     return Observed(
         views=views,
         view_numbers=frozenset(at),
@@ -164,7 +162,7 @@ def observe(
         graph=graph,
         partition=partition(graph),
         samples=sampled_sides(
-            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text)
+            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
         ),
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
@@ -207,11 +205,17 @@ def _poses(
     if len(surfaces) < 2:
         return known, False
     with ThreadPoolExecutor(_THREADS) as pool:
-        features = list(pool.map(extract_features, surfaces[::_LOOK]))
-        if not register_together(features, axis, held_point_m, partners=1).is_loose:
+        features = dict(enumerate(pool.map(extract_features, surfaces[::_LOOK])))
+        features = {_LOOK * n: seen for n, seen in features.items()}
+        look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=_THREADS)
+        if not look.is_loose:
             return known, False
-        features = list(pool.map(extract_features, surfaces))
-    registered = register_together(features, axis, held_point_m, partners=_PARTNERS)
+        rest = [n for n in range(len(surfaces)) if n not in features]
+        features |= zip(rest, pool.map(extract_features, [surfaces[n] for n in rest]), strict=True)
+    registered = register_together(
+        [features[n] for n in range(len(surfaces))], axis, held_point_m,
+        partners=_PARTNERS, fattening_px=look.fattening_px, threads=_THREADS,
+    )  # fmt: skip
     return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
 
 

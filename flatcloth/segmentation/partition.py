@@ -9,11 +9,11 @@ opposite sides, and the evidence of both about their neighbours adds up.
 from __future__ import annotations
 
 import heapq
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, types
-from numba.typed import Dict
+from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Float64, Int64, Progress, no_progress
@@ -52,7 +52,11 @@ def partition(graph: SignedGraph, most: int | None = None) -> Partition:
 
 
 def sampled_sides(
-    graph: SignedGraph, place_m: Float64, config: SegmentationConfig, progress: Progress = no_progress
+    graph: SignedGraph,
+    place_m: Float64,
+    config: SegmentationConfig,
+    progress: Progress = no_progress,
+    threads: int = 1,
 ) -> Int8:
     """Return the sides (K, M) int8 in partitions of disturbed graphs; 0 off the largest part.
 
@@ -70,6 +74,8 @@ def sampled_sides(
         How many samples, and how they are disturbed.
     progress : callable
         Told the share of the work.
+    threads : int
+        Samples worked on at a time.
     """
     random = np.random.default_rng(0)
     middle = 0.5 * (place_m[graph.first] + place_m[graph.second])
@@ -81,15 +87,24 @@ def sampled_sides(
     first, second, middle = first[between], second[between], middle[between]
     weight = (graph.weight * core.side[graph.first] * core.side[graph.second])[between]
     attracts = graph.weight[between] > 0
-    sides = np.zeros((config.samples, graph.count), dtype=np.int8)
-    for k in range(config.samples):
-        progress(k / config.samples, "how sure the sides are")
-        cell = np.floor(middle / config.disturbance_m + random.uniform(size=3)).astype(np.int64)
+    shifts, factors = zip(
+        *((random.uniform(size=3), random.standard_normal(_NOISES)) for _ in range(config.samples)),
+        strict=True,
+    )
+
+    def sampled(shift: Float64, factor: Float64) -> Int8:
+        cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
         spot = (cell @ np.array([73856093, 19349663, 83492791]) + attracts) % _NOISES
-        noise = np.exp(config.disturbance * random.standard_normal(_NOISES))
-        side, part = _contracted(int(number.max()) + 1, first, second, weight * noise[spot], graph.count)
+        disturbed = weight * np.exp(config.disturbance * factor)[spot]
+        side, part = _contracted(int(number.max()) + 1, first, second, disturbed, graph.count)
         largest = np.bincount(part[number]).argmax()
-        sides[k] = np.where(part == largest, side, 0.0)[number] * core.side
+        return (np.where(part == largest, side, 0.0)[number] * core.side).astype(np.int8)
+
+    sides = np.zeros((config.samples, graph.count), dtype=np.int8)
+    with ThreadPoolExecutor(threads) as pool:
+        for k, sample in enumerate(pool.map(sampled, shifts, factors)):
+            progress(k / config.samples, "how sure the sides are")
+            sides[k] = sample
     return sides
 
 
@@ -109,8 +124,53 @@ def _root(parent: Int64, sign: Float64, node: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _resolved(parent: Int64, sign: Float64) -> tuple[Float64, Int64]:
+    """Return the side of each node relative to its root, and the root."""
+    side, part = np.empty(len(parent)), np.empty(len(parent), np.int64)
+    for n in range(len(parent)):
+        root = _root(parent, sign, n)
+        part[n] = root
+        side[n] = 1.0 if root == n else sign[n]
+    return side, part
+
+
+@njit(cache=True, nogil=True)
+def _slot(keys: Int64, key: int) -> int:
+    """Return where a key stands in a hash table with open addresses, or the free place where it would."""
+    last = len(keys) - 1
+    at = _hash(key, last)
+    while keys[at] != key and keys[at] >= 0:
+        at = (at + 1) & last
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _hash(key: int, last: int) -> int:
+    return ((key * 0x2545F4914F6CDD1D) >> 20) & last
+
+
+@njit(cache=True, nogil=True)
+def _clear(keys: Int64, values: Float64, at: int) -> None:
+    """Take out the key at a place of the table; those after it move up, so that they are found."""
+    last = len(keys) - 1
+    gap = at
+    while True:
+        at = (at + 1) & last
+        if keys[at] < 0:
+            break
+        if ((at - _hash(keys[at], last)) & last) >= ((at - gap) & last):
+            keys[gap], values[gap] = keys[at], values[at]
+            gap = at
+    keys[gap] = -1
+
+
+@njit(cache=True, nogil=True)
 def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: int) -> tuple[Float64, Int64]:
-    net = Dict.empty(types.int64, types.float64)
+    # Net evidence of each pair of nodes: never more pairs than at first, so that half stays free.
+    places = 64
+    while places < 2 * first.size:
+        places *= 2
+    keys, net = np.full(places, -1, np.int64), np.empty(places)
     # Neighbours as linked lists; entries of nodes that were joined meanwhile are stale, and skipped.
     capacity = 8 * first.size + 16
     head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
@@ -122,10 +182,11 @@ def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: 
         if i == j or weight[k] == 0.0:
             continue
         key = min(i, j) * count + max(i, j)
-        if key in net:
-            net[key] += weight[k]
+        slot = _slot(keys, key)
+        if keys[slot] == key:
+            net[slot] += weight[k]
             continue
-        net[key] = weight[k]
+        keys[slot], net[slot] = key, weight[k]
         for a, b in ((i, j), (j, i)):
             target[used], following[used] = b, head[a]
             head[a] = used
@@ -133,19 +194,21 @@ def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: 
                 tail[a] = used
             degree[a] += 1
             used += 1
-    heap = [(-abs(w), key) for key, w in net.items()]
+    heap = [(-abs(net[slot]), keys[slot]) for slot in np.flatnonzero(keys >= 0)]
     heapq.heapify(heap)
     parent, sign, size = np.arange(count), np.ones(count), np.ones(count, np.int64)
     while len(heap) > 0:
         minus, key = heapq.heappop(heap)
         if minus == 0.0:
             break
-        if key not in net or abs(net[key]) != -minus:
+        slot = _slot(keys, key)
+        if keys[slot] != key or abs(net[slot]) != -minus:
             continue
         i, j = key // count, key % count
         if size[i] + size[j] > most:
             continue
-        w = net.pop(key)
+        w = net[slot]
+        _clear(keys, net, slot)
         if degree[i] < degree[j]:
             i, j = j, i
         same = 1.0 if w > 0 else -1.0
@@ -155,16 +218,19 @@ def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: 
         while at >= 0:
             k = target[at]
             old = min(j, k) * count + max(j, k)
-            if k != i and old in net:
-                gained = same * net.pop(old)
+            slot = _slot(keys, old)
+            if k != i and keys[slot] == old:
+                gained = same * net[slot]
+                _clear(keys, net, slot)
                 new = min(i, k) * count + max(i, k)
-                if new in net:
-                    gained += net[new]
+                slot = _slot(keys, new)
+                if keys[slot] == new:
+                    gained += net[slot]
                 elif used < capacity:
                     target[used], following[used] = i, head[k]
                     head[k] = used
                     used += 1
-                net[new] = gained
+                keys[slot], net[slot] = new, gained
                 heapq.heappush(heap, (-abs(gained), new))
             at = following[at]
         if head[j] >= 0:
@@ -174,9 +240,4 @@ def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: 
                 following[tail[i]] = head[j]
             tail[i] = tail[j]
         degree[i] += degree[j]
-    side, part = np.empty(count), np.empty(count, np.int64)
-    for n in range(count):
-        root = _root(parent, sign, n)
-        part[n] = root
-        side[n] = 1.0 if root == n else sign[n]
-    return side, part
+    return _resolved(parent, sign)
