@@ -9,7 +9,6 @@ short and straightens every curve.)
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -77,9 +76,7 @@ class Carrier:
 
     def place(self, rc: Int32) -> Float64:
         """Return the plane positions (K, 2) of pixels (K, 2); NaN for those that belong to no sample."""
-        surface, rc = self._surface, np.ascontiguousarray(rc)
-        uv: Float64 = _blend(rc, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
-        return uv
+        return self._blended(rc)[:, :2]
 
     def place_all(self) -> tuple[Float64, Float32]:
         """Place all pixels of the surface.
@@ -91,11 +88,17 @@ class Carrier:
         stretch : (H, W) float32
             The largest relative change of length around each pixel.
         """
-        surface = self._surface
-        placed: tuple[Float64, Float32] = _blend_all(
-            self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px
-        )
-        return placed
+        rc = np.argwhere(self.nearest >= 0).astype(np.int32)
+        blended = self._blended(rc)
+        uv = np.full((*self.nearest.shape, 2), np.nan)
+        stretch = np.full(self.nearest.shape, np.nan, dtype=np.float32)
+        uv[rc[:, 0], rc[:, 1]] = blended[:, :2]
+        stretch[rc[:, 0], rc[:, 1]] = blended[:, 2]
+        return uv, stretch
+
+    def _blended(self, rc: Int32) -> Float64:
+        surface, rc = self._surface, np.ascontiguousarray(rc)
+        return _blend(rc, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
 
 
 def _stretch(uv_m: Float64, samples: Samples) -> Float64:
@@ -179,65 +182,44 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
 def _blend(
     pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
 ) -> Float64:
-    """Return the positions (K, 2) of pixels (K, 2), from the samples within a radius."""
-    placed = np.full((pixels.shape[0], 2), np.nan)
+    """Return position and stretch (K, 3) of pixels (K, 2), from the samples within a radius."""
+    rc, points, normals, uv, frames, stretch, first, neighbours = samples
+    placed = np.full((pixels.shape[0], 3), np.nan)
     for p in range(pixels.shape[0]):
         r, c = pixels[p]
-        if nearest[r, c] >= 0:
-            placed[p, 0], placed[p, 1], _ = _blended_at(r, c, nearest[r, c], xyz, normal, samples, radius_px)
-    return placed
-
-
-@njit(cache=True, nogil=True)
-def _blend_all(
-    nearest: Int32, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
-) -> tuple[Float64, Float32]:
-    """Return the positions (H, W, 2) and stretch (H, W) of all pixels that belong to a sample."""
-    rows, cols = nearest.shape
-    placed, stretch = np.full((rows, cols, 2), np.nan), np.full((rows, cols), np.nan, dtype=np.float32)
-    for r in range(rows):
-        for c in range(cols):
-            if nearest[r, c] >= 0:
-                u, v, s = _blended_at(r, c, nearest[r, c], xyz, normal, samples, radius_px)
-                placed[r, c, 0], placed[r, c, 1] = u, v
-                stretch[r, c] = s
-    return placed, stretch
-
-
-@njit(cache=True, nogil=True)
-def _blended_at(
-    r: int, c: int, n: int, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
-) -> tuple[float, float, float]:
-    """Return position and stretch of a pixel that belongs to sample ``n``; NaN if none is near enough."""
-    rc, points, normals, uv, frames, stretch, first, neighbours = samples
-    total, u, v, s = 0.0, 0.0, 0.0, 0.0
-    for k in range(first[n] - 1, first[n + 1]):
-        m = n if k < first[n] else neighbours[k]
-        dr, dc = r - rc[m, 0], c - rc[m, 1]
-        t = (dr * dr + dc * dc) / (radius_px * radius_px)
-        if t >= 1.0:
+        n = nearest[r, c]
+        if n < 0:
             continue
-        w = (1.0 - t) * (1.0 - t)
-        w *= w
-        dx = xyz[r, c, 0] - points[m, 0]
-        dy = xyz[r, c, 1] - points[m, 1]
-        dz = xyz[r, c, 2] - points[m, 2]
-        pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
-        pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
-        flat = np.sqrt(pu * pu + pv * pv)
-        if flat > 0.0:
-            chord = np.sqrt(dx * dx + dy * dy + dz * dz)
-            a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
-            b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
-            # Length of the cubic arc, limited to 15 % more than the straight line along the tangent.
-            scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
-            scale = min(scale, 1.15)
-            pu *= scale
-            pv *= scale
-        u += w * (uv[m, 0] + pu)
-        v += w * (uv[m, 1] + pv)
-        s += w * stretch[m]
-        total += w
-    if total > 0.0:
-        return u / total, v / total, s / total
-    return math.nan, math.nan, math.nan
+        total, u, v, s = 0.0, 0.0, 0.0, 0.0
+        for k in range(first[n] - 1, first[n + 1]):
+            m = n if k < first[n] else neighbours[k]
+            dr, dc = r - rc[m, 0], c - rc[m, 1]
+            t = (dr * dr + dc * dc) / (radius_px * radius_px)
+            if t >= 1.0:
+                continue
+            w = (1.0 - t) * (1.0 - t)
+            w *= w
+            dx = xyz[r, c, 0] - points[m, 0]
+            dy = xyz[r, c, 1] - points[m, 1]
+            dz = xyz[r, c, 2] - points[m, 2]
+            pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
+            pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
+            flat = np.sqrt(pu * pu + pv * pv)
+            if flat > 0.0:
+                chord = np.sqrt(dx * dx + dy * dy + dz * dz)
+                a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
+                b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
+                # Length of the cubic arc, limited to 15 % more than the straight line along the tangent.
+                scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
+                scale = min(scale, 1.15)
+                pu *= scale
+                pv *= scale
+            u += w * (uv[m, 0] + pu)
+            v += w * (uv[m, 1] + pv)
+            s += w * stretch[m]
+            total += w
+        if total > 0.0:
+            placed[p, 0] = u / total
+            placed[p, 1] = v / total
+            placed[p, 2] = s / total
+    return placed
