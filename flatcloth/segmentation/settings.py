@@ -65,7 +65,10 @@ class SegmentationConfig:
     certainty_per_stroke: float = 0.05
     """... less this for each stroke after the second: what is wrong would have been stroked first."""
     sure: float = 0.9
-    """What is more certain than this is not turned over silently."""
+    """What is more certain than this is not turned over silently. What a stroke turns over is undecided if
+    it is less certain, ..."""
+    turned_per_stroke: float = 0.1
+    """... less this for each further stroke, that finds nothing worse there."""
     fill_px: int = 16
     """Pixels of the item without a cluster take that of the nearest with one, within this distance ..."""
     fill_m: float = 0.012
