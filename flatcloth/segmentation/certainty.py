@@ -15,7 +15,7 @@ pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmenta
 
 
 _CONTRADICTED = 0.1
-"""Weight of a sample for each anchor that it contradicts. Chosen."""
+"""Weight of a sample for each anchor that it contradicts. Chosen: at 0, a few strokes would leave no sample."""
 
 
 def agreement(
@@ -35,6 +35,9 @@ def agreement(
     group : (M,) int64
         What strokes turned over against each other, 0 what none did: an anchor tells of its own group
         only. What no stroke turned over is as sure as it was to the start, even if that was turned over.
+        Of what was turned over, those samples tell most that contradict no other anchor.
+    guess : bool
+        Whether the sheet where it starts still counts as known.
     """
     samples = observed.samples.astype(np.float32)
     count = len(samples)
@@ -46,8 +49,7 @@ def agreement(
         first = n == len(anchors) - 1
         own = 0 if first else int(np.bincount(group[anchor]).argmax())
         says = np.sign((samples[:, anchor] * (unturned if first else side)[anchor]).sum(axis=1))
-        # What was turned over must agree with all that is known: a sample counts the less, the more anchors
-        # it contradicts.
+        # What was turned over must agree with all that is known (conditional on it, the samples are few).
         weight = _CONTRADICTED ** ((turns * turns[n] < 0).sum(axis=0) if own else np.zeros(count))
         size = weight.sum() ** 2 / np.square(weight).sum()
         mean = (says * weight) @ samples / weight.sum()
