@@ -15,7 +15,7 @@ pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmenta
 
 
 _CONTRADICTED = 0.1
-"""Weight of a sample for each anchor that it contradicts. Chosen: at 0, a few strokes would leave no sample."""
+"""Weight of a sample for each anchor that it contradicts. Chosen: at 0, strokes may leave no sample."""
 
 
 def agreement(

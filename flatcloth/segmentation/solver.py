@@ -46,10 +46,9 @@ class _State:
     ``inner`` (M,) is True on inner faces, which are of no interest whatever side they lie on; ``strokes``
     are the clusters under each stroke, in order; ``group`` (M,) int64 tells apart what strokes turned
     over against each other: the evidence between two groups is contradicted; ``part`` (M,) int64 tells
-    apart what nothing joins; ``guess`` is the part that waits until a stroke tells whether the guess of the
-    side was right, or why there is none; ``known`` (M,) is True in
-    the largest part of the evidence, and in others that a stroke touched: elsewhere nothing tells the
-    side.
+    apart what nothing joins; ``guess`` is the part that waits until a stroke tells whether the guess of
+    the side was right, or says why there is none; ``known`` (M,) is True in the largest part of the
+    evidence, and in others that a stroke touched: elsewhere nothing tells the side.
     """
 
     side: Float64
