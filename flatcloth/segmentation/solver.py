@@ -346,6 +346,8 @@ class SideSolver:
         views = views_showing(self.observed, moved)
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
         text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
+        if self._state(now.decisions).guess >= 0:
+            text += " Whether all the rest lies on the other side, too, is not clear: stroke it once more."
         return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
 
     # ---------------------------------------------------------------- where to begin, and to go on
