@@ -9,7 +9,7 @@
 # make clean   removes everything that make made
 #
 # Python packages go to .venv. System packages are installed where that needs no password (libegl1 for
-# Open3D; chromium and libatomic1 for the browser tests); elsewhere one line says what to install.
+# Open3D; Chromium and libatomic1 for the browser tests); elsewhere one line says what to install.
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -118,11 +118,13 @@ $(VENV)/.libegl: | $(VENV)/.python
 		|| $(call apt_install,libegl1); then touch $@; \
 	else echo "Open3D needs the system package libegl1: sudo apt-get install libegl1"; fi
 
-# Playwright's driver needs libatomic. Ubuntu has no chromium package but a snap; Playwright's own
-# build serves there.
+# Playwright's driver needs libatomic. Debian's Chromium without windows is preferred, as its tabs take half
+# the time; any other serves. Ubuntu has no chromium package but a snap; Playwright's own build serves there.
+has_atomic = $(BIN)/python -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' 2>/dev/null
 $(VENV)/.browser: | $(VENV)/.test
-	@if { $(BIN)/python -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' 2>/dev/null \
-		&& command -v chromium chromium-browser google-chrome >/dev/null; } \
+	@if { $(has_atomic) && command -v chromium-headless-shell >/dev/null; } \
+		|| $(call apt_install,chromium-headless-shell libatomic1) \
+		|| { $(has_atomic) && command -v chromium chromium-browser google-chrome >/dev/null; } \
 		|| $(call apt_install,chromium libatomic1) \
 		|| { { [ "$$(id -u)" = 0 ] || sudo -n true; } 2>/dev/null \
 		&& $(BIN)/playwright install --with-deps chromium; }; then touch $@; \

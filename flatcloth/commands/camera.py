@@ -42,6 +42,11 @@ def serve_camera(options: argparse.Namespace) -> bool:
         if given:
             raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
         return False
+    if options.source is not None:
+        raise FlatclothError(
+            f"{options.source}: --camera shows a camera instead of a recording; give only one of them."
+            " A RealSense file is played in the place of a camera by --camera FILE."
+        )
     if options.live:
         raise FlatclothError("--live plays a recording, and --camera shows a camera; give only one of them.")
     _serve(options)

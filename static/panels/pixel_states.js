@@ -37,7 +37,9 @@ export class PixelStates {
     this.asked = address;
     this.legend = null;
     const answer = await fetch(address).catch(() => null);
-    if (!answer?.ok || this.asked !== address) return;
+    if (this.asked !== address) return;
+    if (!answer) this.asked = ""; // the connection was lost; asked again when it is shown again
+    if (!answer?.ok) return;
     this.legend = await answer.json();
     this.changed();
   }

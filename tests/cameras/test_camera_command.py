@@ -46,6 +46,7 @@ def test_a_session_of_a_camera_goes_on_with_the_axis_that_was_set_by_hand(
     ("options", "said"),
     [
         (["--camera", "--live"], "give only one of them"),
+        (["shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
         (["--frames", "9"], "--frames needs --camera"),
         (["--out", "coat"], "--out needs --camera"),
         (["--camera", "--step", "0"], "step"),

@@ -94,8 +94,11 @@ def test_a_field_of_view_makes_a_rough_camera_and_says_so(tmp_path: Path) -> Non
     again = open_recording(folder, SourceOptions(step_deg=10, camera_file=file))
     assert again.intrinsics.fx == pytest.approx(k.fx, abs=1e-4)
     assert "approximate" in again.notes[0]  # type: ignore[attr-defined]
-    with pytest.raises(RecordingError, match="together with --fov"):
-        open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 50), camera_file=file))
+    same = open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 50), camera_file=file))
+    assert (same.intrinsics.fx, same.intrinsics.cy) == (k.fx, k.cy)
+    assert [path.name for path in tmp_path.iterdir() if "camera" in path.name] == ["camera.json"]
+    with pytest.raises(RecordingError, match="another camera than --fov"):
+        open_recording(folder, SourceOptions(step_deg=10, fov_deg=(60, 45), camera_file=file))
     with pytest.raises(RecordingError, match="not a field of view"):
         open_recording(folder, SourceOptions(step_deg=10, fov_deg=(0, 200)))
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from flatcloth.session.header import default_session_folder
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.places import Chosen, PlaceError, Places
+from flatcloth.viewer.routes import start
 from flatcloth.viewer.server.workspace import Opened
 
 SAMPLE = sample_recordings()["shirt-sleeve-clean"]
@@ -90,6 +93,27 @@ def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> 
     offer = get(empty, "/start/places.json").json()
     assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
     assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
+
+
+def test_at_most_two_pictures_are_read_at_a_time(empty: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    at_once, most, lock = 0, 0, threading.Lock()
+
+    def read(_source: str) -> bytes:
+        nonlocal at_once, most
+        with lock:
+            at_once += 1
+            most = max(most, at_once)
+        time.sleep(0.05)
+        with lock:
+            at_once -= 1
+        return b"jpeg"
+
+    monkeypatch.setattr(start, "first_picture", read)
+    names = list(sample_recordings())
+    with ThreadPoolExecutor(len(names)) as pool:
+        answers = list(pool.map(lambda name: get(empty, f"/start/picture/example/{name}"), names))
+    assert [a.content for a in answers] == [b"jpeg"] * len(names)
+    assert len(names) > most == start.PICTURES_AT_ONCE
 
 
 def test_what_is_chosen_opens_and_another_takes_its_place(empty: PageServer, opener: FakeOpener) -> None:

@@ -177,13 +177,12 @@ def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float)
 
 def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
     """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that contains enough of them."""
-    with np.errstate(invalid="ignore"):
-        off = np.abs((angle - a_m + 180.0) % 360.0 - 180.0)
-    off = np.where(view.valid, off, np.inf)
+    inside = np.flatnonzero(view.valid)
+    off = np.abs((angle.ravel()[inside] - a_m + 180.0) % 360.0 - 180.0)
     for band in _LINE_BANDS_DEG:
-        found = np.argwhere(off <= band).astype(np.int32)
+        found = inside[off <= band]
         if len(found) * view.pixel_size_m**2 >= _LINE_MIN_AREA_M2:
-            return found
+            return np.stack(np.unravel_index(found, view.shape), axis=1).astype(np.int32)
     raise AlignmentError(
         f"Too few pixels have the common Z-angle of {a_m:.0f} deg for a line; choose another view."
     )

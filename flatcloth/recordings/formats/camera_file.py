@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -12,6 +13,7 @@ import msgspec
 
 from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import open_new
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
 from flatcloth.recordings.files.depth_files import read_depth_header
@@ -102,7 +104,8 @@ def read_camera(
 def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
     """Return the camera given by the user, None if there is none.
 
-    If there is a field of view and a path of a camera file that does not exist, the file is written.
+    If there is a field of view and a path of a camera file that does not exist, the file is written. The
+    same command again finds it, as the other recordings of a batch do.
 
     Parameters
     ----------
@@ -114,15 +117,16 @@ def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None
     Raises
     ------
     RecordingError
-        If the file or the field of view is not valid, or both were given.
+        If the file or the field of view is not valid, or they describe different cameras.
     """
     path = None if options.camera_file is None else options.camera_file.expanduser()
     if options.fov_deg is None:
         return None if path is None else camera_of_file(path, size)
-    if path is not None and path.exists():
-        raise RecordingError(f"{path}: given together with --fov. Give only one of them.")
     intrinsics = camera_of_fov(size, options.fov_deg)
-    if path is not None:
+    if path is not None and path.exists():
+        if not _same(camera_of_file(path, size).intrinsics, intrinsics):
+            raise RecordingError(f"{path}: describes another camera than --fov. Give only one of them.")
+    elif path is not None:
         write_camera_file(path, intrinsics, rough=True)
     return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(_rough(intrinsics),))
 
@@ -157,8 +161,14 @@ def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrin
     return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
 
 
+def _same(a: Intrinsics, b: Intrinsics) -> bool:
+    return all(math.isclose(getattr(a, n), getattr(b, n), abs_tol=1e-3) for n in ("fx", "fy", "cx", "cy"))
+
+
 def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> None:
     """Write a camera file (JSON), which records whether the camera is approximate.
+
+    It is there whole or not at all, also if several processes of a batch write it.
 
     Raises
     ------
@@ -168,8 +178,11 @@ def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> Non
     names = ("width", "height", "fx", "fy", "cx", "cy")
     table = {name: round(float(getattr(intrinsics, name)), 4) for name in names}
     table |= {"width": intrinsics.width, "height": intrinsics.height}
+    draft = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        path.write_text(json.dumps({**table, "rough": rough}, indent=1) + "\n", encoding="utf-8")
+        with open_new(draft) as file:
+            file.write((json.dumps({**table, "rough": rough}, indent=1) + "\n").encode())
+        draft.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}). Choose another path.") from error
 

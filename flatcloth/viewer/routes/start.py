@@ -8,6 +8,7 @@ with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers w
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -30,6 +31,8 @@ PICTURE_PX = 240
 """Size of the pictures of recordings. Chosen."""
 PICTURES_KEPT = 64
 """Pictures that are kept. Chosen for memory."""
+PICTURES_AT_ONCE = 2
+"""Recordings read for their pictures at a time; each may start a reader of its own. Chosen: two cores."""
 _NEW = {"Cache-Control": "no-store"}
 
 
@@ -61,6 +64,7 @@ class StartRoutes:
         self._current = current
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
+        self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the start screen."""
@@ -92,7 +96,8 @@ class StartRoutes:
         if kind not in ("example", "session"):
             return PlainTextResponse("There is no such picture.", status_code=404)
         try:
-            data = await run_in_threadpool(self._drawn, kind, name)
+            async with self._reading:
+                data = await run_in_threadpool(self._drawn, kind, name)
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
