@@ -54,6 +54,10 @@ def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tupl
     the absolute depths gained by a pixel, both sides together, m. NaN where a side has one pixel.
     """
     rows, cols = inverse_depth.shape
+    depth = np.empty((rows, cols))
+    for r in range(rows):
+        for c in range(cols):
+            depth[r, c] = 1.0 / inverse_depth[r, c] if inverse_depth[r, c] > 0.0 else 0.0
     jump = np.full((2, rows, cols), np.nan)
     slope = np.zeros((2, rows, cols))
     for way in range(2):
@@ -62,8 +66,8 @@ def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tupl
             for c in range(cols):
                 if not steps[r, c] & bit:
                     continue
-                ahead, up, n_ahead = _side(inverse_depth, steps, r + dr, c + dc, dr, dc, bit)
-                behind, down, n_behind = _side(inverse_depth, steps, r, c, -dr, -dc, bit)
+                ahead, up, n_ahead = _side(depth, steps, r + dr, c + dc, dr, dc, bit)
+                behind, down, n_behind = _side(depth, steps, r, c, -dr, -dc, bit)
                 if n_ahead > 1 and n_behind > 1:
                     jump[way, r, c] = abs(ahead - behind)
                     slope[way, r, c] = abs(up) + abs(down)
@@ -72,11 +76,11 @@ def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tupl
 
 @njit(cache=True, nogil=True)
 def _side(
-    inverse_depth: Float64, steps: NDArray[np.uint8], r: int, c: int, dr: int, dc: int, bit: int
+    depth: Float64, steps: NDArray[np.uint8], r: int, c: int, dr: int, dc: int, bit: int
 ) -> tuple[float, float, int]:
     """Return the depth half a pixel before (r, c), the depth gained by a pixel, and the pixels used."""
-    rows, cols = inverse_depth.shape
-    z0 = 1.0 / inverse_depth[r, c]
+    rows, cols = depth.shape
+    z0 = depth[r, c]
     total, moment, n = 0.0, 0.0, 1
     for k in range(1, _SIDE_PX):
         # The step between two pixels is marked at the left or upper one.
@@ -86,7 +90,7 @@ def _side(
         r, c = r + dr, c + dc
         if r < 0 or c < 0 or r >= rows or c >= cols:
             break
-        z = 1.0 / inverse_depth[r, c] - z0
+        z = depth[r, c] - z0
         total, moment, n = total + z, moment + k * z, n + 1
     if n == 1:
         return z0, 0.0, 1

@@ -134,50 +134,108 @@ def fit_patches(
     If the points do not determine a quadratic, a plane is fitted; if they do not determine a plane
     either, all six values are 0.
     """
-    n_rows = inverse_depth.shape[0]
-    size = 2 * radius + 1
+    n_rows, n_cols = inverse_depth.shape
+    size, m = 2 * radius + 1, 6 if quadratic else 3
     result = np.zeros((rows.size, 6))
     connected = np.zeros((size, size), dtype=np.bool_)
-    terms = np.zeros(6)
+    products, weighed = _cells(radius, stride)
+    moments, a, b = np.zeros(15), np.zeros((6, 6)), np.zeros(6)
+    whole, low = np.zeros((6, 6)), np.zeros((6, 6))
+    _fill_matrix(products.sum(axis=0), a)
+    _cholesky(a, m, whole)
+    smooth = _count_smooth(steps)
     for n in range(rows.size):
         r0, c0 = rows[n], cols[n]
-        _mark_connected(steps, r0, c0, radius, connected)
-        a = np.zeros((6, 6))
-        b = np.zeros(6)
-        count = 0
-        q0 = inverse_depth[r0, c0]
+        top, left = r0 - radius, c0 - radius
+        moments[:] = 0.0
+        b[:] = 0.0
+        q0, count, cell = inverse_depth[r0, c0], 0, 0
+        is_whole = top >= 0 and left >= 0 and top + size <= n_rows and left + size <= n_cols
+        if is_whole:
+            inside = smooth[top + size, left + size] - smooth[top, left + size]
+            is_whole = inside - smooth[top + size, left] + smooth[top, left] == size * size
+        if not is_whole:
+            _mark_connected(steps, r0, c0, radius, connected)
         for i in range(radius % stride, size, stride):
-            r = r0 + i - radius
-            if r < 0 or r >= n_rows:
-                continue
             for j in range(radius % stride, size, stride):
-                if not connected[i, j]:
-                    continue
-                x, y = float(j - radius) / radius, float(i - radius) / radius
-                w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
-                q = inverse_depth[r, c0 + j - radius] - q0
-                terms[0], terms[1], terms[2] = 1.0, x, y
-                terms[3], terms[4], terms[5] = x * x, x * y, y * y
-                m = 6 if quadratic else 3
-                for k in range(m):
-                    wk = w * terms[k]
-                    b[k] += wk * q
-                    for j2 in range(k + 1):
-                        a[k, j2] += wk * terms[j2]
-                count += 1
+                if is_whole or connected[i, j]:
+                    q = inverse_depth[top + i, left + j] - q0
+                    for k in range(m):
+                        b[k] += weighed[cell, k] * q
+                    if not is_whole:
+                        count += 1
+                        for k in range(15 if quadratic else 6):
+                            moments[k] += products[cell, k]
+                cell += 1
         solved = 0
-        if quadratic and count >= 12:
-            solved = _cholesky_solve(a, b, 6)
-        if solved == 0 and count >= 6:
-            solved = _cholesky_solve(a, b, 3)
-        if solved == 0:
-            continue
+        if is_whole:
+            solved = m
+            _substitute(whole, b, m)
+        else:
+            _fill_matrix(moments, a)
+            if quadratic and count >= 12 and _cholesky(a, 6, low):
+                solved = 6
+            elif count >= 6 and _cholesky(a, 3, low):
+                solved = 3
+            if solved == 0:
+                continue
+            _substitute(low, b, solved)
         result[n, 0] = b[0] + q0
         result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
         if solved == 6:
             for k in range(3, 6):
                 result[n, k] = b[k] / (radius * radius)
     return result
+
+
+@njit(cache=True, nogil=True)
+def _cells(radius: int, stride: int) -> tuple[Float64, Float64]:
+    """Return for each used cell of the window the products (C, 15) of its terms, and the terms (C, 6).
+
+    Both times its weight. The terms are 1, x, y, x^2, xy, y^2; their products have degree 4 at most, those of
+    the first three come first.
+    """
+    size = 2 * radius + 1
+    along = (size - radius % stride + stride - 1) // stride
+    products, terms = np.empty((along * along, 15)), np.empty((along * along, 6))
+    cell = 0
+    for i in range(radius % stride, size, stride):
+        for j in range(radius % stride, size, stride):
+            x, y = float(j - radius) / radius, float(i - radius) / radius
+            w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
+            at = 0
+            for degree in range(5):
+                for of_y in range(degree + 1):
+                    term = w * x ** (degree - of_y) * y**of_y
+                    products[cell, at] = term
+                    if degree < 3:
+                        terms[cell, at] = term
+                    at += 1
+            cell += 1
+    return products, terms
+
+
+@njit(cache=True, nogil=True)
+def _fill_matrix(moments: Float64, a: Float64) -> None:
+    """Write the lower triangle of the normal equations from the sums (15,) of the products of terms."""
+    degree, of_y = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
+    for k in range(6):
+        for j in range(k + 1):
+            d = degree[k] + degree[j]
+            a[k, j] = moments[d * (d + 1) // 2 + of_y[k] + of_y[j]]
+
+
+@njit(cache=True, nogil=True)
+def _count_smooth(steps: NDArray[np.uint8]) -> Int32:
+    """Return how many pixels above and left of each corner (H + 1, W + 1) have both steps."""
+    n_rows, n_cols = steps.shape
+    counts = np.zeros((n_rows + 1, n_cols + 1), dtype=np.int32)
+    for r in range(n_rows):
+        in_row = 0
+        for c in range(n_cols):
+            in_row += steps[r, c] == 3
+            counts[r + 1, c + 1] = counts[r, c + 1] + in_row
+    return counts
 
 
 @njit(cache=True, nogil=True)
@@ -216,9 +274,8 @@ def _mark_connected(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, con
 
 
 @njit(cache=True, nogil=True)
-def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
-    """Solve the leading m x m symmetric system (lower triangle given) in place; 0 if singular."""
-    low = np.zeros((m, m))
+def _cholesky(a: Float64, m: int, low: Float64) -> bool:
+    """Factor the leading m x m symmetric matrix (lower triangle given) into ``low``; False if singular."""
     for k in range(m):
         for j in range(k + 1):
             s = a[k, j]
@@ -226,10 +283,16 @@ def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
                 s -= low[k, p] * low[j, p]
             if k == j:
                 if s <= 1e-6 * a[k, k] or s <= 0.0:
-                    return 0
+                    return False
                 low[k, k] = math.sqrt(s)
             else:
                 low[k, j] = s / low[j, j]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _substitute(low: Float64, b: Float64, m: int) -> None:
+    """Solve for ``b`` (m,) in place with a Cholesky factor."""
     for k in range(m):
         s = b[k]
         for p in range(k):
@@ -240,4 +303,3 @@ def _cholesky_solve(a: Float64, b: Float64, m: int) -> int:
         for p in range(k + 1, m):
             s -= low[p, k] * b[p]
         b[k] = s / low[k, k]
-    return m

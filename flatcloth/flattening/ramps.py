@@ -109,6 +109,11 @@ def _strength(
     """Ramp strength of each pixel (H, W): 1 where height and slope both reach their least values."""
     rows, cols = inverse_depth.shape
     strength = np.zeros((rows, cols), dtype=np.float32)
+    depth = np.zeros((rows, cols))
+    for r in range(rows):
+        for c in range(cols):
+            if inverse_depth[r, c] > 0.0:
+                depth[r, c] = 1.0 / inverse_depth[r, c]
     for r in range(2, rows - 2):
         for c in range(2, cols - 2):
             q = inverse_depth[r, c]
@@ -118,14 +123,14 @@ def _strength(
             best_dr, best_dc = 0, 0
             for k in range(4):
                 dr, dc = (0, 1) if k == 0 else (1, 0) if k == 1 else (1, 1) if k == 2 else (1, -1)
-                before, after = inverse_depth[r - 2 * dr, c - 2 * dc], inverse_depth[r + 2 * dr, c + 2 * dc]
+                before, after = depth[r - 2 * dr, c - 2 * dc], depth[r + 2 * dr, c + 2 * dc]
                 if before <= 0 or after <= 0:
                     continue
                 step = 4.0 * (1.4142 if k > 1 else 1.0) * least_slope / (focal * q)
-                steepness = abs(1.0 / after - 1.0 / before) / step
+                steepness = abs(after - before) / step
                 if steepness < 0.3:
                     continue
-                height = _excess(inverse_depth, r, c, dr, dc, half) / least_height
+                height = _excess(depth, r, c, dr, dc, half) / least_height
                 found = np.float32(min(steepness, height))
                 if found > best:
                     best, best_dr, best_dc = found, dr, dc
@@ -139,37 +144,37 @@ def _strength(
 
 
 @njit(cache=True, nogil=True)
-def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
+def _excess(depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
     """Height gained over the middle in one direction, minus what the slopes beside it explain; metres."""
-    near_a, near_b = _depth(inverse_depth, r, c, dr, dc, -half), _depth(inverse_depth, r, c, dr, dc, half)
+    near_a, near_b = _at(depth, r, c, dr, dc, -half), _at(depth, r, c, dr, dc, half)
     if near_a <= 0 or near_b <= 0:
         return 0.0
     height = near_b - near_a
     sign = 1.0 if height > 0 else -1.0
     for k in range(-half, half):
-        a, b = _depth(inverse_depth, r, c, dr, dc, k), _depth(inverse_depth, r, c, dr, dc, k + 1)
+        a, b = _at(depth, r, c, dr, dc, k), _at(depth, r, c, dr, dc, k + 1)
         if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
             return 0.0  # a clean jump within one step: the layers are apart as measured
     # The slope of each side explains its half of the middle; where a side ends, use its last two steps.
-    side_a = sign * (near_a - _outer(inverse_depth, r, c, dr, dc, -half, near_a))
-    side_b = sign * (_outer(inverse_depth, r, c, dr, dc, half, near_b) - near_b)
+    side_a = sign * (near_a - _outer(depth, r, c, dr, dc, -half, near_a))
+    side_b = sign * (_outer(depth, r, c, dr, dc, half, near_b) - near_b)
     return sign * height - max(side_a, 0.0) - max(side_b, 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _outer(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int, near: float) -> float:
+def _outer(depth: Float64, r: int, c: int, dr: int, dc: int, half: int, near: float) -> float:
     """Depth at twice the half width, extrapolated where the item ends earlier."""
-    far = _depth(inverse_depth, r, c, dr, dc, 2 * half)
+    far = _at(depth, r, c, dr, dc, 2 * half)
     if far > 0:
         return far
-    inner = _depth(inverse_depth, r, c, dr, dc, half // 2)
+    inner = _at(depth, r, c, dr, dc, half // 2)
     return near + 2.0 * (near - inner) if inner > 0 else near
 
 
 @njit(cache=True, nogil=True)
-def _depth(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, k: int) -> float:
+def _at(depth: Float64, r: int, c: int, dr: int, dc: int, k: int) -> float:
     rr, cc = r + k * dr, c + k * dc
-    if rr < 0 or cc < 0 or rr >= inverse_depth.shape[0] or cc >= inverse_depth.shape[1]:
+    if rr < 0 or cc < 0 or rr >= depth.shape[0] or cc >= depth.shape[1]:
         return 0.0
-    q = inverse_depth[rr, cc]
-    return 1.0 / q if q > 0 else 0.0
+    found: float = depth[rr, cc]
+    return found

@@ -31,7 +31,6 @@ from flatcloth.registration.view_features import (
     Gates,
     ViewFeatures,
     compare,
-    fattening_of,
     grid_points,
 )
 
@@ -73,12 +72,7 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         return None
     pixel = grid_points(usable, _MOST_POINTS)
     at = pixel[:, 0], pixel[:, 1]
-    images = ComparedImages(
-        normals=normals,
-        fattening=fattening_of(normals, xyz, k.fx, k.fy),
-        texture=np.zeros((CHANNELS, 1, 1), dtype=np.float32),
-        slope=np.zeros((2, CHANNELS, 1, 1), dtype=np.float32),
-    )
+    images = ComparedImages(normals, np.zeros((CHANNELS, 1, 1), dtype=np.float32))
     return ViewFeatures(
         view_index=frame.view_index,
         angle_deg=frame.angle_deg,

@@ -27,9 +27,7 @@ class ComparedView(NamedTuple):
     xyz_m: Float32
     normals: Float32
     usable: Bool
-    fattening: Float32
     texture: Float32
-    slope: Float32
     inner: Bool
     camera: Float64
 
@@ -110,6 +108,21 @@ def _facing(x: float, y: float, z: float, n: Float64, least: float, full: float)
     return weight
 
 
+_LEAST_FACING_M = 1e-3
+"""Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
+
+
+@njit(cache=True, nogil=True)
+def _fattening(x: float, y: float, z: float, n: Float64, fx: float, fy: float) -> float:
+    """Relative change of depth of a surface at (x, y, z) with normal ``n`` per pixel, up the slope.
+
+    The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
+    """
+    distance = max(-(n[0] * x + n[1] * y + n[2] * z), _LEAST_FACING_M)
+    share: float = z / distance * np.sqrt((n[0] / fx) ** 2 + (n[1] / fy) ** 2)
+    return share
+
+
 @njit(cache=True, nogil=True, inline="always")
 def _rotate(rotation: Float64, vector: Float64, out: Float64) -> None:
     for a in range(3):
@@ -157,7 +170,8 @@ def accumulate(
     x, g, by_fattening, row = np.empty(3), np.empty(3), np.empty(3), np.empty(7)
     for i in range(0, points.shape[0], limits.every):
         r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
-        own_fat = source.fattening[r_own, c_own]
+        s = points[i]
+        own_fat = _fattening(s[0], s[1], s[2], normal[i], source.camera[0], source.camera[1])
         alike = 0.0
         _rotate(rotation, points[i], g)
         _rotate(rotation, normal[i], m)
@@ -176,10 +190,11 @@ def accumulate(
         if not target.usable[r, c]:
             continue
         distance, by_fat = 0.0, 0.0
-        fat = target.fattening[r, c]
         for a in range(3):
             n[a] = target.normals[r, c, a]
             q[a] = target.xyz_m[r, c, a]
+        fat = _fattening(q[0], q[1], q[2], n, camera[0], camera[1])
+        for a in range(3):
             distance += (p[a] - (1.0 + limits.fattening_px * fat) * q[a]) * n[a]
             by_fat += (by_fattening[a] - fat * q[a]) * n[a]
             alike += m[a] * n[a]
@@ -192,7 +207,6 @@ def accumulate(
             sums.tally[1] += likely
             sums.tally[2] += likely * distance**2
         # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
-        s = points[i]
         weight = _facing(s[0], s[1], s[2], normal[i], least, full) * _facing(q[0], q[1], q[2], n, least, full)
         weight *= _facing(p[0], p[1], p[2], m, least, full)
         weight *= _facing(q[0] - translation[0], q[1] - translation[1], q[2] - translation[2], n, least, full)
@@ -230,14 +244,19 @@ def _add_texture(
     p, by_fattening, camera, row = point.place_m, point.by_fattening, target.camera, point.derivative
     r0, c0 = int(point.row), int(point.col)
     fr, fc = point.row - r0, point.col - c0
+    # The texture between four pixels, and its derivatives by Sobel's filter there, from 4 x 4 pixels.
+    value_r, value_c = (0.0, 1.0 - fr, fr, 0.0), (0.0, 1.0 - fc, fc, 0.0)
+    step_r, step_c = (fr - 1.0, -fr, 1.0 - fr, fr), (fc - 1.0, -fc, 1.0 - fc, fc)
+    even_r, even_c = (1.0 - fr, 2.0 - fr, 1.0 + fr, fr), (1.0 - fc, 2.0 - fc, 1.0 + fc, fc)
     for h in range(3):
         value, down, right = 0.0, 0.0, 0.0
-        for j in range(2):
-            for k in range(2):
-                part = (fr if j else 1.0 - fr) * (fc if k else 1.0 - fc)
-                value += part * target.texture[h, r0 + j, c0 + k]
-                down += part * target.slope[0, h, r0 + j, c0 + k]
-                right += part * target.slope[1, h, r0 + j, c0 + k]
+        for j in range(4):
+            for k in range(4):
+                t = target.texture[h, r0 + j - 1, c0 + k - 1]
+                value += value_r[j] * value_c[k] * t
+                down += step_r[j] * even_c[k] * t
+                right += even_r[j] * step_c[k] * t
+        down, right = 0.125 * down, 0.125 * right
         difference = value - own[h]
         found[1 + h] = difference
         if spread[1 + h] <= 0.0:

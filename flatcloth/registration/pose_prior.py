@@ -119,8 +119,8 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 def at_center(derivative: Float64, center_m: Float64) -> Float64:
     """Transform derivatives (..., 6, N) of twists about the origin to those about centers (..., 3)."""
     there = derivative.copy()
-    turns = derivative[..., :3, :].swapaxes(-1, -2)
-    there[..., 3:, :] -= np.cross(center_m[..., None, :], turns).swapaxes(-1, -2)
+    cross = _cross(center_m) if center_m.ndim == 1 else np.stack([_cross(center) for center in center_m])
+    there[..., 3:, :] -= cross @ derivative[..., :3, :]
     return there
 
 

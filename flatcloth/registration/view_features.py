@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -42,26 +42,19 @@ UNKNOWNS = 7
 definition."""
 _DARKEST = 8
 """Darker values count as this one, because their logarithm is noise. Chosen."""
-_LEAST_FACING = 1e-3
-"""Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
-
-
-_IMAGES_KEPT = 6
-"""Views whose images for comparison are kept: a new view and its neighbours. Chosen; the images of a garment
-of 40 000 pixels take 5 MB and are made in 5 ms."""
+_IMAGES_KEPT, _IMAGES_BYTES = 64, 30 * 2**20
+"""Views whose images for comparison are kept. Chosen: those of a view take 1 MB and are made in 5 ms;
+every new view is compared with up to six others."""
 
 
 class ComparedImages(NamedTuple):
     """The images (H, W, ...) float32 that a comparison reads, made from a view's surface.
 
-    ``normals`` (smoothed if the depth is noisy, NaN off the surface); ``fattening`` the relative change of
-    depth per pixel; ``texture`` (3, H, W), ``slope`` (2, 3, H, W) its derivative along rows and columns.
+    ``normals`` (smoothed if the depth is noisy, NaN off the surface); ``texture`` (3, H, W).
     """
 
     normals: Float32
-    fattening: Float32
     texture: Float32
-    slope: Float32
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +65,7 @@ class ViewFeatures:
     median size of a pixel on the surface; ``noise_m`` the scatter of the depth. Images (H, W, ...):
     ``xyz_m`` float32, NaN off the surface, which is ``usable``; ``inner`` whether the texture is
     unaffected by the outline. ``make_images`` makes the others, which take most memory and are kept for
-    a few views only. ``surface`` is what they are computed from, for those that need it later.
+    a few views only, by ``key``. ``surface`` is what they are computed from, for those that need it later.
     """
 
     view_index: int
@@ -88,6 +81,7 @@ class ViewFeatures:
     inner: Bool
     make_images: Callable[[], ComparedImages]
     surface: Surface | None = None
+    key: object = field(default_factory=object)
 
     @cached_property
     def middle_m(self) -> Float64:
@@ -98,7 +92,16 @@ class ViewFeatures:
     @property
     def images(self) -> ComparedImages:
         """The images that a comparison reads."""
-        return _images.get(self, self.make_images)
+        kept = _images.get(self.key, lambda: self.own_images(self.make_images()))
+        if kept.normals is None:
+            assert self.surface is not None
+            return ComparedImages(self.surface.normal, kept.texture)
+        return ComparedImages(kept.normals, kept.texture)
+
+    def own_images(self, images: ComparedImages) -> _KeptImages:
+        """Return the images without normals that are those of the surface."""
+        shared = self.surface is not None and images.normals is self.surface.normal
+        return _KeptImages(None if shared else images.normals, images.texture)
 
     def compared(self) -> ComparedView:
         """Return the arrays as the compiled loops take them."""
@@ -110,16 +113,21 @@ class ViewFeatures:
             xyz_m=self.xyz_m,
             normals=images.normals,
             usable=self.usable,
-            fattening=images.fattening,
             texture=images.texture,
-            slope=images.slope,
             inner=self.inner,
             camera=np.array([k.fx, k.fy, k.cx, k.cy]),
         )
 
 
-_images: Cache[ComparedImages] = Cache(_IMAGES_KEPT)
-"""Of the views compared last, whichever shape they belong to."""
+class _KeptImages(NamedTuple):
+    """As :class:`ComparedImages`, but without normals (None) that are those of the surface."""
+
+    normals: Float32 | None
+    texture: Float32
+
+
+_images: Cache[_KeptImages] = Cache(_IMAGES_KEPT, _IMAGES_BYTES)
+"""Of the views compared last, whichever shape they belong to; a key keeps no view in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,19 +200,14 @@ def extract_features(surface: Surface) -> ViewFeatures:
         inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
         make_images=lambda: _images_of(surface),
     )
-    _images.put(made, images)
+    _images.put(made.key, made.own_images(images))
     return made
 
 
 def _images_of(surface: Surface) -> ComparedImages:
-    k = surface.frame.intrinsics
     normals = _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else surface.normal
     texture = _texture(surface, _TEXTURE_SIZE_M / surface.pixel_pitch_m)
-    slope = np.empty((2, *texture.shape), dtype=np.float32)
-    for channel in range(CHANNELS):
-        cv2.Sobel(texture[channel], cv2.CV_32F, 0, 1, dst=slope[0, channel], scale=1 / 8)
-        cv2.Sobel(texture[channel], cv2.CV_32F, 1, 0, dst=slope[1, channel], scale=1 / 8)
-    return ComparedImages(normals, fattening_of(normals, surface.xyz_m, k.fx, k.fy), texture, slope)
+    return ComparedImages(normals, texture)
 
 
 def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:
@@ -230,21 +233,6 @@ def _smoothed(surface: Surface, sigma_px: float) -> Float32:
     length[off] = np.nan
     smoothed: Float32 = cv2.merge([plane / length for plane in planes]).astype(np.float32, copy=False)
     return smoothed
-
-
-def fattening_of(normals: Float32, xyz_m: Float32, fx: float, fy: float) -> Float32:
-    """Return the relative change of depth (H, W) per pixel, up the slope; 0 off the surface.
-
-    The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
-    """
-    nx, ny, nz = normals[..., 0], normals[..., 1], normals[..., 2]
-    x, y, z = xyz_m[..., 0], xyz_m[..., 1], xyz_m[..., 2]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        distance = np.maximum(-(nx * x + ny * y + nz * z), np.float32(_LEAST_FACING))
-        share = z / distance * np.hypot(nx / np.float32(fx), ny / np.float32(fy))
-    share[np.isnan(share)] = 0.0
-    found: Float32 = share.astype(np.float32, copy=False)
-    return found
 
 
 _LOG = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)

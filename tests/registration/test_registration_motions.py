@@ -22,6 +22,7 @@ from flatcloth.registration.cameras import (
     extend_registration,
     register_all,
 )
+from flatcloth.registration.normal_equations import _fattening
 from flatcloth.registration.pose_prior import PosePrior, motion, twist_of
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 
@@ -196,8 +197,12 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     inner &= seen.images.normals[..., 2] < -0.6
     before = np.median(seen.xyz_m[..., 2][inner] - true[inner])
-    deeper = 1.0 + found.fattening_px * features[0].images.fattening
-    after = np.median((seen.xyz_m[..., 2] * deeper)[inner] - true[inner])
+    k, points = seen.intrinsics, seen.xyz_m[inner].astype(np.float64)
+    normals = seen.images.normals[inner].astype(np.float64)
+    pulled = [
+        _fattening(x, y, z, normal, k.fx, k.fy) for (x, y, z), normal in zip(points, normals, strict=True)
+    ]
+    after = np.median(points[:, 2] * (1.0 + found.fattening_px * np.array(pulled)) - true[inner])
     assert before < -0.0005
     assert abs(after) < 0.3 * abs(before)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -143,10 +144,11 @@ def pixel_cost(surface: Surface) -> Float32:
     rows, cols = np.nonzero(surface.usable)
     k = surface.frame.intrinsics
     normal = surface.normal[rows, cols]
-    ray = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy, np.ones(rows.size)], axis=1)
-    cos = -(ray * normal).sum(axis=1) / np.linalg.norm(ray, axis=1)
+    x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
+    cos = -(x * normal[:, 0] + y * normal[:, 1] + normal[:, 2]) / np.sqrt(x * x + y * y + 1.0)
     steep = 1.0 / np.square(np.clip(cos, 0.2, 1.0)) - 1.0
-    rim = ndimage.distance_transform_edt(surface.usable)[rows, cols]
+    inside = surface.usable.astype(np.uint8)
+    rim = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[rows, cols]
     cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
     cost[rows, cols] = FRONTAL_NOISE + STEEP_NOISE * steep + _RIM_NOISE * np.exp(-rim / 3.0)
     return cost

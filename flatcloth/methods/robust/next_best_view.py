@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -76,13 +77,12 @@ def rate_candidates(
     rim = _rim(shape)
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
+    poorly = best >= _POOR_INCIDENCE_DEG
     limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(75.0))
     rated = []
     for view in candidates:
         turn = camera_from_held(axis, angles_deg[view])
-        points, facing = turn.apply_with_normal(xyz, normal)
-        ray = -points / np.linalg.norm(points, axis=1)[:, None]
-        cos = (ray * facing).sum(axis=1)
+        points, ray, cos = _moved(xyz, normal, turn.rotation, turn.translation_m)
         visible = (cos > steep) & _uncovered(points)
         good = visible & (cos > limit)
         beyond = turn.turn(rim.beyond_normal)
@@ -94,8 +94,8 @@ def rate_candidates(
         rated.append(
             Candidate(
                 view_index=view,
-                overlap_m2=float(area * (good & (best < _POOR_INCIDENCE_DEG)).sum()),
-                improved_m2=float(area * (good & (best >= _POOR_INCIDENCE_DEG)).sum()),
+                overlap_m2=area * np.count_nonzero(good & ~poorly),
+                improved_m2=area * np.count_nonzero(good & poorly),
                 beyond_m2=float((rim.promise_m2 * opened).sum()) * novelty,
                 joining_m2=float(novelty * _JOINING_SHARE * area * shown),
                 unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
@@ -189,12 +189,42 @@ def _sums_out_of(i: NDArray[np.intp], j: NDArray[np.intp], vectors: Float64, n: 
     return np.stack(columns, axis=1)
 
 
+@njit(cache=True, nogil=True)
+def _moved(
+    xyz: Float64, normal: Float64, rotation: Float64, translation: Float64
+) -> tuple[Float64, Float64, Float64]:
+    """Return nodes (N, 3) in a camera's frame, directions (N, 3) to it, and cosines of incidence (N,)."""
+    points, ray, cos = np.empty_like(xyz), np.empty_like(xyz), np.zeros(len(xyz))
+    for n in range(len(xyz)):
+        square = 0.0
+        for a in range(3):
+            points[n, a] = translation[a]
+            for b in range(3):
+                points[n, a] += rotation[a, b] * xyz[n, b]
+            square += points[n, a] ** 2
+        distance = math.sqrt(square)
+        for a in range(3):
+            ray[n, a] = -points[n, a] / distance
+            turned = 0.0
+            for b in range(3):
+                turned += rotation[a, b] * normal[n, b]
+            cos[n] += ray[n, a] * turned
+    return points, ray, cos
+
+
+@njit(cache=True, nogil=True)
 def _uncovered(points: Float64) -> Bool:
     """Return which points (camera frame) have no other point clearly in front of them."""
-    cell = np.rint(points[:, :2] / points[:, 2:] / _COVER_RAD).astype(np.int64)
-    cell -= cell.min(axis=0)
-    flat = cell[:, 1] * (int(cell[:, 0].max()) + 1) + cell[:, 0]
-    nearest = np.full(int(flat.max()) + 1, np.inf)
-    np.minimum.at(nearest, flat, points[:, 2])
-    free: Bool = points[:, 2] <= nearest[flat] + _COVER_GAP_M
+    column, row = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.int64)
+    for n in range(len(points)):
+        column[n] = int(np.rint(points[n, 0] / points[n, 2] / _COVER_RAD))
+        row[n] = int(np.rint(points[n, 1] / points[n, 2] / _COVER_RAD))
+    column -= column.min()
+    row -= row.min()
+    nearest = np.full((row.max() + 1, column.max() + 1), np.inf)
+    for n in range(len(points)):
+        nearest[row[n], column[n]] = min(nearest[row[n], column[n]], points[n, 2])
+    free = np.empty(len(points), dtype=np.bool_)
+    for n in range(len(points)):
+        free[n] = points[n, 2] <= nearest[row[n], column[n]] + _COVER_GAP_M
     return free
