@@ -10,7 +10,7 @@ from benchmarks.output import Options
 
 # Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch")
-ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps")
+ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps", "paper_candidates")
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
 are about given recordings."""
 ON_ONE_CORE = (
@@ -50,7 +50,7 @@ def main() -> None:
         "--keep",
         default="",
         metavar="DIR",
-        help="accuracy, reliability, paper_steps: keep what each recording gave, and reuse it",
+        help="accuracy, reliability, paper_steps, paper_candidates: keep what each recording gave",
     )
     arguments = parser.parse_args()
     options = Options(

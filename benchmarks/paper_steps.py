@@ -1,5 +1,9 @@
 """What each change to the method ``paper`` for views in several parts does, alone and together.
 
+``Z-angle`` is the score by coarse texture, height and Z-angle; ``place`` the score by the places in
+space, which replaced it; ``estimate`` the initial estimate from pixels at the same place; ``necks`` that
+parts are separated at narrow necks.
+
 The variants are methods of their own: ``before`` has none of the changes, each of the others one of
 them, ``all`` is the method as it is. Takes some minutes a recording (``--keep DIR`` measures many in
 pieces); not part of the default run.
@@ -19,13 +23,14 @@ import numpy as np
 
 from benchmarks.output import Options, save
 from benchmarks.unattended import Remembered, sources
+from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.base import Alignment
 from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
-from flatcloth.methods.paper.method import Aligned, PaperMethod
+from flatcloth.methods.paper.method import Aligned, Aligner, PaperMethod
 from flatcloth.methods.paper.occlusion import near_samples, occluding_edge_length_m
 from flatcloth.methods.registry import MethodEntry, register, unregister
 from flatcloth.methods.starting import start_by_view
@@ -42,36 +47,48 @@ BEFORE_SCORE = 0.25
 LAG_PX = 6
 """Distance over which Z-angles are compared, in pixels of the flattened view."""
 BEFORE_TELLING = 0.25
-"""The texture that tells fully as it was."""
+"""The texture that told fully in that score."""
+TELLING_TEXTURE = 0.45
+"""The same in the score by coarse texture, height and Z-angle, which that by the place replaced. It was the
+random disagreement of a texture as strong as the floor: 1 - sqrt(pi) / 2 exp(1/4) erfc(1/2)."""
+CHANCE_HEIGHT = 0.85
+"""Heights that agreed less told nothing without texture: wrong placements reached 0.82 to 0.93."""
 
 
-class FineMatcher(Matcher):
-    """Scores by fine texture."""
+class TextureMatcher(Matcher):
+    """Scores by fine texture with height."""
 
     score_smoothing_m = FINE_SMOOTHING_M
 
-    def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
-        return by_height * (1.0 - told * (1.0 - by_intensity))
+    def total(self, parts: dict[str, float]) -> float:
+        told = min(1.0, self._chance[0] / BEFORE_TELLING)
+        return parts["height_agreement"] * (1.0 - told * (1.0 - parts["intensity_agreement"]))
 
 
-class BlindMatcher(Matcher):
-    """Scores without the Z-angle."""
+class HeightMatcher(Matcher):
+    """Scores by coarse texture, where there is any, otherwise by close height, both with the Z-angle."""
 
-    def doubted(self, by_z_angle: float) -> float:
-        return 1.0
+    def total(self, parts: dict[str, float]) -> float:
+        told = min(1.0, self._chance[0] / TELLING_TEXTURE)
+        height, by_texture = (
+            parts["height_agreement"],
+            parts["intensity_agreement"] * parts["height_agreement"],
+        )
+        by_shape = min(1.0, max(0.0, (height - CHANCE_HEIGHT) / (1.0 - CHANCE_HEIGHT)))
+        return (told * by_texture + (1.0 - told) * by_shape) * parts["z_angle_agreement"]
 
 
 @cache
 def matcher_of(kept: frozenset[str]) -> type[Matcher]:
     """Return the matcher with some of the changes."""
-    kinds = ([] if "coarse" in kept else [FineMatcher]) + ([] if "Z-angle" in kept else [BlindMatcher])
+    kinds: list[type[Matcher]] = []
+    if "place" not in kept:
+        kinds = [HeightMatcher] if "Z-angle" in kept else [TextureMatcher]
     was: dict[str, float] = {}
     if "noise" not in kept:
         was["z_angle_smoothing_m"] = 0.0
     if "search" not in kept:
         was["z_angle_weight"] = 0.0
-    if "shading" not in kept:
-        was["telling_texture"] = BEFORE_TELLING
     return type("VariantMatcher", (*kinds, Matcher), was)
 
 
@@ -90,7 +107,7 @@ class Before(PaperMethod):
 
     @property
     def accept_score(self) -> float:
-        return super().accept_score if "coarse" in self.kept else BEFORE_SCORE
+        return super().accept_score if "place" in self.kept else BEFORE_SCORE
 
     def start_view(self, progress: Progress = no_progress) -> int | None:
         if "start" in self.kept:
@@ -109,9 +126,10 @@ class Before(PaperMethod):
     def settled(self, alignment: Alignment) -> Alignment:
         return super().settled(alignment) if "start stands" in self.kept else alignment
 
-    @property
-    def other_lines(self) -> tuple[float, ...]:  # type: ignore[override]
-        return PaperMethod.other_lines if "lines" in self.kept else ()
+    def first_accepted(self, by_lines: Aligner, by_places: Aligner) -> Alignment:
+        if "estimate" in self.kept:
+            return super().first_accepted(by_lines, by_places)
+        return self.settled(by_lines())
 
     def choose(self, found: Sequence[Aligned]) -> Aligned:
         if "new area" in self.kept:
@@ -127,12 +145,14 @@ class Before(PaperMethod):
 
 
 CHANGES = (
-    *("start", "edges", "new area", "parts", "coarse", "Z-angle", "S_0", "start stands", "lines"),
-    *("noise", "search", "shading"),
+    *("start", "edges", "new area", "parts", "Z-angle", "place", "S_0", "start stands", "estimate"),
+    *("noise", "search", "necks"),
 )
 VARIANTS = {
     "before": frozenset[str](),
     **{name: frozenset({name}) for name in CHANGES},
+    "all but place": frozenset(CHANGES) - {"place", "estimate"},
+    "all but necks": frozenset(CHANGES) - {"necks"},
     "all": frozenset(CHANGES),
 }
 
@@ -155,16 +175,19 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     """Return a row for each variant of one recording."""
     recording = Remembered(open_recording(source))
     truth = Remembered(read_truth(recording.location))
-    rows, first = [], None
+    rows: list[dict[str, Any]] = []
+    first: dict[bool, Integration] = {}
     for name in variants:
         kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": f"paper-{name}"})
         register(MethodEntry(name=kind.name, summary=name, load=lambda kind=kind: kind))
         try:
-            made = Integration(recording, method=kind.name)
+            cuts = "necks" in VARIANTS[name]
+            whole = Config(flattening=FlatteningConfig(least_core_samples=0))
+            made = Integration(recording, Config() if cuts else whole, method=kind.name)
         finally:
             unregister(kind.name)
-        first = first or made
-        made._flattenings, made._areas = first._flattenings, first._areas
+        same = first.setdefault(cuts, made)
+        made._flattenings, made._areas = same._flattenings, same._areas
         document = Run(made, MemorySession(SessionState(len(recording)))).finish().document
         found = compare(made.canonical(document).view, truth, recording).evaluation
         rows.append(
@@ -182,9 +205,8 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
         )
         print("{recording:<24}{variant:<14}{coverage:>7.3f}{median_mm:>7.1f}{far_share:>7.1%}"
               "{relative_p95_mm:>7.1f}{views:>4}{parts:>4}".format(**rows[-1]), flush=True)  # fmt: skip
-    assert first is not None
-    start = first.part(rows[0]["start_view"], 0)
-    noise = [round(z_angle_noise_deg(start, first.axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
+    start, axis = first[False].part(rows[0]["start_view"], 0), first[False].axis
+    noise = [round(z_angle_noise_deg(start, axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
     rows[0]["z_angle_noise_deg"] = noise
     print(f"{recording.name:<24}noise of the Z-angle {noise[0]} deg, averaged {noise[1]}", flush=True)
     return rows

@@ -113,7 +113,7 @@ class CylinderIntegration:
         self.config = Config()
         self.planning = self.config.planning
         self.method = "paper"
-        self.accept_score = self.config.alignment.accept_score
+        self.accept_score = self.config.alignment.accept_agreement
         self.axis = self.recording.rotation_axis
         self.held_point_m = CENTER_M
         self.sides = None

@@ -59,13 +59,15 @@ def _opened(
     from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.engine.warmup import compile_beside
     from flatcloth.session.axis_file import settle_axis
-    from flatcloth.session.header import default_session_folder
+    from flatcloth.session.header import default_session_folder, kept_config
     from flatcloth.session.store import SessionFolder
 
     header = None if chosen is None else chosen.header
     if session is not None and session == current:
         return None
     config = None if header is None else header.effective_config
+    if header is None and session is not None:
+        config = kept_config(session, options.method)
     integration = integration_of(source, options.method, _source_options(options, chosen), config)
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:

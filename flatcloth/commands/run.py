@@ -33,9 +33,11 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.batch.integrate import integrate
     from flatcloth.engine.outcome import told
     from flatcloth.export.garment import told as garment_told
+    from flatcloth.session.header import kept_config
 
     base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
-    integration = integration_of(options.source, options.method, source_options_of(options))
+    kept = kept_config(options.out, options.method)
+    integration = integration_of(options.source, options.method, source_options_of(options), kept)
     with ProgressBar(integration.recording.name) as bar:
         done = integrate(
             integration,

@@ -71,7 +71,7 @@ class PlanningConfig:
 class AlignmentConfig:
     """The alignment of two flattened views (paper, section 4.2)."""
 
-    accept_score: float = 0.25
+    accept_agreement: float = 0.6
     """Least score of a proposal that is accepted without an operator (``docs/method.md``)."""
 
 

@@ -151,6 +151,7 @@ FORMER: dict[str, dict[str, Any]] = {
         "occluding_edge_min_m": 0.03,
     },
     "alignment": {
+        "accept_score": 0.25,
         "search_translation_m": 0.06,
         "search_rotation_deg": 15.0,
         "search_step_m": 0.006,

@@ -81,6 +81,14 @@ def height_m(xyz_m: Floats, axis: RotationAxis) -> Float64:
     return height
 
 
+def directions_across(axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Return two unit directions (3,) that are perpendicular to the axis and to each other."""
+    along = np.asarray(axis.direction, dtype=np.float64)
+    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(along, one)
+
+
 def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> Float64:
     """Return the Z-angle (...) of normals (..., 3) given in the object frame, seen at ``angle_deg``.
 

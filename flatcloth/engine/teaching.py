@@ -302,7 +302,7 @@ def _align(
         flattening=paper.flattening(event.view_index),
         current=current,
         new=new,
-        search=watched.seen(),
+        search=watched.seen(proposal.alignment.current_from_new == proposal.alignment.initial),
         renewed=renewed,
         origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
         placed_with=len(also),
@@ -402,12 +402,12 @@ class _WatchedMatcher(Matcher):
         self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
         return self._paths[-1][1][-1]
 
-    def seen(self) -> Search:
-        """Return the candidates of the last search."""
+    def seen(self, start_stands: bool) -> Search:
+        """Return the candidates of the last search; if the start stands, no path leads from it."""
         offsets, cost = self._batches[0]
         turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
         *paths, (_, polished) = self._paths
-        steps = min(paths, key=lambda item: item[0])[1] + polished
+        steps = paths[0][1][:1] if start_stands else min(paths, key=lambda item: item[0])[1] + polished
         path = np.array(steps)[[True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]]
         return Search(
             turns_rad=turns,

@@ -110,6 +110,20 @@ def read_header(folder: Path) -> Header:
     return header
 
 
+def kept_config(folder: Path, method: str) -> Config | None:
+    """Return the settings of a session of this method, which it is continued with; None if there is none.
+
+    Raises
+    ------
+    JournalError
+        As :func:`read_header`.
+    """
+    if not (folder / HEADER).exists():
+        return None
+    header = read_header(folder)
+    return header.effective_config if header.method == method else None
+
+
 def settle_header(
     folder: Path,
     recording: Recording,

@@ -274,5 +274,4 @@ const PARTS = {
   z_angle_agreement: "Agreement of the Z-angles after the rotation: 1 is the same; other cloth has another one",
   intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",
   height_rms_mm: "Root of the mean squared difference of the heights along the turning axis",
-  texture_share: "How much the brightness counts: 0 for plain cloth, 1 for a strong pattern",
 };

@@ -59,8 +59,10 @@ export function drawLines(sheet, rect, { alignment: lesson }) {
       xLabel: "u (mm)",
       yLabel: n === 0 ? "A_z (°)" : "A_z, A_z − A (°)",
     });
-    plot.band(...lines.common_range_deg, sheet.color.soft, 0.24);
-    if (n === 1) {
+    if (lines) plot.band(...lines.common_range_deg, sheet.color.soft, 0.24);
+    if (!lines) {
+      sheet.text("no common Z-angle", inner.x + 8, inner.y + 1.4 * sheet.em, { color: sheet.color.soft });
+    } else if (n === 1) {
       plot.curve(u, a, sheet.color.before, { width: 1.8, dash: [5, 4] });
       plot.curve(
         u,
@@ -71,11 +73,11 @@ export function drawLines(sheet, rect, { alignment: lesson }) {
     } else {
       plot.curve(u, a, sheet.color.mean, { width: 2.5 });
     }
-    plot.horizontal(lines.a_m_deg, sheet.color.band, "A_m");
+    if (lines) plot.horizontal(lines.a_m_deg, sheet.color.band, "A_m");
     const map = sheet.pane(name, box, bottom, { margin: 8 });
     sheet.within(bottom, () => {
       sheet.picture(map, lesson.picture[`${name}_color`], box, 0.55);
-      drawLine(sheet, map, lines[name], lesson.array[`${name}_pixels_uv`]);
+      if (lines) drawLine(sheet, map, lines[name], lesson.array[`${name}_pixels_uv`]);
       sheet.scaleBar(map);
     });
     sheet.frame(bottom);

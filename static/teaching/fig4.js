@@ -174,8 +174,8 @@ export const EXTENDING_STAGES = [
     text: [
       "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw " +
         "the range that they share (shaded).",
-      "Pixels of its middle A_m (of a quartile, where that fails) make a band in each view; the axis of the band " +
-        "is a line on the cloth, and the same height z on both lines gives a pair of points.",
+      "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the " +
+        "same height z on both lines gives a pair of points.",
     ],
     math: () => [equation(A("m"), "=", words("middle of "), Az("0"), "∩", "(", Az("1"), "−", "A", ")")],
     facts: ({ alignment: a }) =>
@@ -205,7 +205,8 @@ export const EXTENDING_STAGES = [
     text: [
       "Line on line and point on point: that fixes one turn θ and one shift t, the initial estimate.",
       "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band " +
-        "has no clear axis.",
+        "has no clear axis. If the placement found from it is refused, the method starts again from all pixels " +
+        "that show the same place of the item, and the overlay is that one.",
     ],
     math: () => [
       equation("R", "(", "θ", ")", sup("d", "1"), "=", sup("d", "0"), words(" (directions)")),

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from flatcloth.cli import main
-from flatcloth.core.config import Config, FlatteningConfig
+from flatcloth.core.config import AlignmentConfig, Config, FlatteningConfig
 from flatcloth.core.errors import JournalError
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
+from flatcloth.session.header import kept_config
 from flatcloth.session.store import SessionFolder
 
 FORMER = Path(__file__).parent / "former"
@@ -31,7 +32,9 @@ def change(folder: Path, section: str, name: str, value: object) -> None:
 
 
 def test_it_opens_with_its_decisions_and_draws_its_shape(folder: Path) -> None:
-    made = Integration(open_recording("shirt-sleeve-clean"), method=METHOD)
+    made = Integration(open_recording("shirt-sleeve-clean"), kept_config(folder, METHOD), METHOD)
+    assert made.config.flattening.least_core_samples == 0  # its parts are numbered as they were
+    assert made.config.alignment == AlignmentConfig()
     opened = SessionFolder.open(folder, made.recording, made.config, METHOD)
     try:
         document = opened.state.document

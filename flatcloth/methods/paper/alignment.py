@@ -1,8 +1,8 @@
 """Alignment of a new flattened view to the current one (paper, section 4.2).
 
-The initial estimate comes from lines of equal Z-angle, the final placement from a search around it
-that compares intensity and height. Height is measured along the turning axis, so it does not change
-while the item turns.
+The initial estimate comes from lines of equal Z-angle, or from pixels that show the same place; the final
+placement from a search around it that compares intensity, height and Z-angle. Height is measured along the
+turning axis, so it does not change while the item turns.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from flatcloth.core.geometry import height_m
 from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
 from flatcloth.methods.paper.matching import Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
+from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
 """Half widths of the band of Z-angles of a line; the first band with enough pixels is used. Set by hand."""
-MEDIAN_LINE = 0.5
-"""The lines lie in the middle of the common range of Z-angles (paper, 4.2)."""
 _LINE_MIN_AREA_M2 = 0.0003
 """The pixels of the common Z-angle must cover this area. Set by hand."""
 
@@ -35,8 +34,7 @@ def align_by_z_angle(
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
     progress: Progress = no_progress,
-    make_matcher: type[Matcher] = Matcher,
-    line_at: float = MEDIAN_LINE,
+    matcher: Matcher | None = None,
 ) -> Alignment:
     """Align a new flattened view to the current one by the paper's method.
 
@@ -53,8 +51,8 @@ def align_by_z_angle(
         Motion from the current plane to the plane of the continued view.
     z_angle_limit_deg : float
         A_w.
-    line_at : float
-        Where the lines lie in the range of Z-angles that both views contain; the paper's are in its middle.
+    matcher : Matcher, optional
+        Compares these two views; by default a new :class:`Matcher`.
 
     Returns
     -------
@@ -65,6 +63,7 @@ def align_by_z_angle(
     AlignmentError
         If the views have no Z-angle in common.
     """
+    matcher = matcher or Matcher(current, new, axis)
     correspondence = correspond(
         current,
         new,
@@ -72,11 +71,25 @@ def align_by_z_angle(
         angles_deg,
         frame_from_current,
         z_angle_limit_deg,
-        line_at,
-        make_matcher.z_angle_smoothing_m,
+        matcher.z_angle_smoothing_m,
     )
-    initial = from_lines(correspondence)
-    matcher = make_matcher(current, new, axis)
+    return align_from(from_lines(correspondence), matcher, progress, correspondence)
+
+
+def align_by_places(
+    current: FlattenedView, new: FlattenedView, matcher: Matcher, progress: Progress = no_progress
+) -> Alignment:
+    """Align as :func:`align_by_z_angle`, from another initial estimate (:func:`from_places`)."""
+    return align_from(from_places(current, new), matcher, progress)
+
+
+def align_from(
+    initial: Rigid2,
+    matcher: Matcher,
+    progress: Progress = no_progress,
+    correspondence: Correspondence | None = None,
+) -> Alignment:
+    """Search the placement around an initial estimate."""
     progress(0.2, "searching the alignment")
     found = matcher.search(initial, progress)
     return Alignment(
@@ -105,7 +118,6 @@ def correspond(
     angles_deg: tuple[float, float],
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
-    line_at: float = MEDIAN_LINE,
     z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
 ) -> Correspondence:
     """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
@@ -114,7 +126,7 @@ def correspond(
     curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current)
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg)
     low, high = _common_range(curves, new_curves, rotation_deg)
-    a_m = low + line_at * (high - low)
+    a_m = 0.5 * (low + high)
     current_angle = mean_z_angle_deg(current, axis, before_deg, z_angle_smoothing_m)
     new_angle = mean_z_angle_deg(new, axis, before_deg, z_angle_smoothing_m)
     pixels = [_pixels_at(angle, view, a_m) for angle, view in ((current_angle, current), (new_angle, new))]

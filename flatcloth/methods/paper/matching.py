@@ -3,7 +3,8 @@
 The criteria are the paper's (4.2), intensity and height, and the Z-angle, on which its initial estimate
 rests. Intensity is compared as texture, i.e. minus its local mean, because shading does not move with
 the cloth and would shift plain cloth. Height determines plain cloth along the vertical only; across it
-the Z-angle does.
+the Z-angle does. A placement is scored by its consequence: as the rotation is known, pixels that coincide
+show the same place of the item.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from flatcloth.core.geometry import height_m, z_angle_deg
+from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import AlignmentScore
 
@@ -52,36 +53,32 @@ _MIN_OVERLAP_SHARE = 0.1
 """Share of the new view that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
 """The score decreases in proportion if the overlap is smaller than this. Set by hand."""
-TELLING_TEXTURE = 0.45
-"""Texture whose random disagreement is smaller than this has proportionally less weight. Chosen: that of
-texture as strong as the floor, 1 - sqrt(pi) / 2 exp(1/4) erfc(1/2); shading is weaker (1 to 2 grey levels on
-plain cloth) and does not move with the cloth."""
-
+_PLACE_SCALE_M = 0.010
+"""Distance in space that counts as half a disagreement. Chosen: half of what is counted as wrong in the
+evaluation; noise, bending of the flattened views and an axis that is a few millimetres off stay below it."""
+OTHER_FACING_DEG = 37.0
+"""Cloth whose Z-angle differs by more is other cloth. Set by hand: several times the noise of the averaged
+Z-angles, and less than the two flanks of a fold differ by."""
 _CHANCE_PAIRS = 5000
 """Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
 the spread."""
 _Z_ANGLE_SCALE_DEG = 8.0
 """Difference in Z-angle that counts as half a disagreement. Chosen: the widest band of a line of equal
 Z-angle (alignment.py)."""
-_CHANCE_HEIGHT = 0.85
-"""Without texture, heights that agree less than this tell nothing: wrong placements of the shared recordings
-reach 0.82 to 0.93, right ones mostly 0.93 to 1 (``python -m benchmarks paper_steps``)."""
 
 
 class Matcher:
-    """Compares two flattened views at a placement by intensity and height.
+    """Compares two flattened views at a placement by intensity, height, Z-angle and place.
 
     The disagreement of each overlapping pixel of the new view is a robust mean of the two
     differences, from 0 (equal) to 1. The coarse part of the search compares smoothed texture, which
-    tolerates its larger steps, and so does the score: fine texture refuses placements that are a few
-    millimetres off.
+    tolerates its larger steps, and so do the agreements beside the score.
     """
 
     score_smoothing_m = _COARSE_SMOOTHING_M
     z_angle_smoothing_m = Z_ANGLE_SMOOTHING_M
     z_angle_weight = 1.0
     """Weight of the Z-angle in the search; intensity and height have 1 each."""
-    telling_texture = TELLING_TEXTURE
 
     def __init__(self, current: FlattenedView, new: FlattenedView, axis: RotationAxis) -> None:
         self._pixel_size_m = new.pixel_size_m
@@ -99,9 +96,16 @@ class Matcher:
         self._chance = self._chance_disagreement()
 
     def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> Float32:
-        """Return (H, W, 4): the given texture, height (m), cos and sin of the Z-angle; NaN off the cloth."""
+        """Return (H, W, 6): the texture, height (m), cos and sin of the Z-angle, place across the axis (m).
+
+        NaN off the cloth.
+        """
         angle = np.radians(mean_z_angle_deg(view, axis, 0.0, self.z_angle_smoothing_m))
-        fields = np.stack([texture, height_m(view.xyz_m, axis), np.cos(angle), np.sin(angle)], axis=-1)
+        place = view.xyz_m @ np.stack(directions_across(axis), axis=-1)
+        fields = np.stack(
+            [texture, height_m(view.xyz_m, axis), np.cos(angle), np.sin(angle), place[..., 0], place[..., 1]],
+            axis=-1,
+        )
         fields[~view.valid] = np.nan
         return np.ascontiguousarray(fields, dtype=np.float32)
 
@@ -127,9 +131,9 @@ class Matcher:
 
         Returns
         -------
-        (n, 6) float64
+        (n, 7) float64
             Mean disagreement, overlap share, its intensity and height parts, rms of height (m), its
-            Z-angle part.
+            Z-angle part, and the mean disagreement of the places, which is no part of it.
         """
         which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
@@ -143,6 +147,8 @@ class Matcher:
             _HEIGHT_SCALE_M,
             math.radians(_Z_ANGLE_SCALE_DEG),
             self.z_angle_weight if z_angle_weight is None else z_angle_weight,
+            _PLACE_SCALE_M,
+            math.cos(math.radians(OTHER_FACING_DEG)),
         )
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
@@ -172,43 +178,32 @@ class Matcher:
     def score(self, current_from_new: Rigid2) -> AlignmentScore:
         """Score a placement: 0 is chance or worse, 1 perfect agreement.
 
-        Each agreement is relative to that of randomly paired pixels, so that a regular pattern that
-        matches itself by half gains nothing. Texture counts in proportion to its presence; in
-        proportion to its absence height must agree closely, because it also agrees at wrong placements.
-        Both count as far as the Z-angles agree, on which the initial estimate rests: the same cloth has
-        the same Z-angle in both views, after the rotation between them.
+        The score is the mean agreement, over the overlap, of the places in the object frame: half for pixels
+        10 mm apart, none for cloth that faces another way. It follows the error of the placement, while
+        intensity, height and Z-angle also agree at wrong placements, and disagree at right ones under
+        noise or where the view is bent otherwise than the shape (``docs/method.md``). They are told beside
+        the score; intensity and height relative to randomly paired pixels.
         """
         result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
         area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
         by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
         by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
-        told = min(1.0, self._chance[0] / self.telling_texture)
-        enough = min(1.0, area / _ENOUGH_OVERLAP_M2)
-        by_shape = min(1.0, max(0.0, (by_height - _CHANCE_HEIGHT) / (1.0 - _CHANCE_HEIGHT)))
         by_z_angle = 1.0 - float(result[5]) if result[1] > 0 else 0.0
-        total = self.combined(told, by_intensity, by_height, by_shape) * enough if result[1] > 0 else 0.0
-        total *= self.doubted(by_z_angle)
-        return AlignmentScore(
-            total,
-            {
-                "intensity_agreement": by_intensity,
-                "height_agreement": by_height,
-                "z_angle_agreement": by_z_angle,
-                "height_rms_mm": float(result[4]) * 1e3,
-                "texture_share": told,
-                "overlap_cm2": area * 1e4,
-                "overlap_share": float(result[1]),
-            },
-            "height_rms_mm",
-        )
+        by_place = 1.0 - float(result[6]) if result[1] > 0 else 0.0
+        parts = {
+            "place_agreement": by_place,
+            "intensity_agreement": by_intensity,
+            "height_agreement": by_height,
+            "z_angle_agreement": by_z_angle,
+            "height_rms_mm": float(result[4]) * 1e3,
+            "overlap_cm2": area * 1e4,
+            "overlap_share": float(result[1]),
+        }
+        return AlignmentScore(self.total(parts) * min(1.0, area / _ENOUGH_OVERLAP_M2), parts, "height_rms_mm")
 
-    def combined(self, told: float, by_intensity: float, by_height: float, by_shape: float) -> float:
-        """Weigh texture, as far as there is any, against height alone."""
-        return told * by_intensity * by_height + (1.0 - told) * by_shape
-
-    def doubted(self, by_z_angle: float) -> float:
-        """Return the factor of the score for the agreement of the Z-angles."""
-        return by_z_angle
+    def total(self, parts: dict[str, float]) -> float:
+        """Return the score of a sufficient overlap."""
+        return parts["place_agreement"]
 
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""
@@ -349,13 +344,15 @@ def _compare(
     height_scale: float,
     z_angle_scale: float,
     z_angle_weight: float,
+    place_scale: float,
+    same_facing: float,
 ) -> Float64:
-    """Compare under each pose (theta, u, v): disagreement, overlap share, its parts, height rms, Z-angle."""
+    """Compare under each pose (theta, u, v): the columns of :meth:`Matcher.disagreement`."""
     rows, cols = fields.shape[0], fields.shape[1]
-    result = np.zeros((poses.shape[0], 6))
+    result = np.zeros((poses.shape[0], 7))
     for p in range(poses.shape[0]):
         cos, sin = math.cos(poses[p, 0]), math.sin(poses[p, 0])
-        n, intensity, height, z_angle, square = 0, 0.0, 0.0, 0.0, 0.0
+        n, intensity, height, z_angle, square, place = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(uv.shape[0]):
             u = cos * uv[k, 0] - sin * uv[k, 1] + poses[p, 1]
             v = sin * uv[k, 0] + cos * uv[k, 1] + poses[p, 2]
@@ -379,14 +376,18 @@ def _compare(
                 + w10 * fields[r + 1, c, 0]
                 + w11 * fields[r + 1, c + 1, 0]
             )
-            # The Z-angle changes little over a pixel: the nearest one serves.
+            # The Z-angle and the place change little over a pixel: the nearest one serves.
             rz, cz = r + (1 if fy > 0.5 else 0), c + (1 if fx > 0.5 else 0)
             di = i - values[k, 0]
             dh = h - values[k, 1]
             along = fields[rz, cz, 2] * values[k, 2] + fields[rz, cz, 3] * values[k, 3]
             ca = (2.0 - 2.0 * along) / z_angle_scale**2  # the squared chord stands for the squared angle
             ch = (dh / height_scale) ** 2
+            dx = fields[rz, cz, 4] - values[k, 4]
+            dy = fields[rz, cz, 5] - values[k, 5]
+            cp = (dx * dx + dy * dy + dh * dh) / place_scale**2
             n += 1
+            place += cp / (cp + 1.0) if along > same_facing else 1.0
             intensity += di * di / (di * di + 1.0)
             height += ch / (ch + 1.0)
             z_angle += ca / (ca + 1.0)
@@ -398,6 +399,7 @@ def _compare(
             result[p, 3] = height / n
             result[p, 4] = math.sqrt(square / n)
             result[p, 5] = z_angle / n
+            result[p, 6] = place / n
         else:
-            result[p, 0] = 1.0
+            result[p, 0] = result[p, 6] = 1.0
     return result

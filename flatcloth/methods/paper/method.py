@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.base import (
@@ -26,7 +25,7 @@ from flatcloth.methods.base import (
 )
 from flatcloth.methods.edges import edges_of_view, joined_edges
 from flatcloth.methods.paper.alignment import (
-    MEDIAN_LINE,
+    align_by_places,
     align_by_z_angle,
     correspond,
     from_lines,
@@ -35,13 +34,12 @@ from flatcloth.methods.paper.alignment import (
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew, without
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
+from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.paper.planning import choose, column_curves, plan_side
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE, fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2, start_by_component
 from flatcloth.session.machine import Accepted, Document, Later, PlacedPart, Side
 
-_OTHER_LINES = (0.25, 0.75)
-"""Where the other lines of equal Z-angle lie in the common range of Z-angles. Chosen: its quartiles."""
 _KNOWN_SHARE = 0.95
 """A component of which more is part of the shape already adds next to nothing. Set by hand."""
 _MOSTLY_KNOWN_SHARE = 0.75
@@ -51,6 +49,10 @@ _LEAST_OVERLAP_SHARE = 0.05
 hand."""
 _MOST_OVERLAP_SHARE = 0.2
 """Components of one view overlap by at most this share: outlines are a few millimetres off. Set by hand."""
+
+
+Aligner = Callable[[], Alignment]
+"""Aligns one component from one initial estimate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +75,6 @@ class PaperMethod(Method):
 
     name = "paper"
     matcher_kind = Matcher
-    other_lines: tuple[float, ...] = _OTHER_LINES
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
@@ -81,11 +82,6 @@ class PaperMethod(Method):
         self._canonicals: Cache[Renewed] = Cache(64, 96 * 2**20)
         self._matchers: Cache[Matcher] = Cache(4)
         self._left: Cache[list[Aligned]] = Cache(8)
-
-    @classmethod
-    def default_config(cls) -> Config:
-        """Keep components together that a narrow neck connects: the paper has one surface per view."""
-        return Config(flattening=FlatteningConfig(least_core_samples=0))
 
     @cached_property
     def overlap_area_m2(self) -> float:
@@ -95,7 +91,7 @@ class PaperMethod(Method):
     @property
     def accept_score(self) -> float:
         """Departure: the paper accepts every view that it planned."""
-        return self._config.alignment.accept_score
+        return self._config.alignment.accept_agreement
 
     # ------------------------------------------------- 4.1 Calculation of the appropriate rotation angle
 
@@ -181,8 +177,10 @@ class PaperMethod(Method):
         turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
         new = self._views.part(view_index, component)
 
-        def along(line_at: float) -> Alignment:
-            found = align_by_z_angle(
+        matcher = self.matcher_kind(current, new, self._views.axis)
+
+        def by_lines() -> Alignment:
+            return align_by_z_angle(
                 current,
                 new,
                 self._views.axis,
@@ -190,12 +188,10 @@ class PaperMethod(Method):
                 canonical.current_from_view[front].inverse(),
                 self._config.planning.z_angle_limit_deg,
                 progress,
-                self.matcher_kind,
-                line_at,
+                matcher,
             )
-            return self.settled(found)
 
-        alignment = self.first_accepted(along)
+        alignment = self.first_accepted(by_lines, lambda: align_by_places(current, new, matcher, progress))
         motion = alignment.current_from_new
         return Aligned(
             part=PlacedPart(view_index, component, motion),
@@ -204,27 +200,26 @@ class PaperMethod(Method):
             known_share=covered_share(canonical.view, new, motion),
         )
 
-    def first_accepted(self, along: Callable[[float], Alignment]) -> Alignment:
-        """Align along the paper's lines; if the placement is refused, along other lines as well.
+    def first_accepted(self, by_lines: Aligner, by_places: Aligner) -> Alignment:
+        """Align along the paper's lines; if that fails or is refused, from pixels at the same place.
 
-        Departure: the paper has the median line only, and proposes better ones as future work.
+        Departure: the paper has the lines only, and proposes a better initial estimate as future work.
         """
-        best: Alignment | None = None
-        first_error: AlignmentError | None = None
-        for line_at in (MEDIAN_LINE, *self.other_lines):
+        found: list[Alignment] = []
+        errors: list[AlignmentError] = []
+        for align in (by_lines, by_places):
             try:
-                found = along(line_at)
+                found.append(self.settled(align()))
             except AlignmentError as error:
-                first_error = first_error or error
+                errors.append(error)
                 continue
-            if best is None or found.score.total > best.score.total:
-                best = found
-            if best.score.total >= self.accept_score:
+            if found[-1].score.total >= self.accept_score:
                 break
-        if best is None:
-            assert first_error is not None
-            raise first_error
-        return best
+        if not found:
+            raise errors[0]
+        best = max(found, key=lambda a: a.score.total)
+        # The page shows the lines where there are any.
+        return replace(best, correspondence=found[0].correspondence)
 
     def settled(self, alignment: Alignment) -> Alignment:
         """Let the start stand where the search ends farther off."""
@@ -287,10 +282,13 @@ class PaperMethod(Method):
         frame_from_current = self.canonical(document).current_from_view[view_index].inverse()
         new, limit = self._views.part(view_index, component), self._config.planning.z_angle_limit_deg
         seen = (self.angles_deg[view_index],) * 2
-        for line_at in (MEDIAN_LINE, *self.other_lines):
+
+        def by_lines() -> Rigid2:
+            return from_lines(correspond(current, new, self._views.axis, seen, frame_from_current, limit))
+
+        for estimate in (by_lines, lambda: from_places(current, new)):
             with contextlib.suppress(AlignmentError):
-                lines = correspond(current, new, self._views.axis, seen, frame_from_current, limit, line_at)
-                if covered_share(current, new, from_lines(lines)) >= _LEAST_OVERLAP_SHARE:
+                if covered_share(current, new, estimate()) >= _LEAST_OVERLAP_SHARE:
                     return True
         return False
 
@@ -303,7 +301,7 @@ class PaperMethod(Method):
         return covered_share(views[0], views[1], motions[0].inverse() @ motions[1])
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement by intensity and height."""
+        """Score a placement by the places that coincide."""
         return self._matcher(document, view_index, component).score(motion)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:

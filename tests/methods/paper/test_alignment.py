@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import AXIS, placement_error_m, views
+from scenes import AXIS, Cylinder, placement_error_m, views
 from scipy import ndimage
 
 from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines
 from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.places import from_places
 
 
 @pytest.mark.parametrize("turn_deg", [20.0, -20.0, 40.0, 50.0])
@@ -73,6 +75,35 @@ def test_the_score_falls_with_the_displacement_and_names_its_parts() -> None:
     assert scores[0].parts["height_rms_mm"] < 1.5 < scores[2].parts["height_rms_mm"]
     assert matcher.score(Rigid2(0.0, 5.0, 0.0)).total == 0.0
     assert matcher.score(Rigid2(0.0, 5.0, 0.0)).parts["overlap_cm2"] == 0.0
+
+
+def test_the_score_is_the_agreement_of_the_places_whatever_the_texture() -> None:
+    current, new = views(0.0, 20.0, square_m=10.0)  # plain
+    matcher = Matcher(current, new, AXIS)
+    cylinder = Cylinder()
+    flat = [
+        fit_rigid2(v.uv_from_rc(np.argwhere(v.valid)), cylinder.flat_uv_m(v.xyz_m[v.valid]))
+        for v in (current, new)
+    ]
+    right = flat[0].inverse() @ flat[1]
+    assert matcher.score(right).total > 0.95
+    for apart_m, agreement in ((0.005, 0.8), (0.010, 0.5), (0.020, 0.2)):
+        lower = matcher.score(Rigid2(0.0, 0.0, apart_m) @ right)  # along the axis, so exactly as far in space
+        assert lower.total == pytest.approx(agreement, abs=0.03)
+        across = matcher.score(Rigid2(0.0, apart_m, 0.0) @ right)  # the views themselves are 1 mm off
+        assert across.parts["height_agreement"] > 0.95
+        assert across.total == pytest.approx(agreement, abs=0.07)
+
+
+def test_the_places_give_an_initial_estimate_that_needs_neither_line_nor_texture() -> None:
+    current, new = (wavering(view, n) for n, view in enumerate(views(0.0, 50.0, square_m=10.0)))
+    assert placement_error_m(current, new, from_places(current, new)) < 0.004
+
+
+def test_views_of_different_cloth_have_no_place_in_common() -> None:
+    current, new = views(0.0, 180.0)
+    with pytest.raises(AlignmentError, match="same place"):
+        from_places(current, new)
 
 
 def test_the_search_finds_back_from_a_displaced_start() -> None:
