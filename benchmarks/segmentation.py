@@ -27,7 +27,7 @@ from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.segmentation.certainty import CALIBRATION, agreement, features
+from flatcloth.segmentation.certainty import CALIBRATION, features
 from flatcloth.segmentation.observed import Observed, observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -158,7 +158,7 @@ def calibration_rows(
             votes[k] += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
     state = solver._state(found.decisions)
     held = np.concatenate([np.empty(0, int), *(touched for _, touched in state.strokes)]).astype(int)
-    agreed = agreement(observed, state.side, solver._anchors(state), state.group)
+    agreed = solver._agreed(state)
     right = np.where(state.shown > 0, votes[0], votes[1])
     used = (votes.sum(axis=0) > 0) & state.known
     used[held] = False

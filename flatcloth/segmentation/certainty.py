@@ -14,7 +14,13 @@ CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
 pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation --learn``."""
 
 
-def agreement(observed: Observed, side: Float64, anchors: Sequence[Int64], group: Int64) -> Float64:
+_CONTRADICTED = 0.1
+"""Weight of a sample for each anchor that it contradicts. Chosen: at 0, strokes may leave no sample."""
+
+
+def agreement(
+    observed: Observed, side: Float64, anchors: Sequence[Int64], group: Int64, guess: bool = True
+) -> Float64:
     """Return (M,) how often a cluster lies to the anchors as ``side`` says, in the samples.
 
     Parameters
@@ -29,16 +35,26 @@ def agreement(observed: Observed, side: Float64, anchors: Sequence[Int64], group
     group : (M,) int64
         What strokes turned over against each other, 0 what none did: an anchor tells of its own group
         only. What no stroke turned over is as sure as it was to the start, even if that was turned over.
+        Of what was turned over, those samples tell most that contradict no other anchor.
+    guess : bool
+        Whether the sheet where it starts still counts as known.
     """
     samples = observed.samples.astype(np.float32)
     count = len(samples)
     best = np.full(observed.clusters.count, 0.5)
     unturned = observed.partition.side
+    turns = np.array([np.sign((samples[:, anchor] * side[anchor]).sum(axis=1)) for anchor in anchors])
+    turns[-1] *= guess
     for n, anchor in enumerate(anchors):
         first = n == len(anchors) - 1
+        own = 0 if first else int(np.bincount(group[anchor]).argmax())
         says = np.sign((samples[:, anchor] * (unturned if first else side)[anchor]).sum(axis=1))
-        share = 0.5 + 0.5 * (says @ samples) * (unturned if first else side) / (count + 1.0)
-        told = group == (0 if first else np.bincount(group[anchor]).argmax())
+        # What was turned over must agree with all that is known (conditional on it, the samples are few).
+        weight = _CONTRADICTED ** ((turns * turns[n] < 0).sum(axis=0) if own else np.zeros(count))
+        size = weight.sum() ** 2 / np.square(weight).sum()
+        mean = (says * weight) @ samples / weight.sum()
+        share = 0.5 + 0.5 * mean * (unturned if first else side) * size / (size + 1.0)
+        told = group == own
         best[told] = np.maximum(best, share)[told]
     agreed: Float64 = best
     for anchor in anchors:

@@ -55,9 +55,10 @@ class SegmentationConfig:
     """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
     most_cost: float = 62.0
     """A region that would cost more than this has no clear border. A first stroke that contradicts a side
-    that was shown then means that the guess was wrong, and turns all over; for any other, the partition is
-    made anew, if that costs less. Learned, as the middle of the values with which least is wrong after a
-    first stroke; ``python -m benchmarks segmentation --learn`` prints it, and leave-one-garment-out."""
+    that was shown then may mean that the guess was wrong: all is turned over, or, if a sample divides both,
+    what is not in the region is undecided. For any other stroke, the partition is made anew, if that costs
+    less. Learned, as the middle of the values with which least is wrong after a first stroke; ``python -m
+    benchmarks segmentation --learn`` prints it, and leave-one-garment-out."""
     flip_rounds: int = 1
     """Reweightings of the potentials."""
     least_certainty: float = 0.7
@@ -65,7 +66,10 @@ class SegmentationConfig:
     certainty_per_stroke: float = 0.05
     """... less this for each stroke after the second: what is wrong would have been stroked first."""
     sure: float = 0.9
-    """What is more certain than this is not turned over silently."""
+    """What is more certain than this is not turned over silently. What strokes turned over is undecided if it
+    is less certain, ..."""
+    turned_per_stroke: float = 0.1
+    """... less this for each stroke after the first: what is wrong would have been stroked first."""
     fill_px: int = 16
     """Pixels of the item without a cluster take that of the nearest with one, within this distance ..."""
     fill_m: float = 0.012

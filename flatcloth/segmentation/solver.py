@@ -34,6 +34,7 @@ _WELL_SEEN = 0.6
 """Cosine of incidence from which a view tells its front. Chosen: up to 53 degrees."""
 _START_M = 0.02
 """Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
+_UNTESTED, _SETTLED = -1, -2  # by definition: numbers of no part
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 
@@ -44,16 +45,19 @@ class _State:
 
     ``inner`` (M,) is True on inner faces, which are of no interest whatever side they lie on; ``strokes``
     are the clusters under each stroke, in order; ``group`` (M,) int64 tells apart what strokes turned
-    over against each other: the evidence between two groups is contradicted; ``known`` (M,) is True in
-    the largest part of the evidence, and in others that a stroke touched: elsewhere nothing tells the
-    side.
+    over against each other: the evidence between two groups is contradicted; ``part`` (M,) int64 tells
+    apart what nothing joins; ``guess`` is the part that waits until a stroke tells whether the guess of
+    the side was right, or says why there is none; ``known`` (M,) is True in the largest part of the
+    evidence, and in others that a stroke touched: elsewhere nothing tells the side.
     """
 
     side: Float64
     inner: Bool
     holder: Int64
     strokes: tuple[tuple[int, Int64], ...]
+    guess: int
     group: Int64
+    part: Int64
     known: Bool
     excluded: Bool
     conflicts: tuple[Conflict, ...]
@@ -154,7 +158,9 @@ class SideSolver:
             inner=np.zeros(len(side), dtype=np.bool_),
             holder=np.full(len(side), -1, dtype=np.int64),
             strokes=(),
+            guess=_UNTESTED,
             group=np.zeros(len(side), dtype=np.int64),
+            part=found.part,
             known=found.part == largest,
             excluded=np.zeros(len(side), dtype=np.bool_),
             conflicts=(),
@@ -169,29 +175,57 @@ class SideSolver:
             excluded[off] = True
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
-        conflicts = self._conflicts(state, touched, wanted, number)
-        shown = self.solve(decisions[:-1]).side
-        side, inner, known = self._spread(state, touched, wanted, shown)
+        conflicts = (*state.conflicts, *self._conflicts(state, touched, wanted, number))
+        if state.guess >= 0 and (state.part[touched] == state.guess).any():
+            state = self._settled(state, touched, wanted, number)
+        else:
+            state = self._stroked(state, touched, wanted, number, self.solve(decisions[:-1]).side)
+        return replace(state, conflicts=conflicts)
+
+    def _settled(self, state: _State, touched: Int64, wanted: float, number: int) -> _State:
+        """Tell by a stroke whether the guess was right, and take those before it again with that known."""
+        begin = self._begin()
+        own = touched[state.part[touched] == state.guess]
+        right = np.sign(wanted * begin.side[own].sum() or 1.0)
+        # If it was wrong, where it began tells nothing: only strokes do.
+        group = np.where(begin.known & (right < 0), 1, 0)
+        fresh = replace(begin, side=right * begin.side, group=group, excluded=state.excluded, guess=_SETTLED)
+        fresh = self._stroked(fresh, touched, wanted, number, None)
+        for earlier, before in state.strokes:
+            rest = np.setdiff1d(before, touched)
+            if rest.size:
+                shown = 1.0 if state.shown[rest].sum() > 0 else -1.0
+                fresh = self._stroked(fresh, rest, shown, earlier, None)
+        return fresh
+
+    def _stroked(
+        self, state: _State, touched: Int64, wanted: float, number: int, told: Int8 | None
+    ) -> _State:
+        side, inner, part, known = self._spread(state, touched, wanted, told)
         turned = (_shown(side, inner) != state.shown) & state.known
         group = state.group
         if not turned[state.known].all():  # all at once: what lies together still does
             group = np.unique(np.append(2 * group + turned, 0), return_inverse=True)[1].ravel()[:-1]
+        doubted = part != state.part
         holder = state.holder.copy()
         holder[touched] = number
         return replace(
             state,
             side=side,
             inner=inner,
+            part=part,
             known=known,
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
-            group=group,
-            conflicts=(*state.conflicts, *conflicts),
+            guess=int(part.max()) if doubted.any() else state.guess,
+            group=np.where(doubted, group.max() + 1, group),  # the guess tells nothing there any more
         )
 
-    def _spread(self, state: _State, touched: Int64, wanted: float, told: Int8) -> tuple[Float64, Bool, Bool]:
+    def _spread(
+        self, state: _State, touched: Int64, wanted: float, told: Int8 | None
+    ) -> tuple[Float64, Bool, Int64, Bool]:
         side, inner, known = state.side.copy(), state.inner.copy(), state.known.copy()
-        part, shown = self.observed.partition.part, state.shown
+        part, shown = state.part, state.shown
         for n in np.unique(part[touched]):
             own = touched[part[touched] == n]
             if not known[own[0]]:  # a part that nothing joined to the others: its polarity is the stroke's
@@ -201,11 +235,11 @@ class SideSolver:
                 known[members] = True
         wrong = touched[shown[touched] != wanted]
         if not wrong.size:
-            return side, inner, known
+            return side, inner, part, known
         kept = state.holder >= 0
         kept[touched] = False
         keep = np.concatenate([np.flatnonzero(kept), touched[shown[touched] == wanted]])
-        if not state.strokes and not np.intersect1d(wrong, self._start).size:
+        if state.guess == _UNTESTED and not state.strokes and not np.intersect1d(wrong, self._start).size:
             keep = np.union1d(np.setdiff1d(self._start, touched), keep)  # unless the guess was wrong there
         number, faces = 1 + len(state.strokes), wrong[inner[wrong]]
         if faces.size:  # was taken for an inner face, and is none
@@ -213,21 +247,27 @@ class SideSolver:
         rest = wrong[~state.inner[wrong]]
         if rest.size:
             # Where nothing was shown, a stroke contradicts nothing: it cannot mean that the guess was wrong.
-            guessed = not state.strokes and bool(np.mean(told[rest] != UNDECIDED) > 0.5)
-            turned, of_inner = self._turned(state, side, keep, rest, number, guessed)
+            guessed = not state.strokes and told is not None and bool(np.mean(told[rest] != UNDECIDED) > 0.5)
+            turned, of_inner, clear = self._turned(state, side, keep, rest, number, guessed)
             inner[of_inner] = True
             side[turned] = -side[turned]
+            if not clear:  # the guess may have been wrong: what is left of it waits for another stroke
+                left = known.copy()
+                left[turned] = left[touched] = False
+                part, known = np.where(left, part.max() + 1, part), known & ~left
         off = touched[_shown(side, inner)[touched] != wanted]
         inner[off] = wanted < 0
         side[off] = 1.0 if wanted > 0 else side[off]
-        return side, inner, known
+        return side, inner, part, known
 
     def _turned(
         self, state: _State, side: Float64, keep: Int64, wrong: Int64, number: int, guessed: bool
-    ) -> tuple[Int64, Int64]:
-        """Return the clusters that change sides, and those that turn out to be an inner face.
+    ) -> tuple[Int64, Int64, bool]:
+        """Return the clusters that change sides, those that turn out to be an inner face, and if that is all.
 
-        ``guessed`` says that only the guess of the side to start from holds what the stroke contradicts.
+        ``guessed`` says that only the guess of the side to start from holds what the stroke contradicts. If
+        no border lies between them, the guess was wrong; but that is not clear if any disturbed sample
+        divides them.
         """
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
         most = self.observed.config.most_cost
@@ -241,10 +281,18 @@ class SideSolver:
         if side[wrong[0]] > 0:
             face, price = spreading.inner_face(side, keep, wrong, number)
             if price < cost:
-                return none, face
+                return none, face, True
         if guessed and cost > most:  # no border lies between it and the guess
-            return np.flatnonzero(state.known), none
-        return region, none
+            if self._always_together(wrong, state.side):
+                return np.flatnonzero(state.known), none, True
+            return region, none, False
+        return region, none, True
+
+    def _always_together(self, clusters: Int64, side: Float64) -> bool:
+        """Whether clusters lie to those where the guess began as ``side`` says in all disturbed samples."""
+        samples = self.observed.samples
+        one, other = (np.sign((samples[:, at] * side[at]).sum(axis=1)) for at in (clusters, self._start))
+        return bool((one * other > 0).all())
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
         against = touched[(state.holder[touched] >= 0) & (state.shown[touched] != wanted)]
@@ -262,15 +310,16 @@ class SideSolver:
 
     def _result(self, decisions: tuple[Decision, ...]) -> Segmentation:
         state, observed = self._state(decisions), self.observed
-        agreed = agreement(observed, state.side, self._anchors(state), state.group)
-        certainty = calibrated(observed, agreed)
+        certainty = calibrated(observed, self._agreed(state))
         certainty[~state.known] = 0.5
         held = state.holder >= 0
         certainty[held | state.excluded] = 1.0
         side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
-        least = observed.config.least_certainty
-        least -= observed.config.certainty_per_stroke * max(len(state.strokes) - 2, 0)
-        side[(certainty < least) | ~state.known] = UNDECIDED
+        config, further = observed.config, len(state.strokes) - 1
+        least = config.least_certainty - config.certainty_per_stroke * max(further - 1, 0)
+        turned = max(least, config.sure - config.turned_per_stroke * further)
+        doubtful = certainty < np.where(state.group > 0, turned, least)
+        side[doubtful | ~state.known] = UNDECIDED
         side[state.excluded] = OTHER
         found = Segmentation(
             observed=observed,
@@ -282,9 +331,11 @@ class SideSolver:
         )
         return replace(found, changed=self._changed(found)) if decisions else found
 
-    def _anchors(self, state: _State) -> list[Int64]:
-        """Return the clusters under each stroke, and where it began."""
-        return [*(touched for _, touched in state.strokes), self._start]
+    def _agreed(self, state: _State) -> Float64:
+        """Return how often clusters (M,) lie to the strokes and the start as they do in this state."""
+        anchors = [*(touched for _, touched in state.strokes), self._start]
+        guess = bool(state.known[self._start].any())
+        return agreement(self.observed, state.side, anchors, state.group, guess)
 
     def _changed(self, now: Segmentation) -> Changed:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2
@@ -295,6 +346,8 @@ class SideSolver:
         views = views_showing(self.observed, moved)
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
         text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
+        if self._state(now.decisions).guess >= 0:
+            text += " Whether all the rest lies on the other side, too, is not clear: stroke it once more."
         return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
 
     # ---------------------------------------------------------------- where to begin, and to go on

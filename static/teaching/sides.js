@@ -244,7 +244,8 @@ export const SIDE_STAGES = [
       "Where geometry does not decide, the operator does. A stroke in one view spreads over the cloth to all " +
         "views: it turns over the region R around it whose border costs least for its size.",
       "Here the stroke, at the ring, says the contrary of what was found where it would tell most. If no border " +
-        "is cheap, a first stroke turns all over: the start was the other side.",
+        "is cheap, a first stroke turns all over: the start was the other side; where that is not sure, the rest " +
+        "waits for another stroke.",
     ],
     math: () => [
       equation(

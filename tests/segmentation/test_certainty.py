@@ -52,7 +52,26 @@ def test_what_a_stroke_turned_over_is_as_sure_as_it_lies_to_the_stroke_and_the_r
     before = agreement(observed, np.ones(COUNT), [START], TOGETHER)
     after = agreement(observed, turned, [FAR, START], (~HALF).astype(np.int64))
     np.testing.assert_array_equal(after[HALF], before[HALF])
-    assert after[40] == pytest.approx(0.5 + 0.5 * 31 / 32)
+    # 24 of the samples say that both halves lie together: they count a tenth.
+    size = (7 + 2.4) ** 2 / (7 + 0.24)
+    assert after[40] == pytest.approx(0.5 + 0.5 * size / (size + 1))
+
+
+def test_what_was_turned_over_must_lie_to_the_stroke_where_that_contradicts_nothing_else(observed):
+    """A band lies to the stroke in the very samples that contradict the start, and only there."""
+    band = np.arange(COUNT) < 40
+    band &= ~HALF
+    observed.samples[24:, band] = 1
+    turned = np.where(HALF, 1.0, -1.0)
+    after = agreement(observed, turned, [FAR, START], (~HALF).astype(np.int64))
+    size = (7 + 2.4) ** 2 / (7 + 0.24)
+    mean = (2.4 - 7) / (7 + 2.4)
+    assert after[35] == pytest.approx(max(0.5, 0.5 + 0.5 * mean * size / (size + 1)))
+    assert after[45] > 0.9
+    without = agreement(observed, turned, [FAR, START], (~HALF).astype(np.int64), guess=False)
+    assert without[35] == pytest.approx(
+        0.5 + 0.5 * (24 - 7) / 32
+    )  # a start that was a guess contradicts nothing
 
 
 def test_a_start_that_is_turned_over_still_tells_of_what_is_not(observed):

@@ -91,6 +91,42 @@ def test_a_first_stroke_where_nothing_was_shown_does_not_mean_that_the_guess_was
     assert (found.side[back] == OF_INTEREST).any()
 
 
+@pytest.fixture(scope="module")
+def doubtful(solver):
+    """Of the samples, one says that the lower half of the plate lies the other way round."""
+    observed = solver.observed
+    samples = observed.samples.copy()
+    samples[0, observed.clusters.place_m[:, 1] > 0.03] *= -1
+    return SideSolver(replace(observed, samples=samples, config=replace(observed.config, most_cost=0.0)))
+
+
+def test_a_first_stroke_that_may_mean_that_the_guess_was_wrong_leaves_undecided_what_it_does_not_reach(
+    doubtful,
+):
+    found = doubtful.solve((stroke("other", points=((150.0, 119.0),)),))
+    assert set(found.side[doubtful.start_sheet]) == {UNDECIDED}
+    assert "stroke it once more" in found.changed.text
+    row, col = np.array((150, 119)) - found.view(0).offset_rc
+    assert found.view(0).side[row, col] == OTHER
+    assert shares(doubtful.solve((stroke("other"),)))[0] < 0.001  # all samples divide nothing there
+
+
+@pytest.mark.parametrize(("side", "right"), [("this", True), ("other", False)])
+def test_a_further_stroke_tells_whether_the_guess_was_wrong(doubtful, side, right):
+    first, second = stroke("other", points=((150.0, 119.0),)), stroke(side)
+    found = doubtful.solve((first, second))
+    assert set(found.side[doubtful.start_sheet]) == {OF_INTEREST if right else OTHER}
+    view = found.view(0)
+    for row, col, at in ((150, 119, OTHER), (119, 119, OF_INTEREST if right else OTHER)):
+        assert view.side[row - view.offset_rc[0], col - view.offset_rc[1]] == at
+    assert found.conflicts == ()
+    assert "once more" not in found.changed.text
+    assert doubtful.solve((first,)).side[doubtful.start_sheet[0]] == UNDECIDED  # undo is exact
+    back = doubtful.observed.clusters.normal[:, 2] > 0.9
+    upper = doubtful.observed.clusters.place_m[:, 1] < 0.0
+    assert OF_INTEREST in found.side[back & upper] or right
+
+
 def test_strokes_on_cloud_and_canvas_reach_the_layer_their_normal_means(solver):
     z = AXIS.point_m[2]
     on_back = SpaceStroke(side="this", points_m=((0.0, 0.0, z),), normals=((0.0, 0.0, 1.0),))
