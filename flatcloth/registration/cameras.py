@@ -272,7 +272,7 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
     Notes
     -----
     Only the new pairs are compared, and old pairs that were compared at another fattening. It takes
-    10 ms for a garment of 12 views, up to 35 ms at 36 views in steps of 10 degrees.
+    65 ms of processor time at 12 views of shirt-corner-d435, up to 115 ms at 36 (beside other load).
     """
     n = len(registered.features)
     known = held_from_camera(registered.axis, new.angle_deg)
