@@ -119,8 +119,9 @@ class Search:
 
     ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,), which
     are used for v as well. ``starts`` (K, 3), rotation and shifts, are the candidates of the detailed
-    search; ``path`` (P, 3) leads from the initial estimate through the best of them to the result, and
-    ``motions`` are the placements along it. ``tried`` is the number of all compared placements.
+    search; ``path`` (P, 3) leads from the initial estimate through the best of them to where the search
+    ends, and ``motions`` are the placements along it. ``tried`` is the number of all compared placements,
+    ``end_score`` the score where the search ends; if that is lower, the initial estimate stands.
     """
 
     turns_rad: Float64
@@ -130,6 +131,7 @@ class Search:
     path: Float64
     motions: tuple[Rigid2, ...]
     tried: int
+    end_score: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,7 +304,7 @@ def _align(
         flattening=paper.flattening(event.view_index),
         current=current,
         new=new,
-        search=watched.seen(proposal.alignment.current_from_new == proposal.alignment.initial),
+        search=watched.seen(),
         renewed=renewed,
         origin=_origin(renewed.view, (current, event.current_from_new), [(new, Rigid2()), *others]),
         placed_with=len(also),
@@ -402,21 +404,23 @@ class _WatchedMatcher(Matcher):
         self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
         return self._paths[-1][1][-1]
 
-    def seen(self, start_stands: bool) -> Search:
-        """Return the candidates of the last search; if the start stands, no path leads from it."""
+    def seen(self) -> Search:
+        """Return the candidates of the last search."""
         offsets, cost = self._batches[0]
         turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
         *paths, (_, polished) = self._paths
-        steps = paths[0][1][:1] if start_stands else min(paths, key=lambda item: item[0])[1] + polished
+        steps = min(paths, key=lambda item: item[0])[1] + polished
         path = np.array(steps)[[True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]]
+        motions = tuple(self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path)
         return Search(
             turns_rad=turns,
             shifts_m=shifts,
             cost=cost.reshape(turns.size, shifts.size, shifts.size),
             starts=np.array([steps[1] for _, steps in paths]),
             path=path,
-            motions=tuple(self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path),
+            motions=motions,
             tried=sum(len(batch) for batch, _ in self._batches),
+            end_score=self.score(motions[-1]).total,
         )
 
 

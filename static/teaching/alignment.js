@@ -260,16 +260,19 @@ function stepName(lesson, ui) {
   const last = lesson.search.motions.length - 1;
   if (n === 0) return "initial estimate";
   if (n === 1 && last > 1) return "best of the coarse search";
-  return n === last ? "found" : `finer, step ${n - 1}`;
+  if (n < last) return `finer, step ${n - 1}`;
+  return lesson.search.start_stands ? "where the search ends; the start stands" : "found";
 }
 
 export function searchFacts({ alignment: lesson }) {
   const [turn, u, v] = lesson.array.path.slice(-3);
+  const { start_stands: stands, end_score: end } = lesson.search;
   return [
     ["Places tried", number(lesson.search.tried, 0)],
     ["Shifted by", mm(Math.hypot(u, v))],
     ["Turned by", degrees(turn)],
-    ["Score", `${number(lesson.initial_score, 2)} → ${number(lesson.score, 2)}`],
+    ["Score", `${number(lesson.initial_score, 2)} → ${number(end, 2)}`],
+    ["Proposed", stands ? "the start, which scores no less" : "where the search ends"],
     ["Height differs (rms)", mm(lesson.score_parts.height_rms_mm)],
     ["Overlap", cm2(lesson.score_parts.overlap_cm2)],
   ];

@@ -220,6 +220,8 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
             "shifts_mm": (1e3 * search.shifts_m).tolist(),
             "motions": [_motion(m) for m in search.motions],
             "tried": search.tried,
+            "end_score": search.end_score,
+            "start_stands": alignment.current_from_new == alignment.initial,
         },
         **_correspondence(parcel, alignment),
     }
