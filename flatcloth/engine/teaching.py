@@ -7,11 +7,9 @@ computation beside the session, which reads the session's frames and axis and ch
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +35,9 @@ from flatcloth.engine.segmenting import SidesLesson, sides_lesson
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.base import Canonical, Plan
-from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
+from flatcloth.methods.paper.watching import Search, WatchedMatcher
 from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
 
 INTERVALS_PX = (4, 40)
@@ -111,27 +109,6 @@ class PlanningLesson:
     view_index: int
     view: FlattenedView
     plan: Plan
-
-
-@dataclass(frozen=True, kw_only=True)
-class Search:
-    """The candidates of the search around the initial estimate.
-
-    ``cost`` (T, U, V) is that of the coarse search at ``turns_rad`` (T,) and ``shifts_m`` (U,), which
-    are used for v as well. ``starts`` (K, 3), rotation and shifts, are the candidates of the detailed
-    search; ``path`` (P, 3) leads from the initial estimate through the best of them to where the search
-    ends, and ``motions`` are the placements along it. ``tried`` is the number of all compared placements,
-    ``end_score`` the score where the search ends; if that is lower, the initial estimate stands.
-    """
-
-    turns_rad: Float64
-    shifts_m: Float64
-    cost: Float64
-    starts: Float64
-    path: Float64
-    motions: tuple[Rigid2, ...]
-    tried: int
-    end_score: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,9 +261,8 @@ def _align(
     pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
     proposal = paper.proposal(replace(document, pending=pending))
     progress(0.9, "following the search")
-    current = paper.canonical(document).view
-    new = paper.part(event.view_index, event.component)
-    watched = _WatchedMatcher(current, new, paper.axis)
+    current, new = paper.canonical(document).view, paper.part(event.view_index, event.component)
+    watched = WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
     also = tuple(p for p in event.also if p.view_index == event.view_index)
@@ -374,54 +350,6 @@ class _PaperIntegration(Integration):
             return flatten(surface, self.axis, self.config.flattening, min_area_m2=least, record=True)
 
         return self._shared.get((view_index, self.config.flattening.sampling_intervals_px), make)
-
-
-class _WatchedMatcher(Matcher):
-    """Searches exactly like its base class, and records the candidates."""
-
-    def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
-        self._batches: list[tuple[Float64, Float64]] = []
-        self._paths: list[tuple[float, list[Float64]]] = []
-        self._initial = initial
-        return super().search(initial, progress)
-
-    def _cost(self, motions: list[Rigid2], offsets: Float64, *rest: Any, **named: Any) -> Float64:
-        cost = super()._cost(motions, offsets, *rest, **named)
-        self._batches.append((offsets, cost))
-        return cost
-
-    def _refine(
-        self, initial: Rigid2, start: Float64, center: Float64, share: float
-    ) -> tuple[float, Float64]:
-        first = len(self._batches)
-        lowest, best = super()._refine(initial, start, center, share)
-        steps = [offsets[int(np.argmin(cost))] for offsets, cost in self._batches[first:]]
-        self._paths.append((lowest, [np.zeros(3), start, *steps, best]))
-        self._center = center
-        return lowest, best
-
-    def _polish(self, initial: Rigid2, start: Float64, center: Float64, share: float) -> Float64:
-        self._paths.append((-1.0, [start, super()._polish(initial, start, center, share)]))
-        return self._paths[-1][1][-1]
-
-    def seen(self) -> Search:
-        """Return the candidates of the last search."""
-        offsets, cost = self._batches[0]
-        turns, shifts = np.unique(offsets[:, 0]), np.unique(offsets[:, 1])
-        *paths, (_, polished) = self._paths
-        steps = min(paths, key=lambda item: item[0])[1] + polished
-        path = np.array(steps)[[True, *(bool(np.any(a != b)) for a, b in itertools.pairwise(steps))]]
-        motions = tuple(self._initial @ Rigid2(*map(float, p)).about(self._center) for p in path)
-        return Search(
-            turns_rad=turns,
-            shifts_m=shifts,
-            cost=cost.reshape(turns.size, shifts.size, shifts.size),
-            starts=np.array([steps[1] for _, steps in paths]),
-            path=path,
-            motions=motions,
-            tried=sum(len(batch) for batch, _ in self._batches),
-            end_score=self.score(motions[-1]).total,
-        )
 
 
 def _unused_pairs(level: Level) -> Int32:
