@@ -201,13 +201,12 @@ def _assign_together(
     """Do :func:`_assign` in shares, side by side."""
     ends = np.linspace(0, len(points), _THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
+
+    def share(own: slice) -> None:
+        _assign(points[own], normals[own], limits, cells, place, normal, of_pixel[own])
+
     with ThreadPoolExecutor(_THREADS) as pool:
-        done = [
-            pool.submit(_assign, points[own], normals[own], limits, cells, place, normal, of_pixel[own])
-            for own in shares
-        ]
-    for share in done:
-        share.result()
+        list(pool.map(share, shares))
 
 
 @njit(cache=True, nogil=True)

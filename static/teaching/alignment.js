@@ -261,7 +261,7 @@ function stepName(lesson, ui) {
   if (n === 0) return "initial estimate";
   if (n === 1 && last > 1) return "best of the coarse search";
   if (n < last) return `finer, step ${n - 1}`;
-  return lesson.search.start_stands ? "where the search ends; the start stands" : "found";
+  return lesson.search.start_stands ? "end of the search" : "found";
 }
 
 export function searchFacts({ alignment: lesson }) {
@@ -272,7 +272,7 @@ export function searchFacts({ alignment: lesson }) {
     ["Shifted by", mm(Math.hypot(u, v))],
     ["Turned by", degrees(turn)],
     ["Score", `${number(lesson.initial_score, 2)} → ${number(end, 2)}`],
-    ["Proposed", stands ? "the start, which scores no less" : "where the search ends"],
+    ["Proposed", stands ? "the initial estimate" : "where the search ends"],
     ["Height differs (rms)", mm(lesson.score_parts.height_rms_mm)],
     ["Overlap", cm2(lesson.score_parts.overlap_cm2)],
   ];

@@ -245,8 +245,8 @@ export const EXTENDING_STAGES = [
         "height z and the Z-angle a should agree; ρ limits what one bad pixel can do. The paper compares I and z; " +
         "across plain cloth only a tells.",
       "First a coarse grid; its best places (rings) are followed in finer and finer steps. From the best one, the " +
-        "last steps compare I and z alone. The result is proposed to the operator, unless the initial estimate " +
-        "scores no less: then that stands.",
+        "last steps compare I and z alone. The result is proposed to the operator, or the initial " +
+        "estimate where that scores more.",
     ],
     math: () => [
       equation(

@@ -276,8 +276,8 @@ def test_the_search_is_followed(open_lesson):
     lesson = open_lesson().open()
     lesson.go(SEARCH)
     before, after = (float(x) for x in lesson.fact("Score").split("→"))
-    # In the bundled recording the initial estimate, from pixels at the same place, is as good.
-    stands = lesson.fact("Proposed") == "the start, which scores no less"
+    # The search minimises another cost than the score, so the initial estimate may score more.
+    stands = lesson.fact("Proposed") == "the initial estimate"
     assert after <= before if stands else after >= before
     assert float(lesson.fact("Shifted by").split()[0]) > 0  # what is tried is followed all the same
     assert int(lesson.fact("Places tried")) > 5000

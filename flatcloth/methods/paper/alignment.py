@@ -101,8 +101,8 @@ def align_from(
     )
 
 
-def not_farther_than_start(alignment: Alignment) -> Alignment:
-    """Return an alignment whose start stands where the search ended with a lower score.
+def not_worse_than_start(alignment: Alignment) -> Alignment:
+    """Return the alignment, with the initial estimate where the search ended with a lower score.
 
     The search minimises another cost than is scored: it also avoids losing overlap, and going far.
     """

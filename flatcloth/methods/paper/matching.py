@@ -53,7 +53,7 @@ _MIN_OVERLAP_SHARE = 0.1
 """Share of the new view that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
 """The score decreases in proportion if the overlap is smaller than this. Set by hand."""
-_PLACE_SCALE_M = 0.010
+PLACE_SCALE_M = 0.010
 """Distance in space that counts as half a disagreement. Chosen: half of what is counted as wrong in the
 evaluation; noise, bending of the flattened views and an axis that is a few millimetres off stay below it."""
 OTHER_FACING_DEG = 37.0
@@ -147,7 +147,7 @@ class Matcher:
             _HEIGHT_SCALE_M,
             math.radians(_Z_ANGLE_SCALE_DEG),
             self.z_angle_weight if z_angle_weight is None else z_angle_weight,
-            _PLACE_SCALE_M,
+            PLACE_SCALE_M,
             math.cos(math.radians(OTHER_FACING_DEG)),
         )
 

@@ -29,7 +29,7 @@ from flatcloth.methods.paper.alignment import (
     align_by_z_angle,
     correspond,
     from_lines,
-    not_farther_than_start,
+    not_worse_than_start,
 )
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, covered_share, lay_over, renew, without
@@ -222,8 +222,8 @@ class PaperMethod(Method):
         return replace(best, correspondence=found[0].correspondence)
 
     def settled(self, alignment: Alignment) -> Alignment:
-        """Let the start stand where the search ends farther off."""
-        return not_farther_than_start(alignment)
+        """Propose the initial estimate where the search ends with a lower score."""
+        return not_worse_than_start(alignment)
 
     def choose(self, found: Sequence[Aligned]) -> Aligned:
         """Choose the component that adds most, of those that score above acceptance; else the best."""

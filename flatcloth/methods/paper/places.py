@@ -14,11 +14,12 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
+from flatcloth.methods.paper.matching import PLACE_SCALE_M
 
 _SPACING_M = 0.004
 """Distance of the compared pixels. Chosen: a finer one gives the same estimate, in more time."""
-_SAME_PLACE_M = 0.010
-"""Pixels show the same place if they are nearer. Chosen: the scale of the score (matching.py)."""
+_SAME_PLACE_M = PLACE_SCALE_M
+"""Pixels show the same place if they are nearer. Chosen: what the score counts as half a disagreement."""
 _SAME_FACING = 0.8
 """... and their normals differ by less than 37 degrees. Chosen: as in the score."""
 _LEAST_AREA_M2 = 0.0003

@@ -12,7 +12,7 @@ from scenes import AXIS, sheet, views
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.base import Alignment, AlignmentScore
-from flatcloth.methods.paper.alignment import align_by_z_angle, not_farther_than_start
+from flatcloth.methods.paper.alignment import align_by_z_angle, not_worse_than_start
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
 from flatcloth.methods.paper.method import Aligned, PaperMethod
@@ -57,10 +57,10 @@ def test_the_component_that_adds_most_of_those_that_qualify_is_chosen(found, cho
 def test_the_start_stands_where_the_search_ends_with_a_lower_score():
     worse, better = AlignmentScore(0.3, {}), AlignmentScore(0.6, {})
     found = found_at(Rigid2(0.1, 0.02, 0.0), worse, better)
-    assert not_farther_than_start(found).current_from_new == Rigid2()
-    assert not_farther_than_start(found).score == better
+    assert not_worse_than_start(found).current_from_new == Rigid2()
+    assert not_worse_than_start(found).score == better
     kept = replace(found, score=better, initial_score=worse)
-    assert not_farther_than_start(kept) is kept
+    assert not_worse_than_start(kept) is kept
 
 
 def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
