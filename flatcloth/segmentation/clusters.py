@@ -24,7 +24,8 @@ collides."""
 _COARSE = 3
 """Clusters are first moved to the mean of every third pixel. Chosen for speed: each has about 60."""
 _NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n - 1) for n in cell))) - 1
-"""Cells about one, itself first, by definition: what lies near bounds the search in the others."""
+"""Offsets (27, 3) to a cell and its neighbours, the nearest first, by definition: a near cluster, found
+early, bounds the search in the other cells."""
 _THREADS = 2
 """Shares in which pixels are given their clusters. Chosen for two cores."""
 _AREA = 1.11

@@ -146,6 +146,7 @@ def _slot(keys: Int64, key: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _hash(key: int, last: int) -> int:
+    """Return a place of the table: high bits of the product with xorshift*'s multiplier (Vigna, 2016)."""
     return ((key * 0x2545F4914F6CDD1D) >> 20) & last
 
 

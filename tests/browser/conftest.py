@@ -45,7 +45,7 @@ if (window !== top) {
   };
 }
 """
-"""The scene in its frame is drawn 5 times a second: each takes .2 s of CPU without a graphics card."""
+"""The 3D scene is drawn at most 5 times a second: a picture takes .2 s of CPU without a graphics card."""
 VISER = re.compile(r"/viser/?(\?|$)")
 WAIT_MS = 90_000
 START_LIMIT_S = 60

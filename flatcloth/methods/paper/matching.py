@@ -3,8 +3,8 @@
 The criteria are the paper's (4.2), intensity and height, and the Z-angle, on which its initial estimate
 rests. Intensity is compared as texture, i.e. minus its local mean, because shading does not move with
 the cloth and would shift plain cloth. Height determines plain cloth along the vertical only; across it
-the Z-angle does. A placement is scored by its consequence: as the rotation is known, pixels that coincide
-show the same place of the item.
+the Z-angle does. A placement is scored by the distance in space of the pixels that it lays on each other:
+as the rotation is known, the same cloth is at the same place in both views.
 """
 
 from __future__ import annotations
