@@ -11,6 +11,7 @@ import signal
 import socket
 import stat
 import time
+from types import SimpleNamespace
 
 import httpx
 import msgspec
@@ -324,18 +325,33 @@ def test_a_message_of_more_than_a_mebibyte_closes_the_socket(server):
         assert opened.close_code == 1009
 
 
-def test_a_line_that_is_logged_again_and_again_is_limited(caplog):
+def test_a_line_that_is_logged_again_and_again_is_limited(monkeypatch):
+    now_s = 0.0
+    monkeypatch.setattr(limits, "time", SimpleNamespace(monotonic=lambda: now_s))
     logger = logging.getLogger("flooded")
     handler = logging.StreamHandler(out := io.StringIO())
-    handler.addFilter(limits.RateLimit(most=5, seconds=0.2))
+    handler.addFilter(limits.RateLimit(most=5, seconds=60.0))
     logger.addHandler(handler)
     for n in range(1000):
         logger.warning("socket.accept() out of system resource: %d", n)
-    logger.warning("another")
-    assert len(out.getvalue().splitlines()) == 6
-    time.sleep(0.25)
+    for name in "abcdefgh":
+        logger.warning("%s", f"{name}/journal.jsonl: the last line is incomplete")
+    assert len(out.getvalue().splitlines()) == 5 + 8
+    now_s = 61.0
     logger.warning("socket.accept() out of system resource: %d", 0)
     assert "(and 995 more such lines before)" in out.getvalue()
+
+
+def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatch):
+    handlers = logging.getLogger().handlers
+    before = [list(handler.filters) for handler in handlers]
+    assert before
+    served: list[list[object]] = []
+    monkeypatch.setattr(PageServer, "join", lambda _: served.extend([*h.filters] for h in handlers))
+    serve(integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
+    assert all(any(isinstance(f, limits.RateLimit) for f in filters) for filters in served)
+    assert len(served) == len(before)
+    assert [list(handler.filters) for handler in handlers] == before
 
 
 def test_a_busy_port_is_one_clear_line(server):

@@ -28,7 +28,7 @@ from flatcloth.core.signals import handled_by
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.routes.start import StartRoutes
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
-from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limit_logs
+from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limited_logs
 from flatcloth.viewer.server.token import kept_token, new_token
 
 if TYPE_CHECKING:
@@ -329,9 +329,12 @@ def serve(**options: Any) -> None:
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
-    limit_logs()
     # SIGTERM ends it as Ctrl-C does, so that no files are left.
-    with handled_by(signal.SIGTERM, signal.default_int_handler), PageServer(**options) as server:
+    with (
+        limited_logs(),
+        handled_by(signal.SIGTERM, signal.default_int_handler),
+        PageServer(**options) as server,
+    ):
         _print_url(server.url)
         try:
             server.join()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -17,6 +20,8 @@ REQUEST_TIMEOUT_S = 10.0
 """Time limit for the headers of a request."""
 MAX_MESSAGE_BYTES = 2**20
 """Largest message of a browser, to the page or to viser."""
+
+_NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 
 
 class LimitedProtocol(H11Protocol):
@@ -63,17 +68,24 @@ class LimitedProtocol(H11Protocol):
             self._late = None
 
 
-def limit_logs() -> None:
-    """Limit what this process writes to its log."""
-    for handler in (logging.lastResort, *logging.getLogger().handlers):
-        if handler is not None and not any(isinstance(f, RateLimit) for f in handler.filters):
-            handler.addFilter(RateLimit())
+@contextmanager
+def limited_logs() -> Iterator[None]:
+    """Limit what this process writes to its log; afterwards its handlers are as they were."""
+    handlers = (logging.lastResort, *logging.getLogger().handlers)
+    limits = [(handler, RateLimit()) for handler in handlers if handler is not None]
+    for handler, limit in limits:
+        handler.addFilter(limit)
+    try:
+        yield
+    finally:
+        for handler, limit in limits:
+            handler.removeFilter(limit)
 
 
 class RateLimit(logging.Filter):
     """Passes a limited number of similar lines per minute; the next line tells how many were left out.
 
-    Lines are similar if they have the same logger and the same text before formatting.
+    Lines are similar if they have the same logger and, but for numbers, the same text.
     """
 
     def __init__(self, most: int = 20, seconds: float = 60.0) -> None:
@@ -83,7 +95,7 @@ class RateLimit(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a line is written."""
-        kind, now = (record.name, str(record.msg)[:200]), time.monotonic()
+        kind, now = (record.name, _NUMBER.sub("", f"{record.msg} {record.args}")[:200]), time.monotonic()
         began, count = self._seen.get(kind, (now, 0))
         if now - began > self._seconds:
             if count > self._most:
