@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
@@ -257,16 +256,23 @@ def _read_views(
         origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
     assert result.quality is not None
-    for n, box in enumerate(ndimage.find_objects(label + 1, max_label=len(shape.observations))):
-        if box is None:
+    labelled = np.flatnonzero(label >= 0)
+    labelled = labelled[np.argsort(label.ravel()[labelled], kind="stable")]
+    ends = np.cumsum(np.bincount(label.ravel()[labelled], minlength=len(shape.observations)))
+    for n, pixels in enumerate(np.split(labelled, ends[:-1])):
+        if not pixels.size:
             continue
-        own = label[box] == n
-        own_source = np.where(own[..., None], source[box], np.float32(np.nan))
         surface = surfaces[shape.observations[n].view_index]
         held: Rigid3 = shape.held_from_camera[n]
+        own_source = source.reshape(-1, 2)[pixels][:, None]
         part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
-        assert part.quality is not None
-        for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "view_index", "source_rc", "quality"):
-            getattr(result, name)[box][part.valid] = getattr(part, name)[part.valid]
-        result.valid[box] |= part.valid
+        valid = part.valid[:, 0]
+        at = pixels[valid]
+        for name in _READ:
+            values = getattr(part, name)
+            getattr(result, name).reshape(rows * cols, *values.shape[2:])[at] = values[valid, 0]
     return result
+
+
+_READ = ("rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc", "quality")
+"""The attributes of a pixel that are read from a view."""
