@@ -1,4 +1,4 @@
-"""What the exports of a whole session cost: each alone, and one after another, as the page's server makes them.
+"""What the exports of a whole session cost: each alone, and one after another as the page makes them.
 
 In processor seconds, and in units U of ``benchmarks.speed``, measured in the same run on the same core. The
 shape itself is known, as it is in a server whose page has been looked at; its growth is not.
