@@ -84,7 +84,7 @@ def banding(n: int, edges: Int32) -> Banding:
 
 
 class BandedLaplacian:
-    """A graph's Laplacian plus a multiple of the identity, factored once and solved many times.
+    """A graph's Laplacian plus a diagonal matrix, factored once and solved many times.
 
     Parameters
     ----------
@@ -92,14 +92,14 @@ class BandedLaplacian:
         The order of the points, and the pairs.
     weight : (M,) float64
         Weights of the pairs, not negative.
-    held : float
-        Multiple of the identity that is added; it makes the matrix definite.
+    held : float or (N,) float64
+        What is added to the diagonal; it makes the matrix definite.
     """
 
-    def __init__(self, narrow: Banding, weight: Float64, held: float) -> None:
+    def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
         self._narrow = narrow
         band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
-        band[0] += held
+        band[0] += held if isinstance(held, float) else held[narrow.order]
         self._factor = cast("Float64", _factor(band))
 
     def solve(self, rhs: Float64) -> Float64:

@@ -26,6 +26,7 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     at_center,
     chances,
+    expected_displacement_m,
     grades,
     jacobian,
     moved_axis,
@@ -271,18 +272,15 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
 
     Notes
     -----
-    Only the new pairs are compared, and old pairs that were compared at another fattening. It takes
-    65 ms of processor time at 12 views of shirt-corner-d435, up to 115 ms at 36 (beside other load).
+    Only the new pairs are compared, and old pairs that were compared at another fattening.
     """
     n = len(registered.features)
-    known = held_from_camera(registered.axis, new.angle_deg)
-    own = np.concatenate([registered.own, np.zeros((1, OWN))])
     grown = replace(
         registered,
         features=(*registered.features, new),
-        known=(*registered.known, known),
+        known=(*registered.known, held_from_camera(registered.axis, new.angle_deg)),
         jacobians=(*registered.jacobians, jacobian(registered.axis, registered.held_point_m, new.angle_deg)),
-        own=own,
+        own=np.concatenate([registered.own, np.zeros((1, OWN))]),
     )
     fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
     grown = _solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None))))
@@ -317,12 +315,14 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     else:
         center = before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
+    moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
     return fit_pair(
         (one, other),
         held,
         (first, second),
-        pair_covariance(registered.jacobians[first], registered.jacobians[second], center, registered.prior),
+        pair_covariance(*moves),
         center_m=center,
+        uncertainty_m=expected_displacement_m(*moves, registered.posterior),
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
         before=before,

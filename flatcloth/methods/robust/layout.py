@@ -30,6 +30,8 @@ _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
 _ROBUST_ROUNDS = 2
 """Minimisations after each acceptance; the weights of the pairs are updated between them. Set by hand."""
+_HALO = 4
+"""Rows of nodes around new ones that are relaxed with them. Set by hand."""
 _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
 _MAJORISATIONS = 6
@@ -66,19 +68,20 @@ class Links:
     observation: Int32
 
     @cached_property
-    def _once(self) -> tuple[Int32, Int64]:
+    def pairs_once(self) -> tuple[Int32, Int32]:
+        """What :func:`pairs_once` finds."""
         first, pair = pairs_once(int(self.edges.max(initial=-1)) + 1, self.edges)
-        return self.edges[first], np.bincount(pair, minlength=len(first))
+        return first, pair
 
-    @property
+    @cached_property
     def once(self) -> Int32:
         """The different pairs of nodes."""
-        return self._once[0]
+        return self.edges[self.pairs_once[0]]
 
     @property
     def views_of_once(self) -> Int64:
         """The number of views that saw each of them."""
-        return self._once[1]
+        return np.bincount(self.pairs_once[1], minlength=len(self.once))
 
 
 def links_of(observations: Sequence[Observation]) -> Links:
@@ -136,6 +139,20 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
         if not found.any():
             return z
         z[found] = sums[found] / counts[found]
+
+
+def seeded_anew(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
+    """Lay a floating piece out from one pair if that reaches more nodes: few places determine no rotation."""
+    if _reached(z, members) >= 0.5 * members.sum():
+        return z
+    anew = np.full_like(z, np.nan)
+    seed_pair(anew, links, within)
+    anew = lay_out(anew, links, within)
+    return anew if _reached(anew, members) > _reached(z, members) else z
+
+
+def _reached(z: Complex128, members: Bool) -> int:
+    return int(np.isfinite(z.real[members]).sum())
 
 
 def lay_pieces(z: Complex128, links: Links, inside: Int64, laid: Complex128, piece: Int32) -> Complex128:
@@ -335,6 +352,42 @@ def minimise_piece(z: Complex128, links: Links, inside: Int64, weight: Float64) 
     uv = np.full((len(z), 2), np.nan)
     uv[own] = settle_flexible(x, sheet)
     return uv, weight
+
+
+def relax_around(
+    z: Complex128, links: Links, inside: Int64, weight: Float64, new: Bool
+) -> tuple[Float64, Float64]:
+    """Relax a piece around its ``new`` (N,) nodes only; all others keep their places.
+
+    Parameters and results are those of :func:`minimise_piece`, of which this is the beginning, near the
+    new nodes. It takes a small share of the time, and Eq. (2) is not minimised.
+    """
+    near, i, j = new.copy(), *links.once.T
+    for _ in range(_HALO):
+        rim = near[i] | near[j]
+        near[i[rim]] = near[j[rim]] = True
+    i, j = links.edges.take(inside, axis=0).T
+    std = links.std_m[inside]
+    own = np.flatnonzero(near[i] | near[j])
+    z = z.copy()
+    if own.size:
+        nodes, ends = _renumbered(np.stack([i[own], j[own]], axis=1))
+        members, member = _renumbered(links.member[inside[own]])
+        first, pair = pairs_once(nodes.size, ends)
+        narrow = replace(banding(nodes.size, ends[first]), pair=pair)
+        offset, stiff = links.offset[inside[own]], np.square(np.median(std) / std[own]) * weight[own]
+        moved = relax_rigidly(
+            z[nodes], ends, member, offset, stiff, members.size, _ARAP_STEPS, narrow, ~near[nodes]
+        )
+        z[nodes] = moved @ np.array([1.0, 1j])
+    residual = np.abs(z[i] - z[j]) - links.length_m[inside]
+    return np.stack([z.real, z.imag], axis=1), _robust_weight(residual / std)
+
+
+def _renumbered(ends: Int32) -> tuple[Int32, Int32]:
+    """Return the different numbers (K,) of pairs (M, 2), and the pairs numbered by these."""
+    numbers, renumbered = np.unique(ends, return_inverse=True)
+    return numbers, renumbered.reshape(-1, 2).astype(np.int32)
 
 
 def _minimised(uv_m: Float64, narrow: Banding, once: Int32, length_m: Float64, weight: Float64) -> Float64:
