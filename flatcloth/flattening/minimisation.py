@@ -119,6 +119,7 @@ def minimise(
     record: bool = False,
     narrow: Banding | None = None,
     least_energy_m2: float = 0.0,
+    is_near: bool = False,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -142,6 +143,8 @@ def minimise(
         The banding of the pairs, if it is already known.
     least_energy_m2 : float
         Part of H that is left out since no place changes it; the tolerance counts it.
+    is_near : bool
+        The start is near the minimum: where a step does not lower H it is reached, so no damping is tried.
 
     Returns
     -------
@@ -165,7 +168,8 @@ def minimise(
     laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
-    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, trace)
+    damping = _LEAST_DAMPING if is_near else _MOST_DAMPING
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, damping, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),
@@ -264,6 +268,7 @@ def _gauss_newton(
     laplacian: Float64 | None,
     energy: list[float],
     tolerance: float,
+    most_damping: float,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
@@ -292,7 +297,7 @@ def _gauss_newton(
                 h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
-            if found is None or damping > _MOST_DAMPING:
+            if found is None or damping > most_damping:
                 break
             continue
         x, h = candidate, h_new

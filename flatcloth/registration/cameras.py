@@ -46,8 +46,8 @@ _LOOSE_SWING_DEG = 0.5
 """... or swing exceed these limits. Set by hand."""
 MOST_APART_DEG = 65.0
 """Views with directions farther apart than this share little cloth. Set by hand."""
-_MOST_PARTNERS = 6
-"""Most views that a view is compared with. Set by hand."""
+_MOST_PARTNERS, _FEW_PARTNERS, _CONFIRMING_VIEWS = 6, 3, 8
+"""Most views that a view is compared with: first, and once so many confirm recorded poses. Set by hand."""
 _REFITS = 3
 """How often pairs are registered again after a view was added, ..."""
 _REFIT_FATTENING_PX = 0.15
@@ -283,8 +283,7 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
         own=np.concatenate([registered.own, np.zeros((1, OWN))]),
     )
     fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
-    grown = _solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None))))
-    return _refitted(grown)
+    return _refitted(_solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
 
 
 def _refitted(registered: Registered) -> Registered:
@@ -303,7 +302,8 @@ def _partners(registered: Registered, n: int) -> list[int]:
     """Return the views with near enough directions, nearest first."""
     looks = np.array([held.rotation[:, 2] for held in registered.known])
     cos = looks[:n] @ looks[n]
-    order = np.argsort(-cos, kind="stable")[:_MOST_PARTNERS]
+    confirmed = n >= _CONFIRMING_VIEWS and not registered.is_loose
+    order = np.argsort(-cos, kind="stable")[: _FEW_PARTNERS if confirmed else _MOST_PARTNERS]
     return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
 
 

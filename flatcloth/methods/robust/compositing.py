@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,7 +11,6 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
@@ -256,17 +256,16 @@ def _read_views(
         pixel_size_m=pixel_size_m,
         origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
-    assert result.quality is not None
-    for n, box in enumerate(ndimage.find_objects(label + 1, max_label=len(shape.observations))):
-        if box is None:
+    order = np.argsort(label, axis=None, kind="stable")
+    ends = np.searchsorted(label.ravel()[order], np.arange(len(shape.observations) + 1))
+    for n, (begin, end) in enumerate(itertools.pairwise(ends)):
+        if begin == end:
             continue
-        own = label[box] == n
-        own_source = np.where(own[..., None], source[box], np.float32(np.nan))
+        own = np.unravel_index(order[begin:end], label.shape)
         surface = surfaces[shape.observations[n].view_index]
         held: Rigid3 = shape.held_from_camera[n]
-        part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
-        assert part.quality is not None
-        for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "view_index", "source_rc", "quality"):
-            getattr(result, name)[box][part.valid] = getattr(part, name)[part.valid]
-        result.valid[box] |= part.valid
+        # The pixels of a view in one row: what is read does not depend on where they lie.
+        part = read_attributes(source[own][None], stretches[n], surface, axis, pixel_size_m, low, held)
+        for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "view_index", "source_rc", "quality", "valid"):
+            getattr(result, name)[own] = getattr(part, name)[0]
     return result

@@ -82,7 +82,7 @@ class JointShape:
     of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
     space does not: they lie beside others without being near them in space, which contradicts nothing.
     ``hinges`` are those whose angle follows from cloth that must not overlap. ``settled_pairs`` is the number
-    of pairs when all pieces were last relaxed as a whole; see :func:`settled`.
+    of pairs when all pieces were last relaxed as a whole.
     """
 
     nodes: Nodes
@@ -266,17 +266,16 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 
 
 def settled(shape: JointShape) -> JointShape:
-    """Return the shape with every piece relaxed as a whole since its last view was added."""
-    if shape.settled_pairs == len(shape.links.edges):
-        return shape
-    return _solved(replace(shape, settled_pairs=0))
+    """Return the shape with all pieces relaxed as a whole, up to the minimum of Eq. (2)."""
+    return _solved(replace(shape, settled_pairs=0), precise=True)
 
 
-def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
+def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is laid
-    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off.
+    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off. If
+    ``precise``, the shape is minimised already, but for the last bit.
     """
     links, before = shape.links, shape.piece
     whole = len(links.edges) > _MOST_GROWTH * shape.settled_pairs
@@ -309,12 +308,13 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
             if n:
                 z = seeded_anew(z, members, links, within)
             inside = within[both_ends(np.isfinite(z.real), links.edges[within])]
-            quick = None if whole else _relaxed_around(shape, z, known, inside)
+            quick = None if whole else _relaxed_around(shape, z, members, known, inside)
             if quick is not None:
                 own_uv, weight[inside] = quick
-                hinges += hinges_within(shape, members)
             else:
-                own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
+                own_uv, weight[inside] = minimise_piece(
+                    z, links, inside, shape.weight[inside], precise=precise
+                )
                 own_uv, held, cut = without_overlap(shape, own_uv, members, within, weight)
                 if cut.size and may_cut:
                     is_cut = shape.is_cut.copy()
@@ -342,15 +342,16 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
 
 
 def _relaxed_around(
-    shape: JointShape, z: Complex128, known: Bool, inside: Int64
+    shape: JointShape, z: Complex128, members: Bool, known: Bool, inside: Int64
 ) -> tuple[Float64, Float64] | None:
     """Relax a piece (its pairs ``inside``) around its new nodes only.
 
-    Returns places (N, 2) and weights as :func:`minimise_piece`; None if the last view asks for more: much of
-    the piece is new or was another piece, many pairs of the view contradict the places, or cloth overlaps.
+    Returns places (N, 2) and weights as :func:`minimise_piece`; None if that is not enough: much of the piece
+    is new or was another piece, many pairs of the last view contradict the places, a part was turned about a
+    hinge (which sees to its nodes), or cloth overlaps.
     """
     new = np.isfinite(z.real) & ~known
-    if new.sum() > _MOST_NEW * known.sum():
+    if new.sum() > _MOST_NEW * known.sum() or hinges_within(shape, members):
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
     last = shape.links.observation[inside] == len(shape.observations) - 1
