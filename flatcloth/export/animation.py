@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -13,18 +12,16 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replacing
-from flatcloth.core.types import Bool, Uint8
+from flatcloth.core.types import Bool, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.charts import SMALL, draw_scale_bar
 from flatcloth.rendering.drawing import BLUE, GRID, SOFT, TEXT, Drawing
 from flatcloth.rendering.pictures import NEW_RGB, cropped
-from flatcloth.rendering.points import Camera, camera_around, paint_points
+from flatcloth.rendering.points import camera_around, paint_points
 
 if TYPE_CHECKING:
     from PIL import Image as PillowImage
-
-    from flatcloth.engine.views import ViewCloud
 
 SUFFIXES = (".gif", ".mp4")
 
@@ -50,25 +47,6 @@ class Frame:
     duration_ms: int
 
 
-@dataclass(frozen=True)
-class _Packed:
-    """A frame, compressed without loss: a page of flat colors takes a tenth of its pixels."""
-
-    data: bytes
-    size: tuple[int, int]
-    duration_ms: int
-
-    @classmethod
-    def of(cls, frame: Frame) -> _Packed:
-        return cls(zlib.compress(frame.image.tobytes(), 1), frame.image.size, frame.duration_ms)
-
-    @property
-    def image(self) -> PillowImage.Image:
-        from PIL import Image
-
-        return Image.frombytes("RGB", self.size, zlib.decompress(self.data))
-
-
 def write_animation(session: OpenedSession, path: Path) -> None:
     """Write the growth as an animation; the suffix of the name selects GIF or MP4.
 
@@ -81,12 +59,12 @@ def write_animation(session: OpenedSession, path: Path) -> None:
         raise FlatclothError(
             f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
         )
-    shown = [_Packed.of(frame) for frame in frames(session)]
+    shown = frames(session)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
             with replacing(path) as file:
-                _write_gif(shown, file)
+                _write_gif(shown, _palette(session), file)
         else:
             # OpenCV writes to a name only, and would follow a link.
             with replacing(path) as file, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
@@ -99,73 +77,91 @@ def write_animation(session: OpenedSession, path: Path) -> None:
 
 def frames(session: OpenedSession) -> Iterator[Frame]:
     """Yield the frames in order."""
-    growth, integration = session.growth, session.integration
-    view = growth.view
-    xyz = view.xyz_m[view.valid]
-    camera = camera_around(xyz, integration.axis, _PANE, _HEIGHT - _FOOT)
-    last = growth.steps[-1].order
-    angle_deg, cloud = growth.steps[0].angle_deg, integration.cloud(growth.steps[0].view_index)
+    growth, painter = session.growth, _Painter(session)
+    first, last = growth.steps[0], growth.steps[-1]
+    angle_deg, scene = first.angle_deg, painter.scene(first, first.order, False)
     for step in growth.steps:
-        session.progress(step.order / (last + 1), f"painting step {step.order + 1} of {last + 1}")
+        session.progress(step.order / (last.order + 1), f"painting step {step.order + 1} of {last.order + 1}")
         if step.order:
             turn = (step.angle_deg - angle_deg + 180.0) % 360.0 - 180.0
+            page = painter.page(step, step.order - 1, False)
             for n in range(1, _TURN_FRAMES + 1):
                 share = n / (_TURN_FRAMES + 1)
                 eased = share * share * (3 - 2 * share)
-                scene = _scene(growth, camera, cloud, angle_deg + eased * turn, step.order - 1, False)
-                yield Frame(image=_page(growth, scene, step, step.order - 1, False), duration_ms=_TURN_MS)
-        angle_deg, cloud = step.angle_deg, integration.cloud(step.view_index)
-        scene = _scene(growth, camera, cloud, angle_deg, step.order, True)
-        yield Frame(image=_page(growth, scene, step, step.order, True), duration_ms=_HOLD_MS)
-    scene = _scene(growth, camera, cloud, angle_deg, last, False)
-    yield Frame(image=_page(growth, scene, growth.steps[-1], last, False), duration_ms=_LAST_MS)
+                yield painter.frame(page, scene, angle_deg + eased * turn, _TURN_MS)
+        angle_deg = step.angle_deg
+        page, scene = painter.page(step, step.order, True), painter.scene(step, step.order, True)
+        yield painter.frame(page, scene, angle_deg, _HOLD_MS)
+        scene = painter.scene(step, step.order, False)
+    yield painter.frame(painter.page(last, last.order, False), scene, angle_deg, _LAST_MS)
 
 
-def _scene(
-    growth: Growth, camera: Camera, cloud: ViewCloud, angle_deg: float, order: int, tinted: bool
-) -> Uint8:
-    """Draw the cloud of the last view in pale colors, and over it the shape so far in space."""
-    image = np.full((camera.height, camera.width, 3), _PAPER, dtype=np.uint8)
-    shown = growth.shown_after(order)
-    pale = (0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8)
-    xyz = np.concatenate([cloud.xyz_m, growth.view.xyz_m[shown]])
-    rgb = np.concatenate([pale, _colors(growth, shown, order, tinted)])
-    behind_m = np.concatenate([np.full(len(cloud.xyz_m), _BEHIND_M), np.zeros(int(shown.sum()))])
-    paint_points(image, camera, angle_deg, xyz, rgb, _POINT_M, behind_m)
-    return image
+@dataclass(frozen=True)
+class _Scene:
+    """Points in space: ``xyz_m`` (N, 3), ``rgb`` (N, 3), and how far behind (N,) they count, m."""
+
+    xyz_m: Float64
+    rgb: Uint8
+    behind_m: Float64
+
+
+class _Painter:
+    """Paints the frames of a session; what several frames have in common is painted once."""
+
+    def __init__(self, session: OpenedSession) -> None:
+        self._growth, self._integration = session.growth, session.integration
+        view = self._growth.view
+        self._camera = camera_around(view.xyz_m[view.valid], self._integration.axis, _PANE, _HEIGHT - _FOOT)
+        self._drawing = Drawing(_WIDTH, _HEIGHT)
+
+    def frame(self, page: Uint8, scene: _Scene, angle_deg: float, duration_ms: int) -> Frame:
+        """Paint a scene beside the shape on its page."""
+        from PIL import Image
+
+        image = page.copy()
+        pane = np.full((self._camera.height, self._camera.width, 3), _PAPER, dtype=np.uint8)
+        paint_points(pane, self._camera, angle_deg, scene.xyz_m, scene.rgb, _POINT_M, scene.behind_m)
+        image[: pane.shape[0], : pane.shape[1]] = pane
+        return Frame(image=Image.fromarray(image), duration_ms=duration_ms)
+
+    def scene(self, step: Step, order: int, tinted: bool) -> _Scene:
+        """Return the cloud of a step's view in pale colors, and the shape so far in space."""
+        growth, cloud = self._growth, self._integration.cloud(step.view_index)
+        shown = growth.shown_after(order)
+        pale = (0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8)
+        xyz = np.concatenate([cloud.xyz_m, growth.view.xyz_m[shown]])
+        behind_m = np.zeros(len(xyz))
+        behind_m[: len(pale)] = _BEHIND_M
+        rgb = np.concatenate([pale, _colors(growth, shown, order, tinted)])
+        return _Scene(xyz.astype(np.float64), rgb, behind_m)
+
+    def page(self, step: Step, order: int, tinted: bool) -> Uint8:
+        """Paint the shape beside an empty pane, with the step as text and on a timeline."""
+        growth, drawing = self._growth, self._drawing
+        drawing.clear()
+        pane = _HEIGHT - _FOOT
+        shown = growth.shown_after(order)
+        flat = np.zeros((*growth.view.shape, 4), dtype=np.uint8)
+        flat[shown, :3] = _colors(growth, shown, order, tinted)
+        flat[shown, 3] = 255
+        picture = cropped(flat, growth.view)
+        rows, cols = picture.rgba.shape[:2]
+        room = (_WIDTH - _PANE - 32, pane - 56)
+        per_pixel = min(room[0] / cols, room[1] / rows)
+        width, height = cols * per_pixel, rows * per_pixel
+        left, top = _PANE + 16 + (room[0] - width) / 2, 16 + (room[1] - height) / 2
+        drawing.picture(picture.rgba, left, top, width, height)
+        draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
+        _draw_foot(drawing, growth, step, order)
+        return drawing.paint(1.0)
 
 
 def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
-    rgb = growth.view.rgb[shown].astype(np.float64)
+    rgb = growth.view.rgb[shown]
     if tinted:
         new = growth.first_step[shown] == order
-        rgb[new] = 0.5 * rgb[new] + 0.5 * np.array(NEW_RGB, dtype=np.float64)
-    colors: Uint8 = rgb.astype(np.uint8)
-    return colors
-
-
-def _page(growth: Growth, scene: Uint8, step: Step, order: int, tinted: bool) -> PillowImage.Image:
-    """Place the two panes side by side, with the step as text and on a timeline."""
-    from PIL import Image
-
-    drawing = Drawing(_WIDTH, _HEIGHT)
-    pane = _HEIGHT - _FOOT
-    alpha = np.full((*scene.shape[:2], 1), 255, dtype=np.uint8)
-    drawing.picture(np.concatenate([scene, alpha], axis=-1), 0, 0, _PANE, pane)
-    shown = growth.shown_after(order)
-    flat = np.zeros((*growth.view.shape, 4), dtype=np.uint8)
-    flat[shown, :3] = _colors(growth, shown, order, tinted)
-    flat[shown, 3] = 255
-    picture = cropped(flat, growth.view)
-    rows, cols = picture.rgba.shape[:2]
-    room = (_WIDTH - _PANE - 32, pane - 56)
-    per_pixel = min(room[0] / cols, room[1] / rows)
-    width, height = cols * per_pixel, rows * per_pixel
-    left, top = _PANE + 16 + (room[0] - width) / 2, 16 + (room[1] - height) / 2
-    drawing.picture(picture.rgba, left, top, width, height)
-    draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
-    _draw_foot(drawing, growth, step, order)
-    return Image.fromarray(drawing.paint(1.0))
+        rgb[new] = (0.5 * rgb[new] + 0.5 * np.array(NEW_RGB, dtype=np.float64)).astype(np.uint8)
+    return rgb
 
 
 def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None:
@@ -188,34 +184,40 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
     drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
 
 
-def _write_gif(shown: list[_Packed], file: BinaryIO) -> None:
+def _palette(session: OpenedSession) -> PillowImage.Image:
+    """Return the palette for all frames: that of the first and the last."""
+    from PIL import Image
+
+    painter, steps = _Painter(session), session.growth.steps
+    both = Image.new("RGB", (_WIDTH, 2 * _HEIGHT))
+    for n, (step, tinted) in enumerate(((steps[0], True), (steps[-1], False))):
+        page, scene = painter.page(step, step.order, tinted), painter.scene(step, step.order, tinted)
+        both.paste(painter.frame(page, scene, step.angle_deg, _HOLD_MS).image, (0, n * _HEIGHT))
+    return both.quantize(colors=192, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+
+
+def _write_gif(shown: Iterable[Frame], palette: PillowImage.Image, file: BinaryIO) -> None:
     """Write a GIF with one palette for all frames, so that only changes are stored."""
     from PIL import Image
 
-    tinted, last = shown[0].image, shown[-1].image
-    both = Image.new("RGB", (tinted.width, 2 * tinted.height))
-    both.paste(tinted, (0, 0))
-    both.paste(last, (0, tinted.height))
-    palette = both.quantize(colors=192, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    images = (frame.image.quantize(palette=palette, dither=Image.Dither.NONE) for frame in shown)
-    next(images).save(
-        file,
-        "GIF",
-        save_all=True,
-        append_images=images,
-        duration=[frame.duration_ms for frame in shown],
-        loop=0,
-        optimize=False,
-    )
+    def quantized() -> Iterator[PillowImage.Image]:
+        for frame in shown:
+            image = frame.image.quantize(palette=palette, dither=Image.Dither.NONE)
+            image.info["duration"] = frame.duration_ms
+            yield image
+
+    images = quantized()
+    next(images).save(file, "GIF", save_all=True, append_images=images, loop=0, optimize=False)
 
 
-def _write_mp4(shown: list[_Packed], path: Path) -> None:
+def _write_mp4(shown: Iterable[Frame], path: Path) -> None:
     """Write an MP4: VP9 if OpenCV supports it, because browsers play it, otherwise MPEG-4."""
     import cv2
 
-    size = shown[0].size
     for code in ("vp09", "mp4v"):
-        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), size)
+        writer = cv2.VideoWriter(
+            str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*code), float(_FPS), (_WIDTH, _HEIGHT)
+        )
         if writer.isOpened():
             break
     else:

@@ -10,7 +10,6 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.export.history import Decision
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
-from flatcloth.methods.paper.planning import column_curves
 from flatcloth.rendering.charts import SMALL, Frame, draw_axes
 from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SOFT, Drawing, Run
 from flatcloth.session.machine import Side
@@ -43,13 +42,7 @@ def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
 
 def curves_of_view(session: OpenedSession, view_index: int) -> ColumnCurves:
     """Return h(u) and A_z(u) of a view's own flattened view at its rotation (paper, Fig. 4d)."""
-    integration = session.integration
-    return column_curves(
-        integration.flattening(view_index).view,
-        integration.axis,
-        integration.recording.angles_deg[view_index],
-        integration.config.planning.z_angle_limit_deg,
-    )
+    return session.numbers_of(view_index).curves
 
 
 def draw_curves(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,9 +13,10 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Floats
-from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on, sheet_of
+from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
+from flatcloth.export.kept import PngPicture, key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
@@ -30,9 +32,10 @@ from flatcloth.rendering.charts import (
     draw_title,
 )
 from flatcloth.rendering.colormaps import piece_color, view_colors
-from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, text_width
+from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, png_of, text_width
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
+from flatcloth.session.machine import Document
 
 _BELOW, _HEAD, _MARGIN = 46, 44, 16
 """Layout (px): text below, text above, and the margin. Chosen."""
@@ -304,10 +307,7 @@ def energy(session: OpenedSession) -> Figure:
     """Return the chart of the energy of Eq. (2) at each iteration, one line per view of the shape."""
     steps = session.growth.steps
     colors = view_colors(len(session.integration.recording))
-    lines = [
-        [np.array(level.energy) for level in session.integration.flattening(step.view_index).levels]
-        for step in steps
-    ]
+    lines = [session.numbers_of(step.view_index).energies_m2 for step in steps]
     every = np.concatenate([part for line in lines for part in line])
     every = every[every > 0]
     low, high = (float(every.min()), float(every.max())) if every.size else (0.1, 1.0)
@@ -346,16 +346,32 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
     angle = integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
     told = verdict_text(decision)
-    drawing = map_drawing(laid_before(session, decision), title, told, legend_width=20.0)
+    drawing = map_drawing(_decoded(picture_before(session, decision)), title, told, legend_width=20.0)
     return Figure(name=_name(decision, "overlay"), caption=f"{title}, {told}.", drawing=drawing)
 
 
-def laid_before(session: OpenedSession, decision: Decision) -> PlanePicture:
-    """Return a proposal on the shape at the time of the decision."""
-    integration, before = session.integration, decision.before
-    sheet = sheet_of(integration.canonical(before), before)
-    overlay = overlay_on(integration, before, sheet)
-    return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
+def picture_before(session: OpenedSession, decision: Decision) -> PngPicture:
+    """Return the picture of a proposal on the shape at the time of the decision."""
+    before = decision.before
+    pending = before.pending
+    assert pending is not None
+    places = pending.view_index, pending.component, pending.current_from_new, pending.also_placed
+    key = key_of(session.integration.axis, before), places
+    return session.kept.pictures.get(key, lambda: _picture_before(session, before))
+
+
+def _picture_before(session: OpenedSession, before: Document) -> PngPicture:
+    sheet = session.sheet_of(before)
+    overlay = overlay_on(session.integration, before, sheet)
+    laid = laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
+    return PngPicture(png=png_of(laid.rgba), pixel_size_m=laid.pixel_size_m, origin_uv_m=laid.origin_uv_m)
+
+
+def _decoded(picture: PngPicture) -> PlanePicture:
+    from PIL import Image
+
+    rgba = np.asarray(Image.open(io.BytesIO(picture.png)))
+    return PlanePicture(rgba=rgba, pixel_size_m=picture.pixel_size_m, origin_uv_m=picture.origin_uv_m)
 
 
 def verdict_text(decision: Decision) -> str:

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
+from flatcloth.core.types import Bool, FlattenedView, Float64, Progress, Rigid2, no_progress
 from flatcloth.engine.results.result import at_step
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
+from flatcloth.export.kept import GrownArrays, Kept, key_of
+from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -77,8 +79,15 @@ class Growth:
         return shown
 
 
-def grow(integration: Integration, history: SessionHistory, progress: Progress = no_progress) -> Growth:
+def grow(
+    integration: Integration,
+    history: SessionHistory,
+    progress: Progress = no_progress,
+    kept: Kept | None = None,
+) -> Growth:
     """Compute the growth of a session's shape from its start view on.
+
+    ``kept`` is what earlier exports of the session computed; the shapes of all steps are added to it.
 
     Raises
     ------
@@ -90,26 +99,53 @@ def grow(integration: Integration, history: SessionHistory, progress: Progress =
     views = [document.start_view, *(a.view_index for a in document.accepted)]
     sheet = sheet_of(integration.canonical(document), document)
     source = _orders(sheet.view, views)
-    first = source.copy()
-    steps: list[Step] = []
-    for order, view_index in enumerate(views):
-        progress(order / len(views), f"computing the growth: {order + 1} of {len(views)} views")
-        canonical = integration.canonical(at_step(document, order))
-        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
-        before_m2 = steps[-1].area_m2 + steps[-1].floating_m2 if steps else 0.0
-        steps.append(
-            Step(
-                order=order,
-                view_index=view_index,
-                angle_deg=integration.recording.angles_deg[view_index],
-                area_m2=canonical.view.area_m2,
-                floating_m2=floating_m2,
-                added_m2=canonical.view.area_m2 + floating_m2 - before_m2,
-                decision=_acceptance(history, view_index) if order else None,
-            )
+
+    def grown() -> GrownArrays:
+        return _grown(integration, document, sheet, source, progress, kept)
+
+    own = grown() if kept is None else kept.growths.get(key_of(integration.axis, document), grown)
+    after = np.add(own.area_m2, own.floating_m2)
+    added = np.diff(after, prepend=0.0)
+    steps = [
+        Step(
+            order=order,
+            view_index=view_index,
+            angle_deg=integration.recording.angles_deg[view_index],
+            area_m2=own.area_m2[order],
+            floating_m2=own.floating_m2[order],
+            added_m2=float(added[order]),
+            decision=_acceptance(history, view_index) if order else None,
         )
-        first[_covers(sheet_of(canonical, document), sheet, first > order)] = order
-    return Growth(sheet=sheet, first_step=first, source_step=source, steps=tuple(steps))
+        for order, view_index in enumerate(views)
+    ]
+    return Growth(sheet=sheet, first_step=own.first_step, source_step=source, steps=tuple(steps))
+
+
+def _grown(
+    integration: Integration,
+    document: Document,
+    sheet: Sheet,
+    source: Int16,
+    progress: Progress,
+    kept: Kept | None,
+) -> GrownArrays:
+    """Compute the shape after each step, and which pixels of the last one it covers."""
+    first = source.copy()
+    area_m2, floating_m2 = [], []
+    pieces = _pieces_of(sheet)
+    count = len(document.accepted) + 1
+    for order in range(count):
+        progress(order / count, f"computing the growth: {order + 1} of {count} views")
+        integration.canonical(document)  # the last shape stays the one that was used last
+        then = at_step(document, order)
+        canonical = integration.canonical(then)
+        area_m2.append(canonical.view.area_m2)
+        floating_m2.append(float(sum(piece.area_m2 for piece in canonical.floating)))
+        before = sheet_of(canonical, document)
+        if kept is not None:
+            kept.keep_sheet(key_of(integration.axis, then), before)
+        first[_covers(before, sheet, pieces, first > order)] = order
+    return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
 
 
 def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:
@@ -118,28 +154,53 @@ def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | Non
     None if the shapes share too few pixels. The shapes of one session have different orientations,
     because a renewed shape takes that of the added view.
     """
-    uv_s, key_s = _measured(source)
-    uv_t, key_t = _measured(target)
-    if len(key_s) == 0 or len(key_t) == 0:
-        return None
-    some = np.linspace(0, len(key_s) - 1, min(len(key_s), _MOST_SHARED)).astype(np.intp)
-    away, which = cKDTree(key_t).query(key_s[some], distance_upper_bound=_SAME_PIXEL_PX)
-    same = np.isfinite(away)
-    if same.sum() < _LEAST_SHARED:
-        return None
-    return fit_rigid2(uv_s[some][same], uv_t[which[same]])
+    return _motion(_some(_measured(source)), target)
 
 
-def _measured(view: FlattenedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+@dataclass(frozen=True)
+class _Measured:
+    """Pixels with their positions ``uv_m`` (N, 2) and ``key`` (N, 3): the image pixels that they show."""
+
+    uv_m: Float64
+    key: Float64
+
+
+def _measured(view: FlattenedView) -> _Measured:
     rc = np.argwhere(view.valid)
     source = view.source_rc[view.valid].astype(np.float64)
     key = np.column_stack([view.view_index[view.valid] * _VIEW_APART_PX, source])
     known = np.isfinite(key).all(axis=1)
-    return view.uv_from_rc(rc)[known], key[known]
+    return _Measured(view.uv_from_rc(rc)[known], key[known])
 
 
-def _covers(earlier: Sheet, sheet: Sheet, asked: Bool) -> Bool:
-    """Return which of the given pixels (H, W) of the sheet an earlier sheet covered.
+def _some(measured: _Measured) -> _Measured:
+    count = len(measured.key)
+    some = np.linspace(0, count - 1, min(count, _MOST_SHARED)).astype(np.intp)
+    return _Measured(measured.uv_m[some], measured.key[some])
+
+
+def _motion(source: _Measured, target: FlattenedView) -> Rigid2 | None:
+    there = _measured(target)
+    if len(source.key) == 0 or len(there.key) == 0:
+        return None
+    # A tree that is built fast: it is asked once, for few pixels.
+    tree = cKDTree(there.key, balanced_tree=False, compact_nodes=False)
+    away, which = tree.query(source.key, distance_upper_bound=_SAME_PIXEL_PX)
+    same = np.isfinite(away)
+    if same.sum() < _LEAST_SHARED:
+        return None
+    return fit_rigid2(source.uv_m[same], there.uv_m[which[same]])
+
+
+def _pieces_of(sheet: Sheet) -> list[_Measured]:
+    """Return pixels of the shape and of each piece of a sheet."""
+    pieces = range(len(sheet.pieces) + 1)
+    views = (replace(sheet.view, valid=sheet.view.valid & (sheet.piece == n)) for n in pieces)
+    return [_some(_measured(view)) for view in views]
+
+
+def _covers(earlier: Sheet, sheet: Sheet, pieces: list[_Measured], asked: Bool) -> Bool:
+    """Return which of the given pixels (H, W) of the sheet, with its pieces, an earlier sheet covered.
 
     Shape and pieces move by themselves, so each is compared with each of the earlier ones.
     """
@@ -148,14 +209,12 @@ def _covers(earlier: Sheet, sheet: Sheet, asked: Bool) -> Bool:
         replace(earlier.view, valid=earlier.view.valid & (earlier.piece == m))
         for m in range(len(earlier.pieces) + 1)
     ]
-    for n in range(len(sheet.pieces) + 1):
-        own = sheet.view.valid & (sheet.piece == n)
-        todo = asked & own
+    for n, piece in enumerate(pieces):
+        todo = asked & sheet.view.valid & (sheet.piece == n)
         if not todo.any():
             continue
-        piece = replace(sheet.view, valid=own)
         for before in parts:
-            earlier_from_sheet = motion_between(piece, before)
+            earlier_from_sheet = _motion(piece, before)
             if earlier_from_sheet is None:
                 continue
             rows, cols = np.nonzero(todo)

@@ -22,7 +22,7 @@ from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, ove
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose, grasp_pose
-from flatcloth.rendering.drawing import Drawing, data_url, png_of
+from flatcloth.rendering.drawing import Drawing, data_url
 
 
 def report(session: OpenedSession) -> str:
@@ -138,7 +138,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
-    picture = data_url(png_of(figures.laid_before(session, decision).rgba), "image/png")
+    picture = data_url(figures.picture_before(session, decision).png, "image/png")
     told = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import FlattenedView, Progress, no_progress
+from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import earlier_scores
+from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
+from flatcloth.export.kept import Kept, key_of
 from flatcloth.grasping.grasps import Grip
+from flatcloth.methods.base import ColumnCurves
+from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.axis_file import read_axis
@@ -28,26 +34,48 @@ if TYPE_CHECKING:
     from flatcloth.export.session_data import SessionData
 
 
+@dataclass(frozen=True, kw_only=True)
+class ViewNumbers:
+    """Numbers of a flattened view: its energies (m2) level by level, and h(u) and A_z(u) at its rotation."""
+
+    energies_m2: tuple[Float64, ...]
+    curves: ColumnCurves
+
+
+def _numbers_of(integration: Integration, view_index: int) -> ViewNumbers:
+    flattening = integration.flattening(view_index)
+    return ViewNumbers(
+        energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
+        curves=column_curves(
+            flattening.view,
+            integration.axis,
+            integration.recording.angles_deg[view_index],
+            integration.config.planning.z_angle_limit_deg,
+        ),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class OpenedSession:
     """A session for export; data are computed on first use.
 
-    ``progress`` is called with the progress of the work.
+    ``progress`` is called with the progress of the work; ``kept`` is shared with other exports of it.
     """
 
     history: SessionHistory
     integration: Integration
     progress: Progress = no_progress
+    kept: Kept = field(default_factory=Kept)
 
     @cached_property
     def growth(self) -> Growth:
         """The shape and its growth."""
-        return grow(self.integration, self.history, self.progress)
+        return grow(self.integration, self.history, self.progress, self.kept)
 
     @cached_property
     def garments(self) -> GarmentService:
         """Recognises the garment, once for all files."""
-        return GarmentService(self.integration)
+        return self.kept.garments or GarmentService(self.integration)
 
     @cached_property
     def garment(self) -> KnownGarment | str:
@@ -64,6 +92,23 @@ class OpenedSession:
             If nothing is flattened yet.
         """
         return self.integration.canonical(self.history.begun).view
+
+    def sheet_of(self, document: Document) -> Sheet:
+        """Return the shape of a document of the past with its colors; its measurements may be missing."""
+        return self.kept.sheet(
+            key_of(self.integration.axis, document),
+            lambda: sheet_of(self.integration.canonical(document), document),
+        )
+
+    def numbers_of(self, view_index: int) -> ViewNumbers:
+        """Return numbers of a view's own flattened view."""
+        if view_index not in self._numbers:
+            self._numbers[view_index] = _numbers_of(self.integration, view_index)
+        return self._numbers[view_index]
+
+    @cached_property
+    def _numbers(self) -> dict[int, ViewNumbers]:
+        return {}
 
     def frames(
         self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
@@ -164,7 +209,9 @@ def open_session(
     return OpenedSession(history, integration, progress)
 
 
-def of_page(integration: Integration, folder: object, progress: Progress = no_progress) -> OpenedSession:
+def of_page(
+    integration: Integration, folder: object, progress: Progress = no_progress, kept: Kept | None = None
+) -> OpenedSession:
     """Return the session of an open page for export.
 
     Parameters
@@ -175,6 +222,8 @@ def of_page(integration: Integration, folder: object, progress: Progress = no_pr
         The page's session folder.
     progress : callable
         Called with the progress of the work; may raise ``CancelledError``.
+    kept : Kept, optional
+        What earlier exports of the page computed.
 
     Raises
     ------
@@ -186,4 +235,4 @@ def of_page(integration: Integration, folder: object, progress: Progress = no_pr
     path = getattr(folder, "folder", None)
     if path is None:
         raise FlatclothError("This session is not saved on disk, so it cannot be exported; use --session.")
-    return OpenedSession(read_history(path), integration, progress)
+    return OpenedSession(read_history(path), integration, progress, kept or Kept())

@@ -73,7 +73,7 @@ class Drawing:
     figure: Figure = field(init=False, repr=False)
     page: Axes = field(init=False, repr=False)
     _pictures: list[AxesImage] = field(init=False, repr=False, default_factory=list)
-    _count: int = field(init=False, repr=False, default=0)
+    _items: list[Artist] = field(init=False, repr=False, default_factory=list)
 
     def __post_init__(self) -> None:
         with _settings(""):
@@ -85,6 +85,12 @@ class Drawing:
             self.page = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=1)
             self.page.set(xlim=(0.0, self.width), ylim=(self.height, 0.0), autoscale_on=False)
             self.page.set_axis_off()
+
+    def clear(self) -> None:
+        """Take all items off the page; charts stay."""
+        while self._items:
+            self._items.pop().remove()
+        self._pictures.clear()
 
     def axes(self, left: float, top: float, width: float, height: float) -> Axes:
         """Add axes for a chart: the plot's rectangle in points."""
@@ -203,8 +209,8 @@ class Drawing:
 
     def _add(self, item: Artist) -> None:
         """Lay an item over those before it."""
-        self._count += 1
-        item.set_zorder(self._count)
+        self._items.append(item)
+        item.set_zorder(len(self._items))
         self.page.add_artist(item).set_clip_on(False)
 
 

@@ -61,19 +61,24 @@ def paint_points(
     surface, so that one of them does not show through.
     """
     place, depth = camera.project(xyz_held_m, angle_deg)
-    known = np.isfinite(place).all(axis=1) & (depth > 0.05)
-    order = np.flatnonzero(known)[np.argsort(-(depth + behind_m)[known], kind="stable")]
-    if not order.size:
+    known = np.flatnonzero(np.isfinite(place).all(axis=1) & (depth > 0.05))
+    if not known.size:
         return
-    side = max(1, round(size_m * camera.focal_px / float(np.median(depth[order]))))
-    corner = np.rint(place[order] - (side - 1) / 2).astype(np.intp)
-    colors = rgb[order]
-    # Draw one pixel of the square at a time: otherwise a far point could cover a near one.
-    nearest = np.full(image.shape[:2], -1, dtype=np.intp)
-    rank = np.arange(len(order))
-    for dy in range(side):
-        for dx in range(side):
-            x, y = corner[:, 0] + dx, corner[:, 1] + dy
-            inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-            np.maximum.at(nearest, (y[inside], x[inside]), rank[inside])
-    image[nearest >= 0] = colors[nearest[nearest >= 0]]
+    side = max(1, round(size_m * camera.focal_px / float(np.median(depth[known]))))
+    corner = np.rint(place[known] - (side - 1) / 2)
+    near = ((corner > -side) & (corner < (camera.width, camera.height))).all(axis=1)
+    known, corner = known[near], corner[near].astype(np.intp) + side - 1
+    away = (depth + behind_m)[known]
+    # The image with a rim, so that every square lies on it. Among equally near points the last one is on top.
+    rows, cols = camera.height + 2 * side - 2, camera.width + 2 * side - 2
+    first = corner[:, 1] * cols + corner[:, 0]
+    squares = [first + (dy * cols + dx) for dy in range(side) for dx in range(side)]
+    least, nearest = np.full(rows * cols, np.inf), np.full(rows * cols, -1, dtype=np.intp)
+    for pixel in squares:
+        np.minimum.at(least, pixel, away)
+    for pixel in squares:
+        on_top = away == least[pixel]
+        np.maximum.at(nearest, pixel[on_top], known[on_top])
+    rim = slice(side - 1, side - 1 + camera.height), slice(side - 1, side - 1 + camera.width)
+    shown = nearest.reshape(rows, cols)[rim]
+    image[shown >= 0] = rgb[shown[shown >= 0]]

@@ -30,6 +30,7 @@ from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_s
 from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
+from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
@@ -82,8 +83,8 @@ class Observed:
 
     ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of
     all views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says,
-    ``samples`` (K, M) those of disturbed evidence; ``start_view`` the view that shows most of the item;
-    ``cut_off`` what was no item.
+    ``samples`` (K, M) those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an
+    opening; ``start_view`` the view that shows most of the item; ``cut_off`` what was no item.
     """
 
     views: dict[int, ObservedView]
@@ -92,6 +93,7 @@ class Observed:
     graph: SignedGraph
     partition: Partition
     samples: Int8
+    inner: Bool
     start_view: int
     cut_off: tuple[CutOff, ...]
     noise_m: float
@@ -164,6 +166,7 @@ def observe(
         samples=sampled_sides(
             graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
         ),
+        inner=inner_faces(clusters, graph, settings),
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
         noise_m=noise_m,

@@ -39,6 +39,10 @@ class SegmentationConfig:
     """... or before it by this, by errors of the registration, ..."""
     opposite_beside_m: float = 0.005
     """... and beside it by at most this."""
+    thickest_m: float = 0.012
+    """What lies farther behind tells nothing of the thickness; ..."""
+    thickness_weight: float = 2.0
+    """... cloth of one layer is evidence of an inner face, at most this much for each cluster."""
     noisy_depth_m: float = 0.0003
     """Depth that scatters more than this about its local planes (median) is noisy."""
     samples: int = 32

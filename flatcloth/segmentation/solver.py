@@ -153,9 +153,12 @@ class SideSolver:
         found, start = self.observed.partition, self._start
         largest = int(np.bincount(found.part[start]).argmax())
         side = found.side * np.sign((found.side[start] * (found.part[start] == largest)).sum() or 1.0)
+        inner = self.observed.inner.copy()
+        if inner[start].any():  # an inner face is the side that the operator looks at first
+            inner[:] = False
         return _State(
             side=side,
-            inner=np.zeros(len(side), dtype=np.bool_),
+            inner=inner,
             holder=np.full(len(side), -1, dtype=np.int64),
             strokes=(),
             guess=_UNTESTED,
@@ -176,7 +179,7 @@ class SideSolver:
             return replace(state, excluded=excluded)
         touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
         conflicts = (*state.conflicts, *self._conflicts(state, touched, wanted, number))
-        if state.guess >= 0 and (state.part[touched] == state.guess).any():
+        if state.guess >= 0 and (state.part[touched[~state.inner[touched]]] == state.guess).any():
             state = self._settled(state, touched, wanted, number)
         else:
             state = self._stroked(state, touched, wanted, number, self.solve(decisions[:-1]).side)
@@ -185,7 +188,7 @@ class SideSolver:
     def _settled(self, state: _State, touched: Int64, wanted: float, number: int) -> _State:
         """Tell by a stroke whether the guess was right, and take those before it again with that known."""
         begin = self._begin()
-        own = touched[state.part[touched] == state.guess]
+        own = touched[(state.part[touched] == state.guess) & ~state.inner[touched]]
         right = np.sign(wanted * begin.side[own].sum() or 1.0)
         # If it was wrong, where it began tells nothing: only strokes do.
         group = np.where(begin.known & (right < 0), 1, 0)
@@ -230,8 +233,9 @@ class SideSolver:
             own = touched[part[touched] == n]
             if not known[own[0]]:  # a part that nothing joined to the others: its polarity is the stroke's
                 members = part == n
-                side[members] *= np.sign(wanted * side[own].sum() or 1.0)
-                shown[members] = side[members]
+                outer = own[~inner[own]]
+                side[members] *= np.sign(wanted * side[outer if outer.size else own].sum() or 1.0)
+                shown[members] = _shown(side, inner)[members]
                 known[members] = True
         wrong = touched[shown[touched] != wanted]
         if not wrong.size:
@@ -361,7 +365,7 @@ class SideSolver:
         at = view.surface
         np.add.at(shown, view.cluster[at], view.area_m2[at])
         toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
-        good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN)
+        good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN) & ~observed.inner
         if not good.any():
             good = shown > 0
         if not good.any():

@@ -17,10 +17,14 @@ from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, Rec
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
+from flatcloth.engine.sheet import lay_out
+from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import grow, motion_between
+from flatcloth.export.kept import Kept, key_of
 from flatcloth.export.session import OpenedSession, of_page, open_session
 from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import write_axis
+from flatcloth.session.garment import PlacedPiece
 from flatcloth.session.machine import Accepted, Document
 
 
@@ -163,3 +167,69 @@ def test_poses_are_given_where_the_item_stands_unless_a_rotation_is_named(sessio
     assert session.frames().rotation_deg == last
     assert session.frames(rotation_deg=12.5).rotation_deg == 12.5
     assert session.frames().grips[1].opening_m == 0.06
+
+
+# --- what exports share ---------------------------------------------------------------------------
+
+
+class Counting:
+    """An integration that counts the shapes asked for by their number of accepted views."""
+
+    def __init__(self, session: OpenedSession) -> None:
+        self._integration = session.integration
+        self.asked: list[int] = []
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._integration, name)
+
+    def canonical(self, document: Document) -> Canonical:
+        self.asked.append(len(document.accepted))
+        return self._integration.canonical(document)
+
+
+def test_a_second_export_computes_no_shape_of_the_past_again(session: OpenedSession) -> None:
+    kept, made = Kept(), []
+    for _ in range(2):
+        counting = Counting(session)
+        opened = OpenedSession(session.history, cast("Integration", counting), kept=kept)
+        pictures = [picture_before(opened, d).png for d in session.history.decisions]
+        made.append((opened.growth, pictures))
+    assert set(counting.asked) == {2}  # only the last shape
+    (growth, pictures), (again, pictures_again) = made
+    assert (growth.first_step == again.first_step).all()
+    assert growth.steps == again.steps
+    assert pictures == pictures_again
+
+
+def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSession) -> None:
+    axis, document = session.integration.axis, session.history.document
+    moved = replace(axis, point_m=axis.point_m + 0.001)
+    piece = replace(document.garment, pieces=(cast("PlacedPiece", "a piece"),))
+    others = [
+        replace(document, accepted=document.accepted[:1]),
+        replace(document, accepted=document.accepted[::-1]),
+        replace(document, largest_after=(1,)),
+        replace(document, garment=piece),
+    ]
+    keys = {key_of(axis, document), key_of(moved, document), *(key_of(axis, other) for other in others)}
+    assert len(keys) == 6
+    # What happened after a shape does not change it.
+    later = replace(document, largest_after=(len(document.accepted) + 1,), pending=None, finished="done")
+    assert key_of(axis, later) == key_of(axis, document)
+
+
+def test_a_kept_sheet_has_the_colors_and_pieces_of_the_sheet() -> None:
+    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
+    far = replace(piece, origin_uv_m=(12.0, 3.0))
+    whole = lay_out(Canonical(view=main, current_from_view={}, floating=(far,)))
+    kept = Kept()
+    kept.keep_sheet("a", whole)
+    back = kept.sheet("a", lambda: pytest.fail("it is kept"))
+    assert (back.view.valid == whole.view.valid).all()
+    assert (back.view.rgb[back.view.valid] == whole.view.rgb[whole.view.valid]).all()
+    assert (back.piece == whole.piece).all()
+    at, far_off = np.array([0.02, 0.02]), Rigid2(0.0, 12.0, 3.0)
+    assert back.shown(far_off, at) == whole.shown(far_off, at) != far_off
+    assert (back.view.origin_uv_m, back.pieces[0].label) == (whole.view.origin_uv_m, "B")
+    other = lay_out(Canonical(view=main, current_from_view={}))
+    assert kept.sheet("b", lambda: other) is other

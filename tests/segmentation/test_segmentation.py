@@ -79,6 +79,29 @@ def test_a_stroke_says_which_side_is_of_interest_and_undo_is_exact(solver):
     assert solver.solve(()) is before
 
 
+def with_inner_face(solver, inner):
+    return SideSolver(replace(solver.observed, inner=inner))
+
+
+def test_an_inner_face_is_of_no_interest_until_a_stroke_says_so(solver):
+    front = solver.solve(()).side == OF_INTEREST
+    height = solver.observed.clusters.place_m[:, 1]
+    inner = front & (height > np.quantile(height, 0.8))
+    told = with_inner_face(solver, inner)
+    assert (told.solve(()).side[inner] == OTHER).all()
+    assert (told.solve(()).side[front & ~inner] == OF_INTEREST).all()
+    rows, cols = np.nonzero(VIEWS[0].front)
+    lowest = rows >= rows.max() - 20
+    back = told.solve([stroke(points=((float(rows[lowest].mean()), float(cols[lowest].mean())),))])
+    assert (back.side[inner] == OF_INTEREST).mean() > 0.9
+    assert (back.side[front & ~inner] == OF_INTEREST).all()
+
+
+def test_where_the_start_view_shows_an_inner_face_that_is_of_interest(solver):
+    front = solver.solve(()).side == OF_INTEREST
+    assert np.array_equal(with_inner_face(solver, front).solve(()).side == OF_INTEREST, front)
+
+
 def test_a_first_stroke_where_nothing_was_shown_does_not_mean_that_the_guess_was_wrong(solver):
     observed = solver.observed
     back = observed.clusters.normal[:, 2] > 0.9

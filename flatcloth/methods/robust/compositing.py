@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -256,16 +255,24 @@ def _read_views(
         pixel_size_m=pixel_size_m,
         origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
     )
-    order = np.argsort(label, axis=None, kind="stable")
-    ends = np.searchsorted(label.ravel()[order], np.arange(len(shape.observations) + 1))
-    for n, (begin, end) in enumerate(itertools.pairwise(ends)):
-        if begin == end:
+    assert result.quality is not None
+    labelled = np.flatnonzero(label >= 0)
+    labelled = labelled[np.argsort(label.ravel()[labelled], kind="stable")]
+    ends = np.cumsum(np.bincount(label.ravel()[labelled], minlength=len(shape.observations)))
+    for n, pixels in enumerate(np.split(labelled, ends[:-1])):
+        if not pixels.size:
             continue
-        own = np.unravel_index(order[begin:end], label.shape)
         surface = surfaces[shape.observations[n].view_index]
         held: Rigid3 = shape.held_from_camera[n]
-        # The pixels of a view in one row: what is read does not depend on where they lie.
-        part = read_attributes(source[own][None], stretches[n], surface, axis, pixel_size_m, low, held)
-        for name in ("rgb", "xyz_m", "normal", "z_angle_deg", "view_index", "source_rc", "quality", "valid"):
-            getattr(result, name)[own] = getattr(part, name)[0]
+        own_source = source.reshape(-1, 2)[pixels][:, None]
+        part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
+        valid = part.valid[:, 0]
+        at = pixels[valid]
+        for name in _READ:
+            values = getattr(part, name)
+            getattr(result, name).reshape(rows * cols, *values.shape[2:])[at] = values[valid, 0]
     return result
+
+
+_READ = ("rgb", "xyz_m", "normal", "z_angle_deg", "valid", "view_index", "source_rc", "quality")
+"""The attributes of a pixel that are read from a view."""

@@ -155,8 +155,11 @@ class JointShapes:
 
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
-        # Registration keeps them, so a view that is no longer cached is not flattened again.
-        features = self.registered(shape.views).features
+        # Registrations keep them, so a view that is no longer cached is not flattened again.
+        kept = [self._features.get(view) for view in shape.views]
+        features = [seen for seen in kept if seen is not None]
+        if len(features) < len(kept):
+            features = list(self.registered(shape.views).features)
         return {seen.view_index: seen.surface for seen in features if seen.surface is not None}
 
     def registered(self, views: tuple[int, ...]) -> Registered:

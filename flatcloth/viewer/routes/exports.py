@@ -19,10 +19,12 @@ from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.memory import trim_freed_memory
+from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 
 if TYPE_CHECKING:
+    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.engine.integration import Integration
     from flatcloth.session.store import SessionFolder
 
@@ -128,10 +130,15 @@ class ExportRoutes:
     ----------
     integration, folder
         The session of the page; only read.
+    garments : GarmentService, optional
+        Recognises the garment; that of the page.
     """
 
-    def __init__(self, integration: Integration, folder: SessionFolder) -> None:
+    def __init__(
+        self, integration: Integration, folder: SessionFolder, garments: GarmentService | None = None
+    ) -> None:
         self._integration = integration
+        self._kept = Kept(garments)
         self._folder = folder
         self._turn = threading.Lock()
         self._pool = ThreadPoolExecutor(1, "flatcloth-export")
@@ -180,7 +187,7 @@ class ExportRoutes:
                 raise CancelledError
 
         try:
-            opened = of_page(self._integration, self._folder, go_on)
+            opened = of_page(self._integration, self._folder, go_on, self._kept)
             go_on(0.0, "")
             return make(opened)
         except CancelledError:

@@ -97,7 +97,7 @@ class Workspace:
             self.scene.offer_clouds(integration)
             self.scene.offer_axis(self.application.adjust_axis)
         self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
-        self._exports = ExportRoutes(integration, folder)
+        self._exports = ExportRoutes(integration, folder, self.application.garments)
         self.router = Router(
             [
                 *LayerRoutes(self.application, integration).routes(),

@@ -1,0 +1,86 @@
+"""Inner faces by the thickness of the cloth: the back panel reaches beyond the hem of the front one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flatcloth.segmentation.clusters import Clusters
+from flatcloth.segmentation.inner import inner_faces, thicknesses
+from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.settings import SegmentationConfig
+
+STEP_M, COLS, ROWS, FLAP = 0.006, 20, 24, 5
+TWO_LAYERS_M = 0.0016
+BACK_ROWS = ROWS + FLAP
+
+
+def sheet(first_row, rows, depth_m, normal_z):
+    row, col = np.mgrid[first_row : first_row + rows, :COLS]
+    place = np.stack([STEP_M * col, STEP_M * row, np.full(row.shape, depth_m)], axis=-1).reshape(-1, 3)
+    return place, np.tile([0.0, 0.0, normal_z], (len(place), 1))
+
+
+def garment(two_layers_m=TWO_LAYERS_M, noise_m=0.0):
+    """Clusters of the front panel's face, of the inner face below its hem, and of the back panel's face."""
+    parts = [sheet(0, ROWS, 0.0, -1.0), sheet(ROWS, FLAP, two_layers_m, -1.0)]
+    parts.append(sheet(0, BACK_ROWS, two_layers_m, 1.0))
+    place, normal = (np.concatenate([part[n] for part in parts]) for n in (0, 1))
+    place[:, 2] += noise_m * np.random.default_rng(0).standard_normal(len(place))
+    face = np.repeat([0, 1, 2], [len(part[0]) for part in parts])
+    count, begin, links = len(place), 0, []
+    for part in parts:
+        number = begin + np.arange(len(part[0])).reshape(-1, COLS)
+        for a, b in ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:])):
+            links.append((a.ravel(), b.ravel(), np.full(a.size, 8.0)))
+        begin += number.size
+    hem = np.arange((ROWS - 1) * COLS, ROWS * COLS)
+    links.append((hem, hem + COLS, np.full(COLS, 0.1)))  # the views hardly join it to what lies beyond
+    first, second, weight = (np.concatenate([link[n] for link in links]) for n in range(3))
+    clusters = Clusters(
+        place_m=place, normal=normal, pixels=np.full(count, 60), facing=np.full(count, 0.95),
+        area_m2=np.full(count, 4e-5), of_pixel=np.empty(0, dtype=np.int32),
+    )  # fmt: skip
+    return clusters, SignedGraph(count=count, first=first, second=second, weight=weight), face
+
+
+def test_the_inner_face_beyond_a_hem_is_found_and_the_outer_face_at_its_back_is_not():
+    clusters, graph, face = garment()
+    inner = inner_faces(clusters, graph, SegmentationConfig())
+    assert np.array_equal(inner, face == 1)
+
+
+def test_the_thickness_is_that_of_two_layers_or_of_none():
+    clusters, _, face = garment()
+    thickness_m, weight = thicknesses(clusters, SegmentationConfig())
+    assert (weight > 0).all()
+    np.testing.assert_allclose(thickness_m[face == 0], TWO_LAYERS_M, atol=1e-12)
+    np.testing.assert_allclose(thickness_m[face == 1], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise_m", [0.0001, 0.0003])
+def test_a_little_noise_still_finds_most_of_it_and_no_outer_face(noise_m):
+    clusters, graph, face = garment(noise_m=noise_m)
+    inner = inner_faces(clusters, graph, SegmentationConfig())
+    assert inner[face == 1].mean() > 0.9
+    assert not inner[face != 1].any()
+
+
+def test_noise_as_large_as_the_cloth_is_thick_takes_no_outer_face_for_an_inner_one():
+    clusters, graph, face = garment(noise_m=0.0015)
+    inner = inner_faces(clusters, graph, SegmentationConfig())
+    assert inner[face != 1].mean() < 0.01
+
+
+def test_both_faces_of_a_towel_are_outer_ones():
+    clusters, graph, _ = garment(two_layers_m=0.0)
+    assert not inner_faces(clusters, graph, SegmentationConfig()).any()
+
+
+def test_cloth_with_nothing_at_its_back_has_no_thickness():
+    clusters, graph, face = garment(two_layers_m=0.05)
+    _, weight = thicknesses(clusters, SegmentationConfig())
+    assert not weight[face == 0].any()
+    assert (weight[face == 1] > 0).all()
+    # Two faces of one layer are all that was seen: nothing tells which is the inner one.
+    assert not inner_faces(clusters, graph, SegmentationConfig()).any()
