@@ -144,7 +144,7 @@ def minimise(
     least_energy_m2 : float
         Part of H that is left out since no place changes it; the tolerance counts it.
     is_near : bool
-        The start is near the minimum: where a step does not lower H it is reached, so no damping is tried.
+        The start is near the minimum, which is reached where a step without damping does not lower H.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def minimise(
     order, place, pairs = narrow.order, narrow.place, narrow.pairs
     weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
-    trace: list[Float64] | None = [x] if record else None
+    trace = [x] if record else None
     band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
     band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
     laplacian = _factor(band)
@@ -181,8 +181,8 @@ def minimise(
 
 def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
     """Return H of Eq. (2), m^2."""
-    length = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
-    return float(np.square(length - edge_length_m).sum())
+    along = uv_m[edges[:, 0]] - uv_m[edges[:, 1]]
+    return float(np.square(np.linalg.norm(along, axis=1) - edge_length_m).sum())
 
 
 def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
@@ -191,9 +191,8 @@ def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
 
 
 def _thinned(items: list[T], most: int = 20) -> list[T]:
-    if len(items) <= most:
-        return items
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, most)]
+    picked = np.linspace(0, len(items) - 1, min(most, len(items)))
+    return [items[round(i)] for i in picked]
 
 
 def _bandwidth(edges: Int32) -> int:
@@ -218,12 +217,8 @@ def _factor(band: Float64) -> Float64 | None:
 
 def _solved(factor: Float64, rhs: Float64) -> Float64:
     """Solve for (2, N): u and v separately with the Laplacian, interleaved with the Hessian."""
-    if factor.shape[1] == rhs.shape[1]:
-        x, _ = dpbtrs(factor, rhs.T, lower=1)
-    else:
-        x, _ = dpbtrs(factor, rhs.T.ravel(), lower=1)
-        x = x.reshape(-1, 2)
-    return np.ascontiguousarray(x.T)
+    x, _ = dpbtrs(factor, rhs.T if factor.shape[1] == rhs.shape[1] else rhs.T.ravel(), lower=1)
+    return np.ascontiguousarray(x.reshape(-1, 2).T)
 
 
 def _majorise(
