@@ -24,6 +24,7 @@ from flatcloth.methods.robust.joint import (
     begin_joint,
     extend_joint,
     floating_pieces,
+    settled,
     with_largest_piece,
     with_poses,
 )
@@ -76,6 +77,7 @@ class JointShapes:
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._costs: Cache[Float32] = Cache(_MOST_PREFIXES, _COSTS_BYTES)
+        self._settled: Cache[JointShape] = Cache(3)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(_MOST_PREFIXES, _CERTAINTIES_BYTES)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
@@ -89,6 +91,10 @@ class JointShapes:
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
         return self._shapes.get(prefix(document), lambda: self._grown(document))
+
+    def settled(self, document: Document) -> JointShape:
+        """Return the joint shape, relaxed as a whole: what is shown and exported."""
+        return self._settled.get(prefix(document), lambda: settled(self.shape(document)))
 
     def _grown(self, document: Document) -> JointShape:
         """Extend the longest prefix of the decisions whose shape is kept."""
@@ -126,12 +132,11 @@ class JointShapes:
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
-        shape = self.shape(document)
-        return self._drawn.get(prefix(document), lambda: self._draw(document, shape))
+        return self._drawn.get(prefix(document), lambda: self._draw(document, self.settled(document)))
 
     def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8:
         """Return what became of each pixel (H, W) of an accepted view."""
-        shape = self.shape(document)
+        shape = self.settled(document)
         _, unreliable = self._certainty_of(document)
         state = np.full(len(shape.nodes), PixelState.NO_CHAIN, dtype=np.uint8)
         state[shape.has_place & (shape.piece >= 0)] = PixelState.FLOATING
@@ -145,7 +150,7 @@ class JointShapes:
         """Return the standard deviation of each node's place (N,), and which it leaves undetermined."""
 
         def make() -> tuple[Float64, Bool]:
-            shape = self.shape(document)
+            shape = self.settled(document)
             std = placement_std_m(shape, self._views.held_point_m)
             return std, undetermined(shape, std)
 
