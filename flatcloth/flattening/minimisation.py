@@ -84,7 +84,7 @@ def banding(n: int, edges: Int32) -> Banding:
 
 
 class BandedLaplacian:
-    """A graph's Laplacian plus a multiple of the identity, factored once and solved many times.
+    """A graph's Laplacian plus a diagonal matrix, factored once and solved many times.
 
     Parameters
     ----------
@@ -92,14 +92,14 @@ class BandedLaplacian:
         The order of the points, and the pairs.
     weight : (M,) float64
         Weights of the pairs, not negative.
-    held : float
-        Multiple of the identity that is added; it makes the matrix definite.
+    held : float or (N,) float64
+        What is added to the diagonal; it makes the matrix definite.
     """
 
-    def __init__(self, narrow: Banding, weight: Float64, held: float) -> None:
+    def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
         self._narrow = narrow
         band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
-        band[0] += held
+        band[0] += held if isinstance(held, float) else held[narrow.order]
         self._factor = cast("Float64", _factor(band))
 
     def solve(self, rhs: Float64) -> Float64:
@@ -119,6 +119,7 @@ def minimise(
     record: bool = False,
     narrow: Banding | None = None,
     least_energy_m2: float = 0.0,
+    is_near: bool = False,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -142,6 +143,8 @@ def minimise(
         The banding of the pairs, if it is already known.
     least_energy_m2 : float
         Part of H that is left out since no place changes it; the tolerance counts it.
+    is_near : bool
+        The start is near the minimum, which is reached where a step without damping does not lower H.
 
     Returns
     -------
@@ -159,13 +162,14 @@ def minimise(
     order, place, pairs = narrow.order, narrow.place, narrow.pairs
     weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
-    trace: list[Float64] | None = [x] if record else None
+    trace = [x] if record else None
     band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
     band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
     laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
-    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, trace)
+    damping = _LEAST_DAMPING if is_near else _MOST_DAMPING
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, damping, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),
@@ -177,8 +181,8 @@ def minimise(
 
 def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
     """Return H of Eq. (2), m^2."""
-    length = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
-    return float(np.square(length - edge_length_m).sum())
+    along = uv_m[edges[:, 0]] - uv_m[edges[:, 1]]
+    return float(np.square(np.linalg.norm(along, axis=1) - edge_length_m).sum())
 
 
 def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
@@ -187,9 +191,8 @@ def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
 
 
 def _thinned(items: list[T], most: int = 20) -> list[T]:
-    if len(items) <= most:
-        return items
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, most)]
+    picked = np.linspace(0, len(items) - 1, min(most, len(items)))
+    return [items[round(i)] for i in picked]
 
 
 def _bandwidth(edges: Int32) -> int:
@@ -214,12 +217,8 @@ def _factor(band: Float64) -> Float64 | None:
 
 def _solved(factor: Float64, rhs: Float64) -> Float64:
     """Solve for (2, N): u and v separately with the Laplacian, interleaved with the Hessian."""
-    if factor.shape[1] == rhs.shape[1]:
-        x, _ = dpbtrs(factor, rhs.T, lower=1)
-    else:
-        x, _ = dpbtrs(factor, rhs.T.ravel(), lower=1)
-        x = x.reshape(-1, 2)
-    return np.ascontiguousarray(x.T)
+    x, _ = dpbtrs(factor, rhs.T if factor.shape[1] == rhs.shape[1] else rhs.T.ravel(), lower=1)
+    return np.ascontiguousarray(x.reshape(-1, 2).T)
 
 
 def _majorise(
@@ -264,6 +263,7 @@ def _gauss_newton(
     laplacian: Float64 | None,
     energy: list[float],
     tolerance: float,
+    most_damping: float,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
@@ -292,7 +292,7 @@ def _gauss_newton(
                 h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
-            if found is None or damping > _MOST_DAMPING:
+            if found is None or damping > most_damping:
                 break
             continue
         x, h = candidate, h_new

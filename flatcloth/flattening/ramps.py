@@ -114,6 +114,7 @@ def _strength(
         for c in range(cols):
             if inverse_depth[r, c] > 0.0:
                 depth[r, c] = 1.0 / inverse_depth[r, c]
+    per_m = focal / (4.0 * least_slope)
     for r in range(2, rows - 2):
         for c in range(2, cols - 2):
             q = inverse_depth[r, c]
@@ -126,8 +127,7 @@ def _strength(
                 before, after = depth[r - 2 * dr, c - 2 * dc], depth[r + 2 * dr, c + 2 * dc]
                 if before <= 0 or after <= 0:
                     continue
-                step = 4.0 * (1.4142 if k > 1 else 1.0) * least_slope / (focal * q)
-                steepness = abs(after - before) / step
+                steepness = abs(after - before) * q * (per_m / 1.4142 if k > 1 else per_m)
                 if steepness < 0.3:
                     continue
                 height = _excess(depth, r, c, dr, dc, half) / least_height

@@ -142,10 +142,8 @@ def read_attributes(
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
     rgb, xyz, normal, quality, valid = _read(
         source_rc, frame.color, surface.xyz_m, surface.normal, stretch, camera, held.rotation,
-        held.translation_m,
+        held.translation_m, *map(float, frame.offset_rc),
     )  # fmt: skip
-    source_rc[~valid] = np.nan
-    source_rc += np.array(frame.offset_rc, dtype=np.float32)
     angle = np.full(valid.shape, np.nan, dtype=np.float32)
     angle[valid] = z_angle_deg(normal[valid], axis, frame.angle_deg)
     return FlattenedView(
@@ -301,8 +299,13 @@ def _read(
     camera: Float64,
     rotation: Float64,
     translation: Float64,
+    top: float,
+    left: float,
 ) -> tuple[Uint8, Float32, Float32, Float32, Bool]:
-    """Read color, depth and normal bilinearly over finite neighbours; transform to the object frame."""
+    """Read color, depth and normal bilinearly over finite neighbours; transform to the object frame.
+
+    Afterwards ``source`` holds places in the whole image, of which (top, left) is the first pixel given.
+    """
     rows, cols = source.shape[0], source.shape[1]
     out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
     out_xyz = np.full((rows, cols, 3), np.nan, dtype=np.float32)
@@ -334,7 +337,10 @@ def _read(
                         for k in range(3):
                             n[k] += w * normal[r0 + i, c0 + j, k]
             if weight < 1e-6:
+                source[row, col, 0] = source[row, col, 1] = np.nan
                 continue
+            source[row, col, 0] = y + np.float32(top)
+            source[row, col, 1] = x + np.float32(left)
             depth /= weight
             length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
             px, py = (x - camera[2]) / camera[0] * depth, (y - camera[3]) / camera[1] * depth

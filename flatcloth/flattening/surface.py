@@ -186,14 +186,14 @@ def observe_surface(
             f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
             "removed; use another view, or check depth and mask."
         )
+    used = usable[rows, cols]
+    at = rows[used], cols[used]
     depth = np.zeros(item.shape, dtype=np.float32)
-    depth[rows[kept], cols[kept]] = 1.0 / fit[kept, 0]
-    depth[~usable] = 0.0
+    depth[at] = 1.0 / fit[used, 0]
     normals = np.full((*item.shape, 3), np.nan, dtype=np.float32)
-    normals[rows, cols] = normal
-    normals[~usable] = np.nan
+    normals[at] = normal[used]
     angle = np.full(item.shape, np.nan, dtype=np.float32)
-    angle[usable] = z_angle_deg(normals[usable], axis)
+    angle[at] = z_angle_deg(normal[used], axis)
     return Surface(
         frame=frame,
         xyz_m=back_project(depth, k),

@@ -204,14 +204,14 @@ def _blend(
             dz = xyz[r, c, 2] - points[m, 2]
             pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
             pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
-            flat = np.sqrt(pu * pu + pv * pv)
-            if flat > 0.0:
-                chord = np.sqrt(dx * dx + dy * dy + dz * dz)
-                a = -(dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]) / chord
-                b = -(dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]) / chord
+            flat2 = pu * pu + pv * pv
+            if flat2 > 0.0:
+                chord2 = dx * dx + dy * dy + dz * dz
+                a = dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]
+                b = dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]
                 # Length of the cubic arc, limited to 15 % more than the straight line along the tangent.
-                scale = chord * (1.0 + (2 * a * a - a * b + 2 * b * b) / 30.0) / flat
-                scale = min(scale, 1.15)
+                longer = (2 * a * a - a * b + 2 * b * b) / (30.0 * chord2)
+                scale = min(np.sqrt(chord2 / flat2) * (1.0 + longer), 1.15)
                 pu *= scale
                 pv *= scale
             u += w * (uv[m, 0] + pu)

@@ -26,6 +26,7 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     at_center,
     chances,
+    expected_displacement_m,
     grades,
     jacobian,
     moved_axis,
@@ -45,8 +46,8 @@ _LOOSE_SWING_DEG = 0.5
 """... or swing exceed these limits. Set by hand."""
 MOST_APART_DEG = 65.0
 """Views with directions farther apart than this share little cloth. Set by hand."""
-_MOST_PARTNERS = 6
-"""Most views that a view is compared with. Set by hand."""
+_MOST_PARTNERS, _FEW_PARTNERS, _CONFIRMING_VIEWS = 6, 3, 8
+"""Most views that a view is compared with: first, and once so many confirm recorded poses. Set by hand."""
 _REFITS = 3
 """How often pairs are registered again after a view was added, ..."""
 _REFIT_FATTENING_PX = 0.15
@@ -271,22 +272,18 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
 
     Notes
     -----
-    Only the new pairs are compared, and old pairs that were compared at another fattening. It takes
-    65 ms of processor time at 12 views of shirt-corner-d435, up to 115 ms at 36 (beside other load).
+    Only the new pairs are compared, and old pairs that were compared at another fattening.
     """
     n = len(registered.features)
-    known = held_from_camera(registered.axis, new.angle_deg)
-    own = np.concatenate([registered.own, np.zeros((1, OWN))])
     grown = replace(
         registered,
         features=(*registered.features, new),
-        known=(*registered.known, known),
+        known=(*registered.known, held_from_camera(registered.axis, new.angle_deg)),
         jacobians=(*registered.jacobians, jacobian(registered.axis, registered.held_point_m, new.angle_deg)),
-        own=own,
+        own=np.concatenate([registered.own, np.zeros((1, OWN))]),
     )
     fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
-    grown = _solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None))))
-    return _refitted(grown)
+    return _refitted(_solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
 
 
 def _refitted(registered: Registered) -> Registered:
@@ -305,7 +302,8 @@ def _partners(registered: Registered, n: int) -> list[int]:
     """Return the views with near enough directions, nearest first."""
     looks = np.array([held.rotation[:, 2] for held in registered.known])
     cos = looks[:n] @ looks[n]
-    order = np.argsort(-cos, kind="stable")[:_MOST_PARTNERS]
+    confirmed = n >= _CONFIRMING_VIEWS and not registered.is_loose
+    order = np.argsort(-cos, kind="stable")[: _FEW_PARTNERS if confirmed else _MOST_PARTNERS]
     return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
 
 
@@ -317,12 +315,14 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     else:
         center = before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
+    moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
     return fit_pair(
         (one, other),
         held,
         (first, second),
-        pair_covariance(registered.jacobians[first], registered.jacobians[second], center, registered.prior),
+        pair_covariance(*moves),
         center_m=center,
+        uncertainty_m=expected_displacement_m(*moves, registered.posterior),
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
         before=before,

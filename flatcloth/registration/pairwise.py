@@ -23,6 +23,8 @@ _LEAST_SEARCH_RADIUS_M = 0.005
 """... down to this. Set by hand."""
 _ROUNDS = 6
 """Rounds with half of the points to register a pair of views, ..."""
+_LEAST_COARSE = 1
+"""... (at least this many after the first), ..."""
 _FINE_ROUNDS = 3
 """... and with all points; only these to register a pair again. Set by hand."""
 LEAST_POINTS = 60
@@ -42,8 +44,8 @@ _PART_NOISE = 0.4
 
 _SEARCH_RADIUS_SHRINKS = 0.75
 """Factor on the search radius each round. Chosen: reaches the least radius in five rounds."""
-_STILL = 2e-5
-"""A smaller step (rad, m) counts as zero. Set by hand."""
+_STILL = 0.5
+"""A step of less than this many standard deviations of the motion counts as zero. Set by hand."""
 _LEAST_TEXTURE_SPREAD = 1e-3
 """Least typical difference of logarithmic texture, so that exact views keep finite weights. Chosen."""
 _SAME_SCALE = 1e-3
@@ -84,6 +86,7 @@ def fit_pair(
     center_m: Float64,
     fattening_px: float,
     twist: Float64,
+    uncertainty_m: float = math.inf,
     before: PairFit | None = None,
 ) -> PairFit | None:
     """Register two views.
@@ -104,6 +107,8 @@ def fit_pair(
         The present estimate of the fattening.
     twist : (6,) float64
         Initial motion.
+    uncertainty_m : float
+        Expected displacement of the surface by the motion that is sought: a small one needs fewer rounds.
     before : PairFit, optional
         The result at another fattening, which is close to the solution.
 
@@ -114,7 +119,7 @@ def fit_pair(
     """
     precision = np.linalg.inv(covariance)
     noise_m = max(seen.noise_m for seen in features)
-    plan, spread = _rounds(before)
+    plan, spread = _rounds(before, uncertainty_m)
     at_first = math.nan if before is None else before.distance_m[0]
     twist = twist.copy()
     for n, (search_radius_m, every) in enumerate(plan):
@@ -129,7 +134,8 @@ def fit_pair(
         matrix, gradient = _weighed(found, spread, noise_m)
         spread = _usual(found.spread)
         step = -np.linalg.solve(matrix[:6, :6] + precision, gradient[:6] + precision @ twist)
-        if n == len(plan) - 1 or (every == 1 and np.abs(step).max() < _STILL):
+        gain = float(step @ (matrix[:6, :6] + precision) @ step)
+        if n == len(plan) - 1 or (every == 1 and gain < _STILL**2):
             break
         twist = twist + step
     if float(twist @ precision @ twist) > _MOST_SURPRISE:
@@ -149,7 +155,7 @@ def fit_pair(
     )
 
 
-def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
+def _rounds(before: PairFit | None, uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
     """Return search radius and thinning of each round, and the initial typical differences (4,)."""
     fine = [(_LEAST_SEARCH_RADIUS_M, 1)] * _FINE_ROUNDS
     if before is not None:
@@ -157,8 +163,12 @@ def _rounds(before: PairFit | None) -> tuple[list[tuple[float, int]], Float64]:
     radii_m = [
         max(_LEAST_SEARCH_RADIUS_M, _SEARCH_RADIUS_M * _SEARCH_RADIUS_SHRINKS**n) for n in range(_ROUNDS)
     ]
+    # The first radii that the motion cannot need are left out.
+    needed_m = _LEAST_SEARCH_RADIUS_M + 3.0 * uncertainty_m
+    enough = [n for n, radius_m in enumerate(radii_m[:-_LEAST_COARSE]) if radius_m >= needed_m]
+    radii_m = radii_m[enough[-1] if enough else 0 :]
     spread = np.zeros(TERMS)
-    spread[0] = _SEARCH_RADIUS_M / 3
+    spread[0] = radii_m[0] / 3
     return [*((search_radius_m, 2) for search_radius_m in radii_m), *fine], spread
 
 

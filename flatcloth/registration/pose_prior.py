@@ -21,6 +21,9 @@ COMMON, OWN = 5, 3
 """Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view. By
 definition."""
 
+_EXTENT_M = 0.3
+"""Typical distance of cloth from the middle of a view: half of a garment. Set by hand."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PosePrior:
@@ -154,18 +157,32 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     return np.concatenate([common, np.tile([turn, swing, swing], n)])
 
 
-def pair_covariance(one: Float64, other: Float64, center_m: Float64, prior: PosePrior) -> Float64:
-    """Return the prior covariance (6, 6) of a pair's twist at the largest grade.
+def pair_covariance(
+    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, grade: Float64 | None = None
+) -> Float64:
+    """Return the prior covariance (6, 6) of a pair's twist at a grade (3,), by default the largest.
 
     ``one``, ``other`` (6, 7) are the two views' derivatives.
     """
-    likely = variances(1, grades(prior)[-1], prior)
+    likely = variances(1, grades(prior)[-1] if grade is None else grade, prior)
     one, other = at_center(one, center_m), at_center(other, center_m)
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
     rigid = np.repeat(np.square([math.radians(prior.any_turn_std_deg), prior.any_shift_std_m]), 3)
     return covariance + np.diag(rigid)
+
+
+def expected_displacement_m(
+    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, posterior: Float64
+) -> float:
+    """Return the root mean square displacement of cloth by a pair's twist.
+
+    ``posterior`` (G,) is the probability of each grade; the others as in :func:`pair_covariance`.
+    """
+    grade = np.sqrt(posterior @ np.square(grades(prior)))
+    variance = pair_covariance(one, other, center_m, prior, grade).diagonal()
+    return math.sqrt(variance[3:].sum() + _EXTENT_M**2 * variance[:3].sum())
 
 
 def across(axis: RotationAxis) -> tuple[Float64, Float64]:

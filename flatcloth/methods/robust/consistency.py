@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,11 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
+from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
+
+if TYPE_CHECKING:
+    from flatcloth.methods.robust.joint import JointShape
 
 _NEAR_M = 0.015
 """Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
@@ -35,6 +41,11 @@ _MOST_APART_M = 0.04
 """Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
 _OTHER_PIECE_M = 5.0
 """Floating pieces lie farther apart than this on the plane. Set by hand."""
+_MOST_CUT_EVIDENCE = 20.0
+"""Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
+hand."""
+LEAST_PIECE = 12
+"""Fewest nodes of a floating piece that is kept, and of an overlap that counts. Set by hand."""
 _EVIDENCE_UNITS = 1000
 """Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
@@ -247,6 +258,98 @@ def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64
     pivot, turned = uv_m[ends].mean(axis=0), uv_m.copy()
     turned[part] = pivot + (uv_m[part] - pivot) @ np.array([[cos, sin], [-sin, cos]])
     return turned
+
+
+def without_overlap(
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
+) -> tuple[Float64, list[Hinge], Int64]:
+    """Lay a minimised piece out anew where it overlaps, or turn a part about its hinge.
+
+    Returns the places (N, 2), the hinges that hold it, and the pairs to be cut if neither helps; changes
+    ``weight`` (M,) with the places.
+    """
+    links = shape.links
+    uv_m, held = _with_hinges_held(shape, uv_m, members, within, weight)
+    overlapping, minimised = overlaps(shape, uv_m), uv_m
+    if overlapping.size:
+        uv_m, weight[within], overlapping = _grown_anew(shape, within, uv_m, weight[within], overlapping)
+    held = held if uv_m is minimised else []
+    if np.unique(overlapping).size < LEAST_PIECE:
+        return uv_m, held, within[:0]
+    cut, strength, smaller = weakest_cut(
+        overlapping, shape.nodes.xyz_m, links.edges[within], (weight * links.evidence)[within]
+    )
+    swung = _part_swung_apart(shape, uv_m, smaller, within[cut])
+    if swung is not None:
+        return swung[0], [*held, swung[1]], within[:0]
+    if strength <= _MOST_CUT_EVIDENCE and smaller.sum() >= LEAST_PIECE:
+        return uv_m, held, within[cut]
+    return uv_m, held, within[:0]
+
+
+def hinges_within(shape: JointShape, members: Bool) -> list[Hinge]:
+    """Return the hinges that turned a part of a piece, given by its ``members`` (N,)."""
+    return [hinge for hinge in shape.hinges if members[hinge.part].mean() > 0.5]
+
+
+def _with_hinges_held(
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
+) -> tuple[Float64, list[Hinge]]:
+    """Return the places (N, 2) of a piece with its parts turned as before about hinges, and these."""
+    held, links = [], shape.links
+    for hinge in hinges_within(shape, members):
+        own = members & (shape.piece == shape.piece[hinge.part[0]])
+        before = np.where(own[:, None], shape.all_uv_m, np.nan)
+        evidence = (weight * links.evidence)[within]
+        found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, _MOST_CUT_EVIDENCE)
+        if found is not None:
+            uv_m = found[0]
+            held.append(found[1])
+    return uv_m, held
+
+
+def _part_swung_apart(
+    shape: JointShape, uv_m: Float64, part: Bool, across: Int64
+) -> tuple[Float64, Hinge] | None:
+    """Turn a part about the pairs ``across`` that join it, until nothing overlaps; None if they forbid it."""
+    links = shape.links
+    return swung_apart(
+        uv_m,
+        part,
+        links.edges[across],
+        links.length_m[across],
+        links.std_m[across],
+        lambda turned: overlaps(shape, turned),
+    )
+
+
+def _grown_anew(
+    shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
+) -> tuple[Float64, Float64, Int64]:
+    """Lay a piece out anew; return places (N, 2), weights of ``within`` and overlaps of the better layout."""
+    links = shape.links
+    z = grown_layout(
+        len(uv_m),
+        links.edges[within],
+        links.member[within],
+        links.offset[within],
+        links.evidence[within],
+        links.n_members,
+    )
+    reached = both_ends(np.isfinite(z.real), links.edges[within])
+    inside, anew = within[reached], weight.copy()
+    off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
+    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
+    left = overlaps(shape, grown)
+    if np.unique(left).size >= np.unique(overlapping).size:
+        return uv_m, weight, overlapping
+    return grown, anew, left
+
+
+def overlaps(shape: JointShape, uv_m: Float64) -> Int64:
+    """Return the pairs (K, 2) of nodes of a piece that lie on one another, but not by the operator's hand."""
+    pairs = overlapping_pairs(uv_m, shape.nodes.xyz_m)
+    return pairs[~shape.by_hand[pairs].any(axis=1)]
 
 
 def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence: Float64) -> Bool:

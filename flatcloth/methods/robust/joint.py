@@ -24,22 +24,22 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
 from flatcloth.methods.robust.consistency import (
+    LEAST_PIECE,
     Hinge,
     contradicted_pairs,
-    held_hinge,
-    overlapping_pairs,
-    swung_apart,
-    weakest_cut,
+    hinges_within,
+    overlaps,
+    without_overlap,
 )
 from flatcloth.methods.robust.layout import (
-    MOST_DRIFT_M,
     Links,
-    grown_layout,
     lay_out,
     lay_pieces,
     links_of,
     minimise_piece,
+    relax_around,
     seed_pair,
+    seeded_anew,
 )
 from flatcloth.methods.robust.observations import (
     Association,
@@ -53,17 +53,19 @@ from flatcloth.methods.robust.observations import (
 )
 
 _LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise ..."""
-_MOST_CUT_EVIDENCE = 20.0
-"""... and are cut apart again where cloth lies on other cloth and at most this much joins them. Set by
-hand."""
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
+Set by hand."""
 _OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
-Int64 = NDArray[np.int64]
+_MOST_GROWTH = 1.4
+"""With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
+_MOST_NEW = 0.2
+"""... as is a piece of which the last view adds more than this share of nodes ..."""
+_MOST_STRAINED = 0.03
+"""... or contradicts more than this share of pairs, as they lie. Set by hand."""
 
-_LEAST_PIECE = 12
-"""Fewest nodes of a floating piece that is kept. Set by hand."""
+Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +81,8 @@ class JointShape:
     pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
     of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
     space does not: they lie beside others without being near them in space, which contradicts nothing.
-    ``hinges`` are those whose angle follows from cloth that must not overlap.
+    ``hinges`` are those whose angle follows from cloth that must not overlap. ``settled_pairs`` is the number
+    of pairs when all pieces were last relaxed as a whole.
     """
 
     nodes: Nodes
@@ -93,6 +96,7 @@ class JointShape:
     is_cut: Bool
     by_hand: Bool
     hinges: tuple[Hinge, ...] = ()
+    settled_pairs: int = 0
 
     @cached_property
     def uv_m(self) -> Float64:
@@ -210,6 +214,7 @@ def extend_joint(
         is_cut=np.concatenate([shape.is_cut, contradicted]),
         by_hand=by_hand,
         hinges=shape.hinges,
+        settled_pairs=shape.settled_pairs,
     )
     return _solved(grown)
 
@@ -255,23 +260,32 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
         )
         label = np.where(unreliable, connected_components(graph, directed=False)[1], -1)
         sizes = np.bincount(label[unreliable])
-        pieces += [label == n for n in np.flatnonzero(sizes >= _LEAST_PIECE)]
+        pieces += [label == n for n in np.flatnonzero(sizes >= LEAST_PIECE)]
     pieces.sort(key=lambda own: -int(own.sum()))
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
-def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
+def settled(shape: JointShape) -> JointShape:
+    """Return the shape with all pieces relaxed as a whole, up to the minimum of Eq. (2)."""
+    return _solved(replace(shape, settled_pairs=0), precise=True)
+
+
+def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is laid
-    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off.
+    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off. If
+    ``precise``, the shape is minimised already, but for the last bit.
     """
     links, before = shape.links, shape.piece
+    whole = len(links.edges) > _MOST_GROWTH * shape.settled_pairs
     label = _pieces(shape)
-    touched = np.zeros(int(label.max()) + 1, dtype=bool)
-    touched[label[shape.observations[-1].node]] = True
+    touched = np.ones(int(label.max()) + 1, dtype=bool)
+    if not whole or shape.settled_pairs == len(links.edges) - len(shape.observations[-1].edges):
+        touched[:] = False
+        touched[label[shape.observations[-1].node]] = True
     sizes = np.bincount(label)
-    order = np.flatnonzero(sizes >= _LEAST_PIECE)
+    order = np.flatnonzero(sizes >= LEAST_PIECE)
     main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
     if sizes.max() > _OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
@@ -284,45 +298,67 @@ def _solved(shape: JointShape, *, may_cut: bool = True) -> JointShape:
         known = _known(members & shape.has_place, before)
         if not touched[own] and n and known.any() and (known == members).all():
             uv[members] = shape.all_uv_m[members]
-            hinges += [hinge for hinge in shape.hinges if members[hinge.part].mean() > 0.5]
+            hinges += hinges_within(shape, members)
         else:
             within = np.flatnonzero(both_ends(members, links.edges) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
                 seed_pair(z, links, within)
             z = lay_out(_with_pieces(z, shape, links, within, members), links, within)
-            if n and _reached(z, members) < 0.5 * members.sum():
-                z = _seeded_anew(z, members, links, within)
+            if n:
+                z = seeded_anew(z, members, links, within)
             inside = within[both_ends(np.isfinite(z.real), links.edges[within])]
-            own_uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside])
-            own_uv, held = _with_hinges_held(shape, own_uv, members, within, weight)
-            overlapping, minimised = _overlapping(shape, own_uv), own_uv
-            if overlapping.size:
-                own_uv, weight[within], overlapping = _grown_anew(
-                    shape, within, own_uv, weight[within], overlapping
+            quick = None if whole else _relaxed_around(shape, z, members, known, inside)
+            if quick is not None:
+                own_uv, weight[inside] = quick
+            else:
+                own_uv, weight[inside] = minimise_piece(
+                    z, links, inside, shape.weight[inside], precise=precise
                 )
-            held = held if own_uv is minimised else []
-            if np.unique(overlapping).size >= _LEAST_PIECE and may_cut:
-                cut, strength, smaller = weakest_cut(
-                    overlapping, shape.nodes.xyz_m, links.edges[within], (weight * links.evidence)[within]
-                )
-                swung = _swung_apart(shape, own_uv, smaller, within[cut])
-                if swung is not None:
-                    own_uv = swung[0]
-                    held.append(swung[1])
-                elif strength <= _MOST_CUT_EVIDENCE and smaller.sum() >= _LEAST_PIECE:
+                own_uv, held, cut = without_overlap(shape, own_uv, members, within, weight)
+                if cut.size and may_cut:
                     is_cut = shape.is_cut.copy()
-                    is_cut[within[cut]] = True
+                    is_cut[cut] = True
                     kept = np.where(is_cut, 0.0, shape.weight)
-                    return _solved(replace(shape, is_cut=is_cut, weight=kept), may_cut=False)
+                    anew = replace(shape, is_cut=is_cut, weight=kept, settled_pairs=0)
+                    return _solved(anew, may_cut=False)
+                hinges += held
             uv[members] = own_uv[members]
-            hinges += held
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
             uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
-    made = _anchored(replace(shape, piece=piece, all_uv_m=uv, weight=weight, hinges=tuple(hinges)))
+    made = _anchored(
+        replace(
+            shape,
+            piece=piece,
+            all_uv_m=uv,
+            weight=weight,
+            hinges=tuple(hinges),
+            settled_pairs=len(links.edges) if whole else shape.settled_pairs,
+        )
+    )
     made.__dict__["links"] = links  # of the same observations
     return made
+
+
+def _relaxed_around(
+    shape: JointShape, z: Complex128, members: Bool, known: Bool, inside: Int64
+) -> tuple[Float64, Float64] | None:
+    """Relax a piece (its pairs ``inside``) around its new nodes only.
+
+    Returns places (N, 2) and weights as :func:`minimise_piece`; None if that is not enough: much of the piece
+    is new or was another piece, many pairs of the last view contradict the places, a part was turned about a
+    hinge (which sees to its nodes), or cloth overlaps.
+    """
+    new = np.isfinite(z.real) & ~known
+    if new.sum() > _MOST_NEW * known.sum() or hinges_within(shape, members):
+        return None
+    uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
+    last = shape.links.observation[inside] == len(shape.observations) - 1
+    is_strained = (weight[last] < 0.25).sum() > _MOST_STRAINED * last.sum()
+    if is_strained or np.unique(overlaps(shape, uv)).size >= LEAST_PIECE:
+        return None
+    return uv, weight
 
 
 def _with_pieces(z: Complex128, shape: JointShape, links: Links, within: Int64, members: Bool) -> Complex128:
@@ -333,78 +369,6 @@ def _with_pieces(z: Complex128, shape: JointShape, links: Links, within: Int64, 
     new = within[~apart[links.edges[within]].any(axis=1)]
     laid = np.where(apart, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
     return lay_pieces(lay_out(z, links, new), links, within, laid, shape.piece)
-
-
-def _with_hinges_held(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
-) -> tuple[Float64, list[Hinge]]:
-    """Return the places (N, 2) of a piece with its parts turned as before about hinges, and these."""
-    held, links = [], shape.links
-    for hinge in shape.hinges:
-        if members[hinge.part].mean() > 0.5:
-            before = np.where(
-                (members & (shape.piece == shape.piece[hinge.part[0]]))[:, None], shape.all_uv_m, np.nan
-            )
-            evidence = (weight * links.evidence)[within]
-            found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, _MOST_CUT_EVIDENCE)
-            if found is not None:
-                uv_m = found[0]
-                held.append(found[1])
-    return uv_m, held
-
-
-def _swung_apart(shape: JointShape, uv_m: Float64, part: Bool, across: Int64) -> tuple[Float64, Hinge] | None:
-    """Turn a part about the pairs ``across`` that join it, until nothing overlaps; None if they forbid it."""
-    links = shape.links
-    return swung_apart(
-        uv_m,
-        part,
-        links.edges[across],
-        links.length_m[across],
-        links.std_m[across],
-        lambda turned: _overlapping(shape, turned),
-    )
-
-
-def _reached(z: Complex128, members: Bool) -> int:
-    return int(np.isfinite(z.real[members]).sum())
-
-
-def _seeded_anew(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
-    """Lay a floating piece out from one pair if that reaches more nodes: few places determine no rotation."""
-    anew = np.full_like(z, np.nan)
-    seed_pair(anew, links, within)
-    anew = lay_out(anew, links, within)
-    return anew if _reached(anew, members) > _reached(z, members) else z
-
-
-def _grown_anew(
-    shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
-) -> tuple[Float64, Float64, Int64]:
-    """Lay a piece out anew; return places (N, 2), weights of ``within`` and overlaps of the better layout."""
-    links = shape.links
-    z = grown_layout(
-        len(uv_m),
-        links.edges[within],
-        links.member[within],
-        links.offset[within],
-        links.evidence[within],
-        links.n_members,
-    )
-    reached = both_ends(np.isfinite(z.real), links.edges[within])
-    inside, anew = within[reached], weight.copy()
-    off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
-    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
-    left = _overlapping(shape, grown)
-    if np.unique(left).size >= np.unique(overlapping).size:
-        return uv_m, weight, overlapping
-    return grown, anew, left
-
-
-def _overlapping(shape: JointShape, uv_m: Float64) -> Int64:
-    """Return the pairs (K, 2) of nodes of a piece that lie on one another, but not by the operator's hand."""
-    pairs = overlapping_pairs(uv_m, shape.nodes.xyz_m)
-    return pairs[~shape.by_hand[pairs].any(axis=1)]
 
 
 _APART_M = 10.0
@@ -443,7 +407,11 @@ def _anchored(shape: JointShape) -> JointShape:
 
 def _pieces(shape: JointShape) -> Int32:
     """Return the piece of each node (N,)."""
-    edges, evidence = shape.links.edges, shape.weight * shape.links.evidence
+    links, used = shape.links, ~shape.is_cut
+    pair = links.pairs_once[1]
+    evidence: Float64 = np.bincount(pair, shape.weight * links.evidence * used).astype(np.float64)
+    edges = links.once
     if shape.is_cut.any():
-        edges, evidence = edges[~shape.is_cut], evidence[~shape.is_cut]
+        left = np.bincount(pair, used, minlength=len(edges)) > 0
+        edges, evidence = edges[left], evidence[left]
     return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE)

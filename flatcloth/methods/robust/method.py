@@ -176,7 +176,7 @@ class RobustMethod(Method):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""
-        shape = self.shapes.shape(document)
+        shape = self.shapes.settled(document)
         return SurfaceEdges(
             uv_m=shape.uv_m,
             xyz_m=shape.nodes.xyz_m,

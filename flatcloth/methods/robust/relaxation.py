@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Float64, Int32
+from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import BandedLaplacian, Banding
 
 Complex128 = NDArray[np.complex128]
@@ -18,6 +18,8 @@ Complex128 = NDArray[np.complex128]
 _HELD = 1e-6
 """Weight that holds every node at its position, because lengths do not fix the sheet as a whole. Set by
 hand."""
+_FIXED = 1e6
+"""Weight that keeps a node where it is. Chosen: far above the weights of pairs, which are about 1."""
 
 
 @njit(cache=True, nogil=True)
@@ -80,6 +82,7 @@ def relax_rigidly(
     n_members: int,
     steps: int,
     narrow: Banding,
+    is_held: Bool | None = None,
 ) -> Float64:
     """Return the nodes (N, 2), metres, after some steps of relaxation.
 
@@ -93,16 +96,21 @@ def relax_rigidly(
         Number of alternations between rotating the neighbourhoods and moving the nodes.
     narrow : Banding
         The banding of the pairs, or of the different ones among them.
+    is_held : (N,) bool, optional
+        Nodes that keep their places.
     """
     pair = np.arange(len(edges)) if narrow.pair is None else narrow.pair
-    laplacian = BandedLaplacian(narrow, np.bincount(pair, weight).astype(np.float64), _HELD)
+    held = np.full((len(z), 1), _HELD)
+    if is_held is not None:
+        held[is_held] = _FIXED
+    laplacian = BandedLaplacian(narrow, np.bincount(pair, weight).astype(np.float64), held[:, 0])
     alike = np.ones(len(edges))
     center = z.mean()
     z = z - center
     for _ in range(steps):
         turn = local_rotations(z, edges, member, offset, alike, n_members)
         rhs = _wanted(turn, edges, member, offset, weight, len(z))
-        moved = laplacian.solve(rhs + _HELD * z.view(np.float64).reshape(-1, 2))
+        moved = laplacian.solve(rhs + held * z.view(np.float64).reshape(-1, 2))
         z = moved[:, 0] + 1j * moved[:, 1]
     z = z + center
     return np.stack([z.real, z.imag], axis=1)

@@ -11,15 +11,17 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
 from flatcloth.methods.robust.joint import (
+    JointShape,
     _anchored,
     _solved,
     floating_pieces,
     largest_piece,
+    settled,
     with_largest_piece,
     with_poses,
 )
 from flatcloth.methods.robust.layout import _robust_weight, lay_pieces
-from flatcloth.methods.robust.observations import averaged
+from flatcloth.methods.robust.observations import Observation, averaged
 
 UV = grid(10, 24)
 COLUMN = np.rint(UV[:, 0] / STEP_M).astype(int)
@@ -131,6 +133,45 @@ def test_unreliable_parts_of_the_main_piece_float_as_connected_pieces() -> None:
     shape = _solved(shape_of(UV, [observed(UV, everything, 0)], everything))
     pieces = floating_pieces(shape, (COLUMN < 4) | (COLUMN > 16))
     assert [int(np.isfinite(p[:, 0]).sum()) for p in pieces] == [70, 40]
+
+
+def with_view(shape: JointShape, seen: Observation) -> JointShape:
+    """The shape with one more observation of its nodes, not relaxed yet."""
+    return replace(
+        shape,
+        observations=(*shape.observations, seen),
+        held_from_camera=(STILL,) * (len(shape.observations) + 1),
+        weight=np.concatenate([shape.weight, np.ones(len(seen.edges))]),
+        is_cut=np.concatenate([shape.is_cut, np.zeros(len(seen.edges), dtype=bool)]),
+    )
+
+
+def test_a_view_that_adds_little_moves_what_is_near_and_the_rest_when_it_settles() -> None:
+    known = COLUMN < 21
+    whole = _solved(shape_of(UV, [observed(UV, known, n) for n in range(3)], known))
+    assert whole.settled_pairs == len(whole.links.edges)
+    # What is far from the new nodes is not where its pairs want it: left so now, mended when it settles.
+    off = np.where((COLUMN == 3)[:, None], (0.0, 0.0008), 0.0)
+    added = _solved(with_view(replace(whole, all_uv_m=whole.all_uv_m + off), observed(UV, COLUMN >= 18, 3)))
+    assert added.settled_pairs == whole.settled_pairs
+    assert added.placed.all()
+    far = COLUMN < 12
+    motion = fit_rigid2(added.all_uv_m[far], (whole.all_uv_m + off)[far])
+    np.testing.assert_allclose(motion.apply(added.all_uv_m[far]), (whole.all_uv_m + off)[far], atol=1e-9)
+    near = COLUMN >= 18
+    assert off_m(added.uv_m[near], UV[near]) < 1e-4
+    assert off_m(added.uv_m, UV) > 5e-4
+    assert off_m(settled(added).uv_m, UV) < 1e-4
+
+
+def test_a_view_that_contradicts_the_places_moves_everything() -> None:
+    known = COLUMN < 21
+    torn = UV + np.where((COLUMN >= 14)[:, None], (0.003, 0.0), 0.0)
+    shape = shape_of(UV, [observed(UV, known, n) for n in range(3)], known)
+    wrong = replace(
+        shape, all_uv_m=np.where(known[:, None], torn, np.nan), settled_pairs=len(shape.links.edges)
+    )
+    assert off_m(_solved(with_view(wrong, observed(UV, COLUMN >= 10, 3))).uv_m, UV) < 1e-4
 
 
 def test_nodes_follow_their_views_in_space_but_not_on_the_plane() -> None:

@@ -64,6 +64,18 @@ def test_a_sheet_that_was_shaken_comes_back_to_its_shape() -> None:
     np.testing.assert_allclose(found.mean(axis=0), before.mean(axis=0), atol=1e-9)
 
 
+def test_held_nodes_stay_and_the_others_come_back_to_them() -> None:
+    random = np.random.default_rng(4)
+    z, edges = grid()
+    offset, _ = seen(z, edges, random)
+    shaken = z + 0.003 * (random.standard_normal(len(z)) + 1j * random.standard_normal(len(z)))
+    held = np.arange(len(z)) % COLS < 4
+    start, weight = np.where(held, z, shaken), np.ones(len(edges))
+    found = relax_rigidly(start, edges, edges, offset, weight, len(z), 200, banding(len(z), edges), held)
+    np.testing.assert_allclose(found, np.stack([z.real, z.imag], axis=1), atol=1e-4)
+    np.testing.assert_allclose(found[held, 0], z.real[held], atol=1e-8)
+
+
 @pytest.mark.parametrize("shuffled", [False, True])
 def test_the_banded_laplacian_is_the_laplacian(shuffled: bool) -> None:
     random = np.random.default_rng(3)
