@@ -16,7 +16,7 @@ ASKED_FOR = ("soak", "confidence", "accuracy", "paper_steps", "paper_candidates"
 are about given recordings."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
-    *("fused", "growth", "reach", "garments", "speed"),
+    *("fused", "growth", "reach", "garments", "speed", "exports"),
 )
 
 

@@ -63,7 +63,7 @@ def draw_axes(
     axes.tick_params(which="both", labelsize=SMALL, labelcolor=SOFT, color=LINE)
     axes.tick_params(axis="y", which="both", length=0, pad=6)
     axes.tick_params(axis="x", length=4, pad=4)
-    axes.set_title(y_label, loc="left", fontsize=SIZE, color=TEXT, pad=9)
+    axes.set_title(y_label, loc="left", fontsize=SIZE, color=TEXT, pad=9, y=1.0)
     axes.set_xlabel(x_label, loc="right", fontsize=SIZE, color=TEXT)
     return axes
 

@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame, Rigid2, Uint8
+from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, Rigid2, Uint8
 from flatcloth.flattening.pixel_states import PixelState, states_of_view
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Canonical, JoinedPiece, Views
@@ -49,7 +49,9 @@ _MOST_PREFIXES, _PREFIX_BYTES = 96, 80 * _MIB
 """Shapes that are kept for undo, trials and exports, which go through all of them: if they do not fit, each
 is computed anew. 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB ..."""
 _DRAWN_BYTES = 28 * _MIB
-"""... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole)."""
+"""... and a canonical view takes 13 MiB (``python -m benchmarks soak`` shows the whole). ..."""
+_COSTS_BYTES, _CERTAINTIES_BYTES = 16 * _MIB, 6 * _MIB
+"""... The costs of the pixels of a view take 0.4 MiB, the standard deviations of a shape 50 KiB."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +76,9 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(3)
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
+        self._costs: Cache[Float32] = Cache(_MOST_PREFIXES, _COSTS_BYTES)
         self._settled: Cache[JointShape] = Cache(3)
-        self._certainties: Cache[tuple[Float64, Bool]] = Cache(4)
+        self._certainties: Cache[tuple[Float64, Bool]] = Cache(_MOST_PREFIXES, _CERTAINTIES_BYTES)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
@@ -316,7 +319,7 @@ class JointShapes:
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
         std, unreliable = self._certainty_of(document)
-        costs = {view: pixel_cost(surface) for view, surface in surfaces.items()}
+        costs = {view: self._costs_of(view, surface) for view, surface in surfaces.items()}
         reliable, *pieces = [
             composite(shape, surfaces, self._views.axis, interval, size, costs, uv)
             for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *floating_pieces(shape, unreliable))
@@ -328,6 +331,9 @@ class JointShapes:
             current_from_view=self._rigid(document, shape),
             floating=tuple(p for p in pieces if p.area_m2 >= least),
         )
+
+    def _costs_of(self, view_index: int, surface: Surface) -> Float32:
+        return self._costs.get(view_index, lambda: pixel_cost(surface))
 
     def _rigid(self, document: Document, shape: JointShape) -> dict[int, Rigid2]:
         """Return for each view the rigid motion closest to the joint shape's effect on its component."""
