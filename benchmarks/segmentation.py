@@ -304,8 +304,12 @@ def run(options: Options) -> None:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
     for garment, bins_ in found.get("reliability_leave_one_garment_out", {}).items():
         sure = [b for b in bins_ if b["from"] >= 0.9]
+        share = max(sum(b["share"] for b in sure), 1e-9)
+        together = sum(b["share"] * b["right"] for b in sure) / share
         say(
-            f"  without {garment}: " + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure)
+            f"  without {garment}: "
+            + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure)
+            + f"; together right {together:.2f} ({share:.0%} of the area)"
         )
     if not options.quick:
         save("segmentation", found, recordings_of(table))

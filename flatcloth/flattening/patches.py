@@ -136,19 +136,27 @@ def fit_patches(
     """
     n_rows, n_cols = inverse_depth.shape
     size, m = 2 * radius + 1, 6 if quadratic else 3
+    plane = m // 2 if quadratic else m
     result = np.zeros((rows.size, 6))
     connected = np.zeros((size, size), dtype=np.bool_)
     products, weighed = _cells(radius, stride)
     moments, a, b = np.zeros(15), np.zeros((6, 6)), np.zeros(6)
     whole, low = np.zeros((6, 6)), np.zeros((6, 6))
-    _fill_matrix(products.sum(axis=0), a)
+    # Loops in place of products.sum(axis=0) and of slices, and no literal numbers, which take seconds to
+    # compile.
+    for cell in range(products.shape[0]):
+        for k in range(15):
+            moments[k] += products[cell, k]
+    _fill_matrix(moments, a)
     _cholesky(a, m, whole)
     smooth = _count_smooth(steps)
     for n in range(rows.size):
         r0, c0 = rows[n], cols[n]
         top, left = r0 - radius, c0 - radius
-        moments[:] = 0.0
-        b[:] = 0.0
+        for k in range(15):
+            moments[k] = 0.0
+        for k in range(6):
+            b[k] = 0.0
         q0, count, cell = inverse_depth[r0, c0], 0, 0
         is_whole = top >= 0 and left >= 0 and top + size <= n_rows and left + size <= n_cols
         if is_whole:
@@ -173,9 +181,9 @@ def fit_patches(
             _substitute(whole, b, m)
         else:
             _fill_matrix(moments, a)
-            if quadratic and count >= 12 and _cholesky(a, 6, low):
+            if quadratic and count >= 12 and _cholesky(a, m, low):
                 solved = 6
-            elif count >= 6 and _cholesky(a, 3, low):
+            elif count >= 6 and _cholesky(a, plane, low):
                 solved = 3
             if solved == 0:
                 continue
