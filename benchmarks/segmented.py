@@ -47,16 +47,16 @@ def row_of(source: str, counts: tuple[int, ...]) -> dict[str, Any]:
     solver = SideSolver(observe(frames, integration.axis, integration.held_point_m, Config()))
     seen = seen_truth(solver.observed, truth, truth.panel_of_interest, True)
     found, decisions, segmented = solver.solve(()), list[Decision](), dict[str, Any]()
+    integrated_after: dict[int, dict[str, Any]] = {}  # by the number of strokes made
     for count in range(1, max(counts) + 1):
         stroke = stroke_at_largest_error(found, seen)
         if stroke is not None:
             decisions.append(stroke)
             found = solver.solve(decisions)
         if count in counts:
-            segmented[str(count)] = {
-                **asdict(scored(found, seen)),
-                **figures(masked_by(recording, found), truth, recording),
-            }
+            if len(decisions) not in integrated_after:
+                integrated_after[len(decisions)] = figures(masked_by(recording, found), truth, recording)
+            segmented[str(count)] = {**asdict(scored(found, seen)), **integrated_after[len(decisions)]}
     return {"recording": recording.name, "masks": masked, "strokes": segmented}
 
 
