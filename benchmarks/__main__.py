@@ -42,6 +42,11 @@ def main() -> None:
         action="store_true",
         help="confidence, segmentation: also learn the weights anew, and print them",
     )
+    parser.add_argument(
+        "--other",
+        action="store_true",
+        help="segmentation: the operator wants the other panel; writes segmentation_other.json",
+    )
     parser.add_argument("--copies", type=int, default=200, help="batch: recordings in all (default: 200)")
     parser.add_argument(
         "--timed", type=int, default=200, help="batch: of them for the throughput (default: 200)"
@@ -58,6 +63,7 @@ def main() -> None:
         arguments.recordings,
         arguments.quick,
         arguments.learn,
+        arguments.other,
         copies=arguments.copies,
         timed=arguments.timed,
         views=arguments.views,

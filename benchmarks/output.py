@@ -20,14 +20,16 @@ class Options:
     """What the command line asks of a benchmark.
 
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
-    repetition and no result file; ``learn`` for weights that are learned anew. ``copies``, ``timed`` and
-    ``views`` say how large ``batch`` is. ``keep`` is a folder where ``accuracy``, ``reliability`` and
-    ``paper_steps`` keep what they measured of each recording, so that many can be measured in pieces.
+    repetition and no result file; ``learn`` for weights that are learned anew; ``other`` for an operator
+    who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
+    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``reliability`` and ``paper_steps`` keep what
+    they measured of each recording, so that many can be measured in pieces.
     """
 
     recordings: Sequence[str] = ()
     quick: bool = False
     learn: bool = False
+    other: bool = False
     copies: int = 200
     timed: int = 200
     views: int = 0

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numba import njit
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -41,6 +43,10 @@ _THREADS = 2
 _PARTNERS = 3
 """Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand. Set
 by hand."""
+_WELL_SEEN = 0.6
+"""Cosine of incidence from which a view tells its front. Chosen: up to 53 degrees."""
+_START_M = 0.02
+"""Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
 _LOOK = 2
 """Every second view, each compared with one, tells whether the cameras may stand otherwise than recorded.
 Chosen: on the recordings it finds the loose one, and none else, in a fifth of the time."""
@@ -328,3 +334,36 @@ def _fill_alike(
                     if away < least:
                         best, least = label[i, j], away
         result[r, c] = best
+
+
+def start_sheet(observed: Observed) -> Int64:
+    """Return the clusters in the middle of the largest well-seen sheet of the start view."""
+    view = observed.views[observed.start_view]
+    side, facing = observed.partition.side, observed.clusters.facing
+    shown = np.zeros(observed.clusters.count)
+    at = view.surface
+    np.add.at(shown, view.cluster[at], view.area_m2[at])
+    toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
+    good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN) & ~observed.inner
+    if not good.any():
+        good = shown > 0
+    if not good.any():
+        raise SegmentationError(
+            f"View {observed.start_view}: no surface of the item is seen well enough to begin with."
+        )
+    g = observed.graph
+    joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
+    links = coo_matrix(
+        (np.ones(int(joined.sum())), (g.first[joined], g.second[joined])), shape=(g.count, g.count)
+    )
+    _, label = connected_components(links, directed=False)
+    sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
+    # Its middle only: where the sheet ends, the evidence may be wrong.
+    inside = np.zeros(view.cluster.shape, dtype=np.uint8)
+    inside[at] = sheet[view.cluster[at]]
+    depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    row, col = np.unravel_index(int(depth.argmax()), depth.shape)
+    rows, cols = np.nonzero(inside)
+    radius_px = _START_M * view.intrinsics.fx / float(view.depth_m[row, col])
+    near = np.hypot(rows - row, cols - col) <= radius_px
+    return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)

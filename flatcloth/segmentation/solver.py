@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-import cv2
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, Decision
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
 from flatcloth.segmentation.certainty import agreement, calibrated
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Observed, start_sheet
 from flatcloth.segmentation.partition import Int8
 from flatcloth.segmentation.result import (
     OF_INTEREST,
@@ -28,13 +25,10 @@ from flatcloth.segmentation.result import (
     Suggestion,
     views_showing,
 )
-from flatcloth.segmentation.spreading import Spreading
+from flatcloth.segmentation.spreading import Spreading, least_region
 
-_WELL_SEEN = 0.6
-"""Cosine of incidence from which a view tells its front. Chosen: up to 53 degrees."""
-_START_M = 0.02
-"""Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
 _UNTESTED, _SETTLED = -1, -2  # by definition: numbers of no part
+_EXCEPTION = -1.0  # by definition: no cost
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 
@@ -48,7 +42,10 @@ class _State:
     over against each other: the evidence between two groups is contradicted; ``part`` (M,) int64 tells
     apart what nothing joins; ``guess`` is the part that waits until a stroke tells whether the guess of
     the side was right, or says why there is none; ``known`` (M,) is True in the largest part of the
-    evidence, and in others that a stroke touched: elsewhere nothing tells the side.
+    evidence, and in others that a stroke touched: elsewhere nothing tells the side. ``alone`` is what the
+    first stroke would have cost without turning the whole guess over, 0 if it did not or if a stroke since
+    agreed with that, ``_EXCEPTION`` if it was found to hold only under its mark; ``against`` is what the
+    strokes since then cost together.
     """
 
     side: Float64
@@ -61,6 +58,8 @@ class _State:
     known: Bool
     excluded: Bool
     conflicts: tuple[Conflict, ...]
+    alone: float = 0.0
+    against: float = 0.0
 
     @property
     def shown(self) -> Float64:
@@ -68,9 +67,36 @@ class _State:
         return _shown(self.side, self.inner)
 
 
+class _Turn(NamedTuple):
+    """What a stroke turns over, and what that contradicts.
+
+    ``sides``: the clusters that change sides; ``inner``: those that turn out to be an inner face; ``cost``:
+    of the evidence, if only the region around the stroke is turned over; ``whole``: the guess of the side
+    was wrong; ``clear``: False if only another stroke tells whether it was.
+    """
+
+    sides: Int64
+    inner: Int64
+    cost: float
+    whole: bool = False
+    clear: bool = True
+
+
 def _shown(side: Float64, inner: Bool) -> Float64:
     """Return what sides (M,) mean: inner faces (M,) are of no interest."""
     return np.where(inner, -1.0, side)
+
+
+def _wanted(decision: Decision) -> float:
+    """Return the side that a stroke tells: 1 of interest, -1 not."""
+    return -1.0 if isinstance(decision, Cut) or decision.side == "other" else 1.0
+
+
+def _mark(side: Float64, inner: Bool, touched: Int64, wanted: float) -> None:
+    """Give the clusters under a stroke the side that it tells, whatever lies around them."""
+    off = touched[_shown(side, inner)[touched] != wanted]
+    inner[off] = wanted < 0
+    side[off] = 1.0 if wanted > 0 else side[off]
 
 
 class SideSolver:
@@ -87,7 +113,7 @@ class SideSolver:
         self._spreading = Spreading(observed.graph, observed.config)
         self._states: Cache[_State] = Cache(256, 256 << 20)
         self._results: Cache[Segmentation] = Cache(64, 64 << 20)
-        self._start = self._start_sheet()
+        self._start = start_sheet(observed)
 
     @property
     def start_sheet(self) -> Int64:
@@ -177,13 +203,33 @@ class SideSolver:
             excluded = state.excluded.copy()
             excluded[off] = True
             return replace(state, excluded=excluded)
-        touched, wanted = under(self.observed, decision, name), 1.0 if decision.side == "this" else -1.0
+        touched, wanted = under(self.observed, decision, name), _wanted(decision)
         conflicts = (*state.conflicts, *self._conflicts(state, touched, wanted, number))
         if state.guess >= 0 and (state.part[touched[~state.inner[touched]]] == state.guess).any():
             state = self._settled(state, touched, wanted, number)
         else:
             state = self._stroked(state, touched, wanted, number, self.solve(decisions[:-1]).side)
+            if 0 < state.alone < state.against:
+                state = self._without_first(state, decisions)
         return replace(state, conflicts=conflicts)
+
+    def _without_first(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
+        """Return the guess as it was, where the first stroke holds only under its mark.
+
+        It turned the whole guess over, but all strokes since contradict that, at a higher cost than
+        the first one alone would have had.
+        """
+        begin, (first, *rest) = self._begin(), state.strokes
+        fresh = replace(begin, excluded=state.excluded, guess=_SETTLED)
+        for number, touched in rest:
+            fresh = self._stroked(fresh, touched, _wanted(decisions[number]), number, None)
+        number, touched = first
+        touched = touched[fresh.holder[touched] < 0]
+        side, inner, holder = fresh.side.copy(), fresh.inner.copy(), fresh.holder.copy()
+        _mark(side, inner, touched, _wanted(decisions[number]))
+        holder[touched] = number
+        strokes = ((number, touched), *fresh.strokes)
+        return replace(fresh, side=side, inner=inner, holder=holder, strokes=strokes, alone=_EXCEPTION)
 
     def _settled(self, state: _State, touched: Int64, wanted: float, number: int) -> _State:
         """Tell by a stroke whether the guess was right, and take those before it again with that known."""
@@ -204,7 +250,14 @@ class SideSolver:
     def _stroked(
         self, state: _State, touched: Int64, wanted: float, number: int, told: Int8 | None
     ) -> _State:
-        side, inner, part, known = self._spread(state, touched, wanted, told)
+        side, inner, part, known, turn = self._spread(state, touched, wanted, told)
+        alone, against = state.alone, 0.0
+        if turn is not None and turn.whole:
+            alone = turn.cost
+        elif alone > 0 and turn is not None and turn.cost > self.observed.config.most_cost:
+            against = state.against + turn.cost
+        else:
+            alone = min(alone, 0.0)
         turned = (_shown(side, inner) != state.shown) & state.known
         group = state.group
         if not turned[state.known].all():  # all at once: what lies together still does
@@ -222,11 +275,13 @@ class SideSolver:
             strokes=(*state.strokes, (number, touched)),
             guess=int(part.max()) if doubted.any() else state.guess,
             group=np.where(doubted, group.max() + 1, group),  # the guess tells nothing there any more
+            alone=alone,
+            against=against,
         )
 
     def _spread(
         self, state: _State, touched: Int64, wanted: float, told: Int8 | None
-    ) -> tuple[Float64, Bool, Int64, Bool]:
+    ) -> tuple[Float64, Bool, Int64, Bool, _Turn | None]:
         side, inner, known = state.side.copy(), state.inner.copy(), state.known.copy()
         part, shown = state.part, state.shown
         for n in np.unique(part[touched]):
@@ -238,8 +293,9 @@ class SideSolver:
                 shown[members] = _shown(side, inner)[members]
                 known[members] = True
         wrong = touched[shown[touched] != wanted]
+        turn: _Turn | None = None
         if not wrong.size:
-            return side, inner, part, known
+            return side, inner, part, known, turn
         kept = state.holder >= 0
         kept[touched] = False
         keep = np.concatenate([np.flatnonzero(kept), touched[shown[touched] == wanted]])
@@ -252,45 +308,49 @@ class SideSolver:
         if rest.size:
             # Where nothing was shown, a stroke contradicts nothing: it cannot mean that the guess was wrong.
             guessed = not state.strokes and told is not None and bool(np.mean(told[rest] != UNDECIDED) > 0.5)
-            turned, of_inner, clear = self._turned(state, side, keep, rest, number, guessed)
-            inner[of_inner] = True
-            side[turned] = -side[turned]
-            if not clear:  # the guess may have been wrong: what is left of it waits for another stroke
+            turn = self._turned(state, side, keep, rest, number, guessed)
+            inner[turn.inner] = True
+            side[turn.sides] = -side[turn.sides]
+            if not turn.clear:  # the guess may have been wrong: what is left of it waits for another stroke
                 left = known.copy()
-                left[turned] = left[touched] = False
+                left[turn.sides] = left[touched] = False
                 part, known = np.where(left, part.max() + 1, part), known & ~left
-        off = touched[_shown(side, inner)[touched] != wanted]
-        inner[off] = wanted < 0
-        side[off] = 1.0 if wanted > 0 else side[off]
-        return side, inner, part, known
+        _mark(side, inner, touched, wanted)
+        return side, inner, part, known, turn
 
     def _turned(
         self, state: _State, side: Float64, keep: Int64, wrong: Int64, number: int, guessed: bool
-    ) -> tuple[Int64, Int64, bool]:
-        """Return the clusters that change sides, those that turn out to be an inner face, and if that is all.
+    ) -> _Turn:
+        """Return what a stroke turns over.
 
         ``guessed`` says that only the guess of the side to start from holds what the stroke contradicts. If
         no border lies between them, the guess was wrong; but that is not clear if any disturbed sample
         divides them.
         """
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
-        most = self.observed.config.most_cost
+        most, anew = self.observed.config.most_cost, none
         # What lies at the back of an inner face tells nothing about the side.
         weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
-        if not guessed and most <= cost < np.inf:
+        if most <= cost < np.inf:
             anew, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
-            if price < cost:
-                region, cost = anew, price
-        if side[wrong[0]] > 0:
+            if price < (most if guessed else cost) and len(anew) >= least_region(wrong):
+                region, cost, anew = anew, price, none
+        # Who corrects the largest error does not mean the mark of his brush only, unless that was found so.
+        marked = 2 * least_region(wrong)
+        farther = len(region) <= marked < len(anew) and not guessed
+        # What the evidence asks for anyway needs no inner face to explain it.
+        if side[wrong[0]] > 0 and cost > 0:
             face, price = spreading.inner_face(side, keep, wrong, number)
-            if price < cost:
-                return none, face, True
+            if price < cost and (len(face) > marked or not farther):
+                return _Turn(none, face, price)
         if guessed and cost > most:  # no border lies between it and the guess
             if self._always_together(wrong, state.side):
-                return np.flatnonzero(state.known), none, True
-            return region, none, False
-        return region, none, True
+                return _Turn(np.flatnonzero(state.known), none, cost, whole=True)
+            return _Turn(region, none, cost, clear=False)
+        if state.alone == _EXCEPTION and cost > most:
+            return _Turn(none, none, cost)
+        return _Turn(anew if farther else region, none, cost)
 
     def _always_together(self, clusters: Int64, side: Float64) -> bool:
         """Whether clusters lie to those where the guess began as ``side`` says in all disturbed samples."""
@@ -354,40 +414,7 @@ class SideSolver:
             text += " Whether all the rest lies on the other side, too, is not clear: stroke it once more."
         return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
 
-    # ---------------------------------------------------------------- where to begin, and to go on
-
-    def _start_sheet(self) -> Int64:
-        """Return the clusters in the middle of the largest well-seen sheet of the start view."""
-        observed = self.observed
-        view = observed.views[observed.start_view]
-        side, facing = observed.partition.side, observed.clusters.facing
-        shown = np.zeros(observed.clusters.count)
-        at = view.surface
-        np.add.at(shown, view.cluster[at], view.area_m2[at])
-        toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
-        good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN) & ~observed.inner
-        if not good.any():
-            good = shown > 0
-        if not good.any():
-            raise SegmentationError(
-                f"View {observed.start_view}: no surface of the item is seen well enough to begin with."
-            )
-        g = observed.graph
-        joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
-        links = coo_matrix(
-            (np.ones(int(joined.sum())), (g.first[joined], g.second[joined])), shape=(g.count, g.count)
-        )
-        _, label = connected_components(links, directed=False)
-        sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
-        # Its middle only: where the sheet ends, the evidence may be wrong.
-        inside = np.zeros(view.cluster.shape, dtype=np.uint8)
-        inside[at] = sheet[view.cluster[at]]
-        depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-        row, col = np.unravel_index(int(depth.argmax()), depth.shape)
-        rows, cols = np.nonzero(inside)
-        radius_px = _START_M * view.intrinsics.fx / float(view.depth_m[row, col])
-        near = np.hypot(rows - row, cols - col) <= radius_px
-        return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)
+    # ---------------------------------------------------------------- where to go on
 
     def _off_borders(self, state: _State) -> Bool:
         """Clusters (M,) none of whose neighbours lies on the other side."""

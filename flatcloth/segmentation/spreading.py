@@ -39,6 +39,11 @@ _SURE = 1e6
 """Weight of what strokes say. Chosen: above all evidence together."""
 
 
+def least_region(turn: Int64) -> int:
+    """Return the least size of a region that a stroke on these clusters (T,) turns over."""
+    return max(len(turn) + 5, _LEAST_REGION)
+
+
 class Spreading:
     """Turns regions over; holds what is the same for all strokes.
 
@@ -102,6 +107,7 @@ class Spreading:
         rows = self._potentials.rows
         near = _Neighbours(rows.begin, rows.neighbour, weight[rows.edge])
         best: tuple[float, Int64] = (np.inf, turn)
+        least = least_region(turn)
         resistance: Float64 | None = None
         for _ in range(c.flip_rounds + 1):
             potential = self.potential(side, keep, turn, weight, resistance)
@@ -109,7 +115,6 @@ class Spreading:
             order = order[: int(np.searchsorted(potential[order], c.flip_potential))]
             if one_side:
                 order = order[side[order] == side[turn[0]]]
-            least = max(len(turn) + 5, _LEAST_REGION)
             if len(order) > least:
                 size_cost = _SizeCost(c.flip_exponent, number * c.flip_per_cluster, least)
                 count, cost = _sweep(order, near, side, locked, size_cost)

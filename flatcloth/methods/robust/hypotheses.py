@@ -28,6 +28,9 @@ pieces."""
 _TURNS_DEG = tuple(range(-40, 41, 10))
 """Turns that are searched. Chosen: components are upright on the plane, so that larger turns are rare."""
 
+_ALL_AGREE = 0.9
+"""Where more than this share of the associated nodes agrees, no further motion is tried. Set by hand."""
+
 
 def from_association(reference: ReferenceShape, sampled: SampledComponent) -> list[Rigid2]:
     """Fit the associated nodes rigidly by RANSAC, because overlapping layers give wrong associations."""
@@ -51,6 +54,8 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
         agreed = float((1.0 / (1.0 + np.square(off / 0.01))).sum())
         if agreed > most:
             best, most = trial, agreed
+        if most > _ALL_AGREE * len(points):
+            break
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
         near = off < max(0.012, float(np.median(off)))

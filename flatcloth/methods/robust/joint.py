@@ -58,7 +58,7 @@ Set by hand."""
 _OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
-_MOST_GROWTH = 1.4
+_MOST_GROWTH = 1.2
 """With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
 _MOST_NEW = 0.2
 """... as is a piece of which the last view adds more than this share of nodes ..."""

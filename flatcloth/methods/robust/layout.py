@@ -30,7 +30,7 @@ _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
 _ROBUST_ROUNDS = 2
 """Minimisations after each acceptance; the weights of the pairs are updated between them. Set by hand."""
-_HALO = 4
+_HALO = 2
 """Rows of nodes around new ones that are relaxed with them. Set by hand."""
 _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
