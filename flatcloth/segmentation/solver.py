@@ -334,7 +334,8 @@ class SideSolver:
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
         if most <= cost < np.inf:
             anew, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
-            if price < (most if guessed else cost) and len(anew) >= least_region(wrong):
+            cheap = price <= most and len(anew) < 0.5 * state.known.sum() if guessed else price < cost
+            if cheap and len(anew) >= least_region(wrong):
                 region, cost, anew = anew, price, none
         # Who corrects the largest error does not mean the mark of his brush only, unless that was found so.
         marked = 2 * least_region(wrong)
