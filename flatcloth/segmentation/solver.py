@@ -228,7 +228,7 @@ class SideSolver:
         side, inner, holder = fresh.side.copy(), fresh.inner.copy(), fresh.holder.copy()
         _mark(side, inner, touched, _wanted(decisions[number]))
         holder[touched] = number
-        strokes = ((number, touched), *fresh.strokes)
+        strokes = ((number, touched), *fresh.strokes) if touched.size else fresh.strokes
         return replace(fresh, side=side, inner=inner, holder=holder, strokes=strokes, alone=_EXCEPTION)
 
     def _settled(self, state: _State, touched: Int64, wanted: float, number: int) -> _State:
@@ -411,7 +411,13 @@ class SideSolver:
         views = views_showing(self.observed, moved)
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
         text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
-        if self._state(now.decisions).guess >= 0:
+        state, was = self._state(now.decisions), self._state(now.decisions[:-1])
+        if state.alone == _EXCEPTION != was.alone:
+            text += (
+                f" Decision {was.strokes[0][0] + 1} had turned all over; it holds under its mark only now, "
+                "because all strokes since contradict it."
+            )
+        if state.guess >= 0:
             text += " Whether all the rest lies on the other side, too, is not clear: stroke it once more."
         return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
 

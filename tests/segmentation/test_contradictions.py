@@ -117,7 +117,19 @@ def test_strokes_that_all_contradict_the_first_leave_it_its_mark(observed, front
     assert (found.side[marked] == OTHER).all()
     assert (np.delete(found.side, marked)[np.delete(front, marked)] == OF_INTEREST).all()
     assert found.conflicts == ()
+    assert "Decision 1 had turned all over; it holds under its mark only now" in found.changed.text
+    further = solver.solve([*strokes, on_back(-0.03, 0.0)])
+    assert "its mark only now" not in further.changed.text
     assert np.array_equal(solver.solve(strokes[:1]).side, flipped.side)  # undo is exact
+
+
+def test_a_first_stroke_that_later_ones_cover_leaves_nothing(observed, front):
+    solver = solver_with(observed, Priced(cost=100.0))
+    first = on_front(119.0, 119.0)
+    strokes = [first, on_back(0.0, 0.0), on_back(0.03, 0.0), replace(first, side="this")]
+    found = solver.solve(strokes)
+    assert (found.side[front] == OF_INTEREST).all()
+    assert len(found.conflicts) == 1
 
 
 def test_a_stroke_that_agrees_with_the_first_confirms_it(observed, front):

@@ -267,7 +267,9 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 
 def settled(shape: JointShape) -> JointShape:
     """Return the shape with all pieces relaxed as a whole, up to the minimum of Eq. (2)."""
-    return _solved(replace(shape, settled_pairs=0), precise=True)
+    anew = replace(shape, settled_pairs=0)
+    anew.__dict__["links"] = shape.links  # of the same observations: they take most of a shape's memory
+    return _solved(anew, precise=True)
 
 
 def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -> JointShape:

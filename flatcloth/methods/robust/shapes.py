@@ -45,7 +45,7 @@ _LEAST_FURTHER = 12
 
 _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
-_MOST_PREFIXES, _PREFIX_BYTES = 96, 80 * _MIB
+_MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo, trials and exports, which go through all of them: if they do not fit, each
 is computed anew. 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB ..."""
 _DRAWN_BYTES = 28 * _MIB
@@ -77,7 +77,7 @@ class JointShapes:
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._drawn: Cache[Canonical] = Cache(16, _DRAWN_BYTES)
         self._costs: Cache[Float32] = Cache(_MOST_PREFIXES, _COSTS_BYTES)
-        self._settled: Cache[JointShape] = Cache(3)
+        self._settled: Cache[JointShape] = Cache(2)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(_MOST_PREFIXES, _CERTAINTIES_BYTES)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
