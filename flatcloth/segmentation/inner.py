@@ -26,7 +26,7 @@ _ENOUGH_PIXELS = 20.0
 _ENOUGH = 1.0
 """Sum of weights at which the evidence of a cluster is half of its most. Chosen: that of two sure pairs."""
 _TWO_LAYERS = 30.0
-"""Percentile of the thickness taken for that of two layers that touch. Chosen: on the shared recordings at
+"""Percentile of the thickness taken for that of two layers that touch. Chosen: on recordings with truth at
 most 20 % of what shows a thickness is one layer; most of the rest does not touch."""
 _ONE_LAYER = 0.75
 """Share of it below which cloth is one layer. By definition: half way from one layer to two."""

@@ -28,7 +28,7 @@ from flatcloth.segmentation.result import (
 from flatcloth.segmentation.spreading import Spreading, least_region
 
 _UNTESTED, _SETTLED = -1, -2  # by definition: numbers of no part
-_EXCEPTION = -1.0  # by definition: no cost
+_EXCEPTION = -1.0  # by definition: less than any cost
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 
@@ -337,7 +337,7 @@ class SideSolver:
             cheap = price <= most and len(anew) < 0.5 * state.known.sum() if guessed else price < cost
             if cheap and len(anew) >= least_region(wrong):
                 region, cost, anew = anew, price, none
-        # Who corrects the largest error does not mean the mark of his brush only, unless that was found so.
+        # A stroke that corrects the largest error is meant for more cloth than its mark.
         marked = 2 * least_region(wrong)
         farther = len(region) <= marked < len(anew) and not guessed
         # What the evidence asks for anyway needs no inner face to explain it.
@@ -349,7 +349,7 @@ class SideSolver:
             if self._always_together(wrong, state.side):
                 return _Turn(np.flatnonzero(state.known), none, cost, whole=True)
             return _Turn(region, none, cost, clear=False)
-        if state.alone == _EXCEPTION and cost > most:
+        if state.alone == _EXCEPTION and cost > most:  # the evidence was found to be wrong: the mark only
             return _Turn(none, none, cost)
         return _Turn(anew if farther else region, none, cost)
 
@@ -412,7 +412,7 @@ class SideSolver:
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
         text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
         state, was = self._state(now.decisions), self._state(now.decisions[:-1])
-        if state.alone == _EXCEPTION != was.alone:
+        if state.alone == _EXCEPTION and was.alone != _EXCEPTION:
             text += (
                 f" Decision {was.strokes[0][0] + 1} had turned all over; it holds under its mark only now, "
                 "because all strokes since contradict it."
