@@ -59,6 +59,7 @@ def main() -> None:
         help="accuracy, reliability, paper_steps, paper_candidates: keep what each recording gave",
     )
     arguments = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as flatcloth itself does
     options = Options(
         arguments.recordings,
         arguments.quick,

@@ -134,6 +134,9 @@ def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig)
     cuts: list[CutOff] = []
     mask = _foreground(frame, axis, config)
     off: Bool = (frame.depth_m > 0) & ~mask
+    if mask.any():
+        # One pixel of a wrong match, read as 60 m, would be 200 cm2 there; at the item's depth it is a speck.
+        off = _large(frame, off, mask)
     _note(cuts, frame, off, "background", "is too far from what hangs nearest to the axis")
     mask, doubled = _largest(frame, mask, cuts)
     return _Hanging(mask, doubled, cuts)
@@ -239,12 +242,16 @@ def _without_holder(
     return mask, cuts
 
 
-def _large(frame: RgbdFrame, off: Bool) -> Bool:
-    """Keep the regions that are large enough to be a thing."""
+def _large(frame: RgbdFrame, off: Bool, like: Bool | None = None) -> Bool:
+    """Keep the regions of ``off`` that are large enough to be a thing, were they as far away as ``like``.
+
+    Without ``like``, as far away as they are.
+    """
     if not off.any():
         return off
     _, label, stats, _ = cv2.connectedComponentsWithStats(off.astype(np.uint8), connectivity=8)
-    pitch_m2 = float(np.median(frame.depth_m[off])) ** 2 / (frame.intrinsics.fx * frame.intrinsics.fy)
+    depth_m = float(np.median(frame.depth_m[off if like is None else like]))
+    pitch_m2 = depth_m**2 / (frame.intrinsics.fx * frame.intrinsics.fy)
     large = stats[:, cv2.CC_STAT_AREA] * pitch_m2 >= _LEAST_CUT_M2
     large[0] = False
     kept: Bool = large[label]

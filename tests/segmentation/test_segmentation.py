@@ -12,6 +12,7 @@ from scenes import AXIS
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.segmentation.item import find_item
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER, UNDECIDED
 from flatcloth.segmentation.solver import SideSolver
@@ -270,6 +271,29 @@ def test_what_does_not_turn_and_what_lies_above_the_held_point_is_cut_off_and_to
         item = seen.whole(seen.item)
         beyond = item & ~(view.front | view.back)
         assert beyond.sum() <= 0.01 * item.sum() + 12, n
+
+
+def test_a_pixel_read_far_away_is_no_background_and_hides_no_item():
+    for view in plate((0.0, 80.0)):  # at 80 degrees 49 cm2 are seen: less than one pixel has at 65 m
+        wrong = view.frame.depth_m.copy()
+        wrong[20, 20] = 65.0
+        item, same = (
+            find_item([replace(view.frame, depth_m=seen)], AXIS, TOP_M, Config().surface)
+            for seen in (view.frame.depth_m, wrong)
+        )
+        assert item.masks[0].any()
+        assert np.array_equal(same.masks[0], item.masks[0])
+        assert same.cut_off == ()
+
+
+def test_background_is_told_with_its_area():
+    seen, k = VIEWS[0].frame.depth_m.copy(), VIEWS[0].frame.intrinsics
+    seen[20:40, 20:40] = 1.6
+    item = find_item([replace(VIEWS[0].frame, depth_m=seen)], AXIS, TOP_M, Config().surface)
+    assert np.array_equal(item.masks[0], VIEWS[0].front)
+    (cut,) = item.cut_off
+    assert cut.kind == "background"
+    assert cut.area_m2 == pytest.approx(400 * 1.6**2 / (k.fx * k.fy), rel=1e-6)
 
 
 def test_two_items_side_by_side_are_refused():
