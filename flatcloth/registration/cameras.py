@@ -251,7 +251,8 @@ def register_together(
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
     with ThreadPoolExecutor(threads) as pool:
         fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
-    return _refitted(_solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None))))
+    registered = _solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None)))
+    return _refitted(registered, threads)
 
 
 def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
@@ -286,15 +287,21 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
     return _refitted(_solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
 
 
-def _refitted(registered: Registered) -> Registered:
+def _refitted(registered: Registered, threads: int = 1) -> Registered:
     """Compare those pairs anew that were compared at another fattening."""
     for _ in range(_REFITS):
-        stale = [p for p in registered.pairs if _stale(registered, p)]
-        if not stale:
+        if not any(_stale(registered, p) for p in registered.pairs):
             break
-        renewed = {(p.first, p.second): _fitted(registered, p.first, p.second, p) for p in stale}
-        pairs = [renewed.get((p.first, p.second), p) for p in registered.pairs]
-        registered = _solved(replace(registered, pairs=tuple(p for p in pairs if p is not None)))
+
+        def renewed(p: PairFit, now: Registered = registered) -> PairFit | None:
+            return _fitted(now, p.first, p.second, p) if _stale(now, p) else p
+
+        if threads > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                fits = list(pool.map(renewed, registered.pairs))
+        else:
+            fits = [renewed(p) for p in registered.pairs]
+        registered = _solved(replace(registered, pairs=tuple(p for p in fits if p is not None)))
     return registered
 
 

@@ -30,7 +30,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_surface
 from flatcloth.registration.cameras import register_together
-from flatcloth.registration.view_features import extract_features
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
@@ -163,16 +163,18 @@ def observe(
             view.view_index: view
             for view in pool.map(_view, surfaces, masks, poses, labels, facing, itertools.repeat(settings))
         }
+        found, inner = pool.submit(partition, graph), pool.submit(inner_faces, clusters, graph, settings)
+        parts, inner_clusters = found.result(), inner.result()
     return Observed(
         views=views,
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
-        partition=partition(graph),
+        partition=parts,
         samples=sampled_sides(
             graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
         ),
-        inner=inner_faces(clusters, graph, settings),
+        inner=inner_clusters,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
         noise_m=noise_m,
@@ -214,13 +216,13 @@ def _poses(
     if len(surfaces) < 2:
         return known, False
     with ThreadPoolExecutor(_THREADS) as pool:
-        features = dict(enumerate(pool.map(extract_features, surfaces[::_LOOK])))
+        features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
         features = {_LOOK * n: seen for n, seen in features.items()}
         look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=_THREADS)
         if not look.is_loose:
             return known, False
         rest = [n for n in range(len(surfaces)) if n not in features]
-        features |= zip(rest, pool.map(extract_features, [surfaces[n] for n in rest]), strict=True)
+        features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
     registered = register_together(
         [features[n] for n in range(len(surfaces))], axis, held_point_m,
         partners=_PARTNERS, fattening_px=look.fattening_px, threads=_THREADS,
@@ -228,12 +230,20 @@ def _poses(
     return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
 
 
+def _features(surface: Surface) -> ViewFeatures:
+    """Features whose images stay as they are: all views are compared, and then no longer needed."""
+    features = extract_features(surface)
+    images = features.images
+    return replace(features, make_images=lambda: images)
+
+
 def _facing(surface: Surface) -> Float32:
     """Cosine (h, w) of the incidence; 0 off the surface."""
-    with np.errstate(invalid="ignore"):
-        length = np.linalg.norm(surface.xyz_m, axis=-1)
-        cos = -(surface.xyz_m * surface.normal).sum(axis=-1) / length
-    facing: Float32 = np.where(surface.usable, np.clip(cos, 0.1, 1.0), 0.0).astype(np.float32)
+    at = surface.usable
+    xyz_m = surface.xyz_m[at]
+    cos = -(xyz_m * surface.normal[at]).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
+    facing: Float32 = np.zeros(at.shape, dtype=np.float32)
+    facing[at] = np.clip(cos, 0.1, 1.0)
     return facing
 
 
