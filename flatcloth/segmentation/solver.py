@@ -382,6 +382,7 @@ class SideSolver:
         side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
         config, further = observed.config, len(state.strokes) - 1
         least = config.least_certainty - config.certainty_per_stroke * max(further - 1, 0)
+        least = max(least, config.undecided_below)
         turned = max(least, config.sure - config.turned_per_stroke * further)
         doubtful = certainty < np.where(state.group > 0, turned, least)
         side[doubtful | ~state.known] = UNDECIDED
