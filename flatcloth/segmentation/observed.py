@@ -32,7 +32,7 @@ from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_s
 from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
-from flatcloth.segmentation.inner import inner_faces
+from flatcloth.segmentation.inner import doubtful_faces, inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
@@ -87,10 +87,11 @@ class ObservedView:
 class Observed:
     """What the views show, before any stroke; immutable.
 
-    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of
-    all views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says,
-    ``samples`` (K, M) those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an
-    opening; ``start_view`` the view that shows most of the item; ``cut_off`` what was no item.
+    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
+    views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says, ``samples`` (K, M)
+    those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an opening; ``doubtful``
+    (M,) faces, by their numbers, that may be such, -1 elsewhere; ``start_view`` the view that shows most of
+    the item; ``cut_off`` what was no item.
     """
 
     views: dict[int, ObservedView]
@@ -100,6 +101,7 @@ class Observed:
     partition: Partition
     samples: Int8
     inner: Bool
+    doubtful: Int64
     start_view: int
     cut_off: tuple[CutOff, ...]
     noise_m: float
@@ -163,18 +165,20 @@ def observe(
             view.view_index: view
             for view in pool.map(_view, surfaces, masks, poses, labels, facing, itertools.repeat(settings))
         }
-        found, inner = pool.submit(partition, graph), pool.submit(inner_faces, clusters, graph, settings)
-        parts, inner_clusters = found.result(), inner.result()
+        found = pool.submit(partition, graph)
+        inner = inner_faces(clusters, graph, settings)
+        doubtful = doubtful_faces(clusters, graph, noise_m, settings)
     return Observed(
         views=views,
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
-        partition=parts,
+        partition=found.result(),
         samples=sampled_sides(
             graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
         ),
-        inner=inner_clusters,
+        inner=inner,
+        doubtful=doubtful,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
         noise_m=noise_m,
