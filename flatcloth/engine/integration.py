@@ -91,7 +91,7 @@ class Integration(RecordedViews):
     recording : Recording
         The views.
     config : Config, optional
-        The method's parameters; by default its own.
+        The method's parameters; by default its own, with sampling intervals that fit the camera.
     method : str, optional
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
     segmenter : Segmenter, optional
@@ -126,7 +126,9 @@ class Integration(RecordedViews):
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
         self.method = entry.name
-        super().__init__(recording, config or self._kind.default_config(), segmenter)
+        super().__init__(
+            recording, config or self._kind.default_config(), segmenter, is_default=config is None
+        )
         self.notes = (*_notes(self), *getattr(recording, "notes", ()), *self.axis_notes)
 
     def derive_anew(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from flatcloth.core.types import (
     FlattenedView,
     Float32,
     Float64,
+    Intrinsics,
     Progress,
     RgbdFrame,
     RotationAxis,
@@ -28,6 +30,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import (
     edge_widths_of,
     foreground_mask,
@@ -45,6 +48,8 @@ _MIB = 1 << 20
 """Bytes in a mebibyte."""
 _EDGES_IN_VIEWS = 2
 """Views in which widths of edges are counted together. Chosen: both sides of the item; each takes 50 ms."""
+_NEAREST_M = 0.1
+"""An axis is taken to be at least this far away. Chosen: few depth cameras measure nearer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +79,8 @@ class RecordedViews:
         The views.
     config : Config
         The numbers of the method.
+    is_default : bool
+        The numbers are nobody's choice: the sampling intervals are made to fit the camera.
     segmenter : Segmenter, optional
         Finds the side of interest where the recording has no masks; without it, all of the item is.
 
@@ -91,7 +98,9 @@ class RecordedViews:
         The masks in force: those of the strokes asked for last.
     """
 
-    def __init__(self, recording: Recording, config: Config, segmenter: Segmenter | None) -> None:
+    def __init__(
+        self, recording: Recording, config: Config, segmenter: Segmenter | None, *, is_default: bool = False
+    ) -> None:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 16 * _MIB)
@@ -101,6 +110,8 @@ class RecordedViews:
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
         self.axis_notes = hanging.notes
+        if is_default:
+            self.config = _fitted_to(config, recording.intrinsics, hanging.axis)
         self.turn_about(hanging.axis)
 
     def turn_about(self, axis: RotationAxis) -> None:
@@ -259,3 +270,12 @@ class RecordedViews:
         return ViewCloud(
             view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
         )
+
+
+def _fitted_to(config: Config, camera: Intrinsics, axis: RotationAxis) -> Config:
+    """Return a method's own settings with sampling intervals for pixels as they are at the axis."""
+    distance_m = float(np.linalg.norm(np.cross(axis.point_m, axis.direction)))
+    pitch_m = max(distance_m, _NEAREST_M) / math.sqrt(camera.fx * camera.fy)
+    own = config.flattening
+    flattening = replace(own, sampling_intervals_px=widened(own.sampling_intervals_px, pitch_m))
+    return replace(config, flattening=flattening)

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import Cylinder
+from scenes import AXIS, Cylinder
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
 from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
-from flatcloth.core.types import Rigid2
+from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
@@ -306,6 +306,15 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
 def test_the_paper_knows_no_cloth_to_take_apart() -> None:
     made = integration()
     assert made.cloth(started(made, 0).document) is None
+
+
+def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:
+    for distance_m, wanted in ((1.7, (12, 6)), (0.85, (12, 6)), (0.425, (24, 12)), (0.0, (102, 51))):
+        at = RotationAxis(point_m=np.array([0.0, 0.3, distance_m]), direction=AXIS.direction)
+        made = Integration(Cylinder(rotation_axis=at))
+        assert made.config.flattening.sampling_intervals_px == wanted, distance_m
+        chosen = Config()
+        assert Integration(made.recording, chosen).config is chosen  # a session keeps what it began with
 
 
 def test_an_unknown_method_names_the_known_ones() -> None:

@@ -11,6 +11,7 @@ from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.minimisation import aligned_to, energy_of, minimise
+from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import observe_surface
 
 CONFIG = FlatteningConfig()
@@ -197,3 +198,9 @@ def test_too_little_cloth_is_said() -> None:
     speck[100:104, 100:104] = True
     with pytest.raises(FlatteningError, match=r"View 3: .*too small.*another view"):
         flattened(frame(depth, speck, view_index=3))
+
+
+def test_all_sampling_intervals_are_widened_alike_where_pixels_are_small() -> None:
+    assert widened((24, 12, 6), 0.003) == (24, 12, 6)
+    assert widened((24, 12, 6), 0.002) == (24, 12, 6)
+    assert widened((24, 12, 6), 0.0012) == (40, 20, 10)
