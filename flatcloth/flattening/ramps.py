@@ -63,7 +63,9 @@ def long_ones(found: Bool, length_px: int) -> Bool:
     return kept
 
 
-def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> Float64:
+def fill_dropouts(
+    inverse_depth: Float64, measured: Bool, max_area_px: int, mask: Bool | None = None
+) -> Float64:
     """Return the inverse depth of the item with small holes filled smoothly (harmonic interpolation).
 
     Parameters
@@ -75,13 +77,23 @@ def fill_dropouts(inverse_depth: Float64, measured: Bool, max_area_px: int) -> F
     max_area_px : int
         Larger holes stay open. Between two layers the filling is steep, and the tests for jumps and
         ramps remove it again.
+    mask : (H, W) bool, optional
+        The side of interest, if it is known. A hole that borders on something else is filled only within it:
+        the rest may show the other side. A mask may have holes itself where nothing was measured.
     """
     hole = (inverse_depth == 0) & ~measured
     _, label, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] <= max_area_px
     small[0] = False
+    inside = small[label]
+    if mask is not None:
+        other = (measured & (inverse_depth == 0)).astype(np.uint8)
+        beside = cv2.dilate(other, np.ones((3, 3), np.uint8)).astype(np.bool_)
+        borders = np.zeros(len(stats), dtype=np.bool_)
+        borders[label[inside & beside]] = True
+        inside &= mask | ~borders[label]
     filled = inverse_depth.copy()
-    _relax(filled, np.ascontiguousarray(np.argwhere(small[label])), 60)
+    _relax(filled, np.ascontiguousarray(np.argwhere(inside)), 60)
     return filled
 
 

@@ -170,7 +170,7 @@ def observe_surface(
         item = item_mask(frame, axis, config)
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX)
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX, frame.mask)
     inverse_depth, _ = cut_wide_ramps(inverse_depth, frame.color, k, sensor_blurs)
     inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0

@@ -98,6 +98,20 @@ def test_a_small_dropout_is_bridged_exactly_and_a_large_one_stays_open() -> None
     assert not surface.usable[133:147, 103:117].any()
 
 
+def test_a_dropout_across_the_rim_of_the_mask_is_bridged_within_it_only() -> None:
+    depth = plane(0.3, 0.2)
+    mask = box(0.1, depth)
+    mask[:, 150:] = False  # beyond, the same sheet shows the other side
+    measured = depth.copy()
+    measured[100:106, 146:154] = 0
+    measured[130:136, 110:117] = 0
+    mask[130:136, 110:117] = False  # a mask of what was measured has holes itself
+    usable = observe_surface(frame(measured, mask), AXIS, CONFIG).usable
+    assert usable[100:106, 140:149].all()
+    assert not usable[:, 150:].any()
+    assert usable[130:136, 110:117].all()
+
+
 def test_without_a_mask_the_object_on_the_axis_is_taken_and_the_wall_left() -> None:
     depth = plane(depth_m=1.6)
     near = box(0.08, plane(depth_m=0.85))
