@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +24,9 @@ from flatcloth.segmentation.result import OF_INTEREST, Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
+
+_THREADS = 2
+"""Views read at a time. Chosen for two cores."""
 
 
 class MaskedRecording:
@@ -115,7 +119,8 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     RecordingError
         If a view cannot be read.
     """
-    frames = [views.recorded(n) for n in range(len(views.recording))]
+    with ThreadPoolExecutor(_THREADS) as pool:
+        frames = list(pool.map(views.recorded, range(len(views.recording))))
     observed = observe(
         frames,
         views.axis,

@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -68,8 +68,7 @@ _LEAST_CHANCE = 1e-3
 _STEPS = 3
 """Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
 _FREEDOM = 6.0
-"""Degrees of freedom of Student's t, which limits the weight of a pair that contradicts the others. Set by
-hand."""
+"""Degrees of freedom of Student's t, which limits the weight of contradicting pairs. Set by hand."""
 _RIDGE = 1e-6 * np.eye(UNKNOWNS)
 """Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
 
@@ -251,7 +250,8 @@ def register_together(
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
     with ThreadPoolExecutor(threads) as pool:
         fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
-    return _refitted(_solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None))))
+    fitted = tuple(fit for fit in fits if fit is not None)
+    return _refitted(_solved(replace(registered, pairs=fitted)), threads)
 
 
 def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
@@ -286,15 +286,14 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
     return _refitted(_solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
 
 
-def _refitted(registered: Registered) -> Registered:
+def _refitted(registered: Registered, threads: int = 1) -> Registered:
     """Compare those pairs anew that were compared at another fattening."""
     for _ in range(_REFITS):
-        stale = [p for p in registered.pairs if _stale(registered, p)]
-        if not stale:
+        with ThreadPoolExecutor(threads) as pool:
+            fits = list(pool.map(partial(_fresh, registered), registered.pairs))
+        if all(fit is pair for fit, pair in zip(fits, registered.pairs, strict=True)):
             break
-        renewed = {(p.first, p.second): _fitted(registered, p.first, p.second, p) for p in stale}
-        pairs = [renewed.get((p.first, p.second), p) for p in registered.pairs]
-        registered = _solved(replace(registered, pairs=tuple(p for p in pairs if p is not None)))
+        registered = _solved(replace(registered, pairs=tuple(p for p in fits if p is not None)))
     return registered
 
 
@@ -310,10 +309,8 @@ def _partners(registered: Registered, n: int) -> list[int]:
 def _fitted(registered: Registered, first: int, second: int, before: PairFit | None) -> PairFit | None:
     one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
-    if before is None:
-        center: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
-    else:
-        center = before.center_m
+    middle: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
+    center = middle if before is None else before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
     moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
     return fit_pair(
@@ -333,9 +330,11 @@ def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
     return held.apply(seen.middle_m)
 
 
-def _stale(registered: Registered, pair: PairFit) -> bool:
-    """Return whether a pair's quadratic form was computed too far from its present use."""
-    return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
+def _fresh(registered: Registered, pair: PairFit) -> PairFit | None:
+    """Return a pair as it is, or compared anew if it was compared too far from its present use."""
+    if abs(registered.fattening_px - pair.fattening_px) <= _REFIT_FATTENING_PX:
+        return pair
+    return _fitted(registered, pair.first, pair.second, pair)
 
 
 def _solved(registered: Registered) -> Registered:

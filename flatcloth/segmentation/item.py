@@ -247,15 +247,26 @@ def _large(frame: RgbdFrame, off: Bool, like: Bool | None = None) -> Bool:
 
     Without ``like``, as far away as they are.
     """
-    if not off.any():
+    count = int(np.count_nonzero(off))
+    if not count:
         return off
-    _, label, stats, _ = cv2.connectedComponentsWithStats(off.astype(np.uint8), connectivity=8)
     depth_m = float(np.median(frame.depth_m[off if like is None else like]))
-    pitch_m2 = depth_m**2 / (frame.intrinsics.fx * frame.intrinsics.fy)
-    large = stats[:, cv2.CC_STAT_AREA] * pitch_m2 >= _LEAST_CUT_M2
+    least_px = _LEAST_CUT_M2 * frame.intrinsics.fx * frame.intrinsics.fy / depth_m**2
+    kept = np.zeros_like(off)
+    if count < least_px:
+        return kept
+    part = _around(off)
+    _, label, stats, _ = cv2.connectedComponentsWithStats(off[part].astype(np.uint8), connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= least_px
     large[0] = False
-    kept: Bool = large[label]
+    kept[part] = large[label]
     return kept
+
+
+def _around(pixels: Bool) -> tuple[slice, slice]:
+    """Return the rows and columns in which there are pixels."""
+    rows, cols = np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:

@@ -30,9 +30,9 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_surface
 from flatcloth.registration.cameras import register_together
-from flatcloth.registration.view_features import extract_features
+from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
-from flatcloth.segmentation.inner import inner_faces
+from flatcloth.segmentation.inner import doubtful_faces, inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
@@ -87,10 +87,11 @@ class ObservedView:
 class Observed:
     """What the views show, before any stroke; immutable.
 
-    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of
-    all views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says,
-    ``samples`` (K, M) those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an
-    opening; ``start_view`` the view that shows most of the item; ``cut_off`` what was no item.
+    ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
+    views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says, ``samples`` (K, M)
+    those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an opening; ``doubtful``
+    (M,) faces, by their numbers, that may be such, -1 elsewhere; ``start_view`` the view that shows most of
+    the item; ``cut_off`` what was no item.
     """
 
     views: dict[int, ObservedView]
@@ -100,6 +101,7 @@ class Observed:
     partition: Partition
     samples: Int8
     inner: Bool
+    doubtful: Int64
     start_view: int
     cut_off: tuple[CutOff, ...]
     noise_m: float
@@ -163,16 +165,20 @@ def observe(
             view.view_index: view
             for view in pool.map(_view, surfaces, masks, poses, labels, facing, itertools.repeat(settings))
         }
+        found = pool.submit(partition, graph)
+        inner = inner_faces(clusters, graph, settings)
+        doubtful = doubtful_faces(clusters, graph, noise_m, settings)
     return Observed(
         views=views,
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
-        partition=partition(graph),
+        partition=found.result(),
         samples=sampled_sides(
             graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
         ),
-        inner=inner_faces(clusters, graph, settings),
+        inner=inner,
+        doubtful=doubtful,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
         noise_m=noise_m,
@@ -214,13 +220,13 @@ def _poses(
     if len(surfaces) < 2:
         return known, False
     with ThreadPoolExecutor(_THREADS) as pool:
-        features = dict(enumerate(pool.map(extract_features, surfaces[::_LOOK])))
+        features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
         features = {_LOOK * n: seen for n, seen in features.items()}
         look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=_THREADS)
         if not look.is_loose:
             return known, False
         rest = [n for n in range(len(surfaces)) if n not in features]
-        features |= zip(rest, pool.map(extract_features, [surfaces[n] for n in rest]), strict=True)
+        features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
     registered = register_together(
         [features[n] for n in range(len(surfaces))], axis, held_point_m,
         partners=_PARTNERS, fattening_px=look.fattening_px, threads=_THREADS,
@@ -228,12 +234,20 @@ def _poses(
     return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
 
 
+def _features(surface: Surface) -> ViewFeatures:
+    """Features whose images stay as they are: all views are compared, and then no longer needed."""
+    features = extract_features(surface)
+    images = features.images
+    return replace(features, make_images=lambda: images)
+
+
 def _facing(surface: Surface) -> Float32:
     """Cosine (h, w) of the incidence; 0 off the surface."""
-    with np.errstate(invalid="ignore"):
-        length = np.linalg.norm(surface.xyz_m, axis=-1)
-        cos = -(surface.xyz_m * surface.normal).sum(axis=-1) / length
-    facing: Float32 = np.where(surface.usable, np.clip(cos, 0.1, 1.0), 0.0).astype(np.float32)
+    at = surface.usable
+    xyz_m = surface.xyz_m[at]
+    cos = -(xyz_m * surface.normal[at]).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
+    facing: Float32 = np.zeros(at.shape, dtype=np.float32)
+    facing[at] = np.clip(cos, 0.1, 1.0)
     return facing
 
 

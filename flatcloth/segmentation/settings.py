@@ -68,12 +68,14 @@ class SegmentationConfig:
     least_certainty: float = 0.7
     """Cloth that is less certain than this is undecided, and stays out, ..."""
     certainty_per_stroke: float = 0.05
-    """... less this for each stroke after the second: what is wrong would have been stroked first."""
+    """... less this for each stroke after the second: what is wrong would have been stroked first, ..."""
+    undecided_below: float = 0.575
+    """... but what is less certain than this is told by a stroke only: where it says 0.62, 0.58 is right."""
     sure: float = 0.9
     """What is more certain than this is not turned over silently. What strokes turned over is undecided if it
     is less certain, ..."""
     turned_per_stroke: float = 0.1
-    """... less this for each stroke after the first: what is wrong would have been stroked first."""
+    """... less this for each stroke after the first, as above."""
     fill_px: int = 16
     """Pixels of the item without a cluster take that of the nearest with one, within this distance ..."""
     fill_m: float = 0.012

@@ -208,7 +208,9 @@ class SideSolver:
         if state.guess >= 0 and (state.part[touched[~state.inner[touched]]] == state.guess).any():
             state = self._settled(state, touched, wanted, number)
         else:
-            state = self._stroked(state, touched, wanted, number, self.solve(decisions[:-1]).side)
+            told = self.solve(decisions[:-1]).side
+            told = np.where(self.observed.doubtful < 0, told, OTHER)  # thin cloth has a side, too
+            state = self._stroked(state, touched, wanted, number, told)
             if 0 < state.alone < state.against:
                 state = self._without_first(state, decisions)
         return replace(state, conflicts=conflicts)
@@ -378,10 +380,14 @@ class SideSolver:
         certainty = calibrated(observed, self._agreed(state))
         certainty[~state.known] = 0.5
         held = state.holder >= 0
+        faces, shown = observed.doubtful, state.shown > 0
+        told = np.append(faces[held & shown], -1)  # only a stroke tells that such a face is no inner one
+        certainty[shown & ~np.isin(faces, told)] = 0.5
         certainty[held | state.excluded] = 1.0
         side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
         config, further = observed.config, len(state.strokes) - 1
         least = config.least_certainty - config.certainty_per_stroke * max(further - 1, 0)
+        least = max(least, config.undecided_below)
         turned = max(least, config.sure - config.turned_per_stroke * further)
         doubtful = certainty < np.where(state.group > 0, turned, least)
         side[doubtful | ~state.known] = UNDECIDED

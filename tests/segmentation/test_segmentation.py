@@ -223,6 +223,16 @@ def test_the_view_says_side_and_certainty_of_every_pixel_of_the_item(solver):
     assert (view.certainty[seen.item] >= 0.5).all()
 
 
+def test_a_doubtful_face_is_of_interest_only_where_a_stroke_says_so(solver):
+    front = solver.observed.clusters.normal[:, 2] < -0.9
+    thin = SideSolver(replace(solver.observed, doubtful=np.where(front, 5, -1)))
+    assert not (thin.solve(()).side[front] == OF_INTEREST).any()
+    assert (thin.solve((stroke(),)).side[front] == OF_INTEREST).all()
+    other = thin.solve((stroke("other"),)).side
+    assert not (other[front] == OF_INTEREST).any()
+    assert np.array_equal(other, solver.solve((stroke("other"),)).side)  # as if it had not been doubtful
+
+
 def test_where_to_stroke_next_lies_on_the_item_and_is_none_when_all_is_sure(solver):
     found = solver.where_next(())
     if found is not None:
