@@ -286,7 +286,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     assert cloth is not None
     assert whole.placement_std_m is not None
     middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
-    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.8, area_m2=0.01, moved_m=0.5)
+    link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, moved_m=0.5)
     assert link.std_m == pytest.approx(0.4 * 0.5)
     doubted = apply(state, DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
     view = made.canonical(doubted.document).view
