@@ -32,8 +32,9 @@ OFFERED_PROBABILITY = 0.90
 WRONG_PROBABILITY = 0.015
 """A link less probable than this is taken for wrong without asking. Chosen: a right link must not break."""
 _RIGHT_TO_WRONG = 3.0
-"""Links that are right for one that is wrong, on a shape that no garment fits. Set by hand: two of the 27
-shapes of the development are such, with four links, one of them wrong."""
+"""Links that are right for one that is wrong, on a shape that no garment fits. Set by hand: two shapes of
+the development are such, with two links, one of them wrong; so is one made later, with one link, which is
+wrong. So few tell little."""
 _LEAST_CORE = 45
 """Samples, 12 mm apart, of an area that may be a part. Chosen: 65 cm2, as ``placing.LEAST_AREA_M2``."""
 _SADDLE = 0.8
@@ -81,7 +82,7 @@ class DoubtedLink:
 
     @property
     def std_m(self) -> float:
-        """Root mean square of the error of where the part is shown: joined, and elsewhere if that is wrong."""
+        """Root mean square error of where the part is shown: joined, and elsewhere if that is wrong."""
         return math.sqrt(1.0 - self.probability) * self.moved_m
 
 
