@@ -229,7 +229,7 @@ def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service,
     known = place_sure_pieces(service, session)
     (part,) = session.state.document.garment.parts
     assert not part.taken_off
-    assert part.std_m == pytest.approx(0.5 * 0.24**0.5)
+    assert part.std_m == pytest.approx(0.5 * 0.6**0.5)
     assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
     assert [item.name for item in session.state.undo][-2:] == [
         "doubt the link of a part",
