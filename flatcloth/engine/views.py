@@ -79,10 +79,11 @@ class RecordedViews:
         The views.
     config : Config
         The numbers of the method.
-    is_default : bool
-        The numbers are nobody's choice: the sampling intervals are made to fit the camera.
     segmenter : Segmenter, optional
         Finds the side of interest where the recording has no masks; without it, all of the item is.
+    is_default : bool
+        ``config`` is the method's default, not that of a session or a caller: its sampling intervals are
+        then widened where the camera's pixels are small.
 
     Attributes
     ----------
@@ -273,7 +274,7 @@ class RecordedViews:
 
 
 def _fitted_to(config: Config, camera: Intrinsics, axis: RotationAxis) -> Config:
-    """Return a method's own settings with sampling intervals for pixels as they are at the axis."""
+    """Return settings with sampling intervals that fit the size of the camera's pixels at the axis."""
     distance_m = float(np.linalg.norm(np.cross(axis.point_m, axis.direction)))
     pitch_m = max(distance_m, _NEAREST_M) / math.sqrt(camera.fx * camera.fy)
     own = config.flattening

@@ -209,7 +209,8 @@ class SideSolver:
             state = self._settled(state, touched, wanted, number)
         else:
             told = self.solve(decisions[:-1]).side
-            told = np.where(self.observed.doubtful < 0, told, OTHER)  # thin cloth has a side, too
+            # A doubtful face was shown as not of interest: a stroke on it contradicts something.
+            told = np.where(self.observed.doubtful < 0, told, OTHER)
             state = self._stroked(state, touched, wanted, number, told)
             if 0 < state.alone < state.against:
                 state = self._without_first(state, decisions)
