@@ -397,6 +397,13 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
+    def foresee(self, views: tuple[int, ...], view_index: int) -> None:
+        """Compute what :meth:`propose` will need for a view after others were accepted, in this order.
+
+        Called by other threads; it must not change any result.
+        """
+        return
+
     def is_contradicted(self, document: Document) -> bool:
         """Return whether the other views contradict the view accepted last; False if not checked."""
         return False
