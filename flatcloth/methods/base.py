@@ -397,6 +397,13 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
+        """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
+
+        None if the method's edges have no evidence.
+        """
+        return None
+
     def is_contradicted(self, document: Document) -> bool:
         """Return whether the other views contradict the view accepted last; False if not checked."""
         return False
