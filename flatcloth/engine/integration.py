@@ -32,8 +32,16 @@ from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.links import Cloth
-from flatcloth.garments.parting import parts_taken_off, with_doubts, without_parts
-from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan
+from flatcloth.garments.parting import parts_taken_off, with_doubts
+from flatcloth.methods.base import (
+    Alignment,
+    AlignmentScore,
+    Canonical,
+    Method,
+    Placement,
+    Plan,
+    SurfaceEdges,
+)
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
@@ -137,7 +145,7 @@ class Integration(RecordedViews):
         """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
-        self._without: Cache[Canonical] = Cache(2)
+        self._decided: Cache[tuple[Canonical, Cloth | None]] = Cache(2)
         before: Method | None = getattr(self, "algorithm", None)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
         if before is not None:
@@ -167,44 +175,34 @@ class Integration(RecordedViews):
         whole = self.algorithm.canonical(document)
         if not document.garment.parts:
             return whole
-        key = (*_shape_of(document), document.garment.parts)
-        return self._without.get(key, lambda: self._without_parts(whole, document))
+        return self._by_garment(document, whole)[0]
 
     def cloth(self, document: Document) -> Cloth | None:
         """Return how the shape of a document hangs together; None if the method does not know.
 
         Parts that were taken off have no place.
         """
-        cloth = self._cloth(document)
-        if cloth is None or not document.garment.parts:
-            return cloth
-        off = np.any(
-            [np.zeros(len(cloth.uv_m), bool), *parts_taken_off(cloth, document.garment.parts)], axis=0
-        )
-        return replace(cloth, uv_m=np.where(off[:, None], np.nan, cloth.uv_m))
+        if not document.garment.parts:
+            return _cloth_of(self.algorithm.surface_edges(document))
+        return self._by_garment(document, self.algorithm.canonical(document))[1]
 
-    def _cloth(self, document: Document) -> Cloth | None:
-        found = self.algorithm.surface_edges(document)
-        if found.evidence is None:
-            return None
-        return Cloth(uv_m=found.uv_m, xyz_m=found.xyz_m, edges=found.edges, evidence=found.evidence)
+    def _by_garment(self, document: Document, whole: Canonical) -> tuple[Canonical, Cloth | None]:
+        """Return a shape, and its cloth, with what was decided about links that no garment allows (cached).
 
-    def _without_parts(self, whole: Canonical, document: Document) -> Canonical:
-        """Return a shape without the parts that were taken off it by the garment; they float.
-
-        What a doubted link joins is as unsure as the link.
+        Parts that were taken off float; what a doubted link joins is as unsure as the link.
         """
-        cloth = self._cloth(document)
-        if cloth is None:
-            return whole
-        parts = parts_taken_off(cloth, document.garment.parts)
-        whole = replace(whole, view=with_doubts(whole.view, cloth, document.garment.parts))
-        if not parts:
-            return whole
-        view, pieces = without_parts(whole.view, cloth, parts)
-        floating = sorted((*whole.floating, *pieces), key=lambda piece: -piece.area_m2)
-        taken_off = frozenset(n for n, each in enumerate(floating) if any(each is piece for piece in pieces))
-        return replace(whole, view=view, floating=tuple(floating), taken_off=taken_off)
+
+        def make() -> tuple[Canonical, Cloth | None]:
+            made, cloth = whole, _cloth_of(self.algorithm.surface_edges(document))
+            if cloth is None:
+                return made, None
+            parts = parts_taken_off(cloth, document.garment.parts)
+            apart = self.algorithm.apart(document, parts) if parts else None
+            if apart is not None:
+                made, cloth = apart[0], _cloth_of(apart[1]) or cloth
+            return replace(made, view=with_doubts(made.view, cloth, document.garment.parts)), cloth
+
+        return self._decided.get((*_shape_of(document), document.garment.parts), make)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
@@ -379,6 +377,12 @@ class Integration(RecordedViews):
             why,
             proposal.placement.also,
         )
+
+
+def _cloth_of(edges: SurfaceEdges) -> Cloth | None:
+    if edges.evidence is None:
+        return None
+    return Cloth(uv_m=edges.uv_m, xyz_m=edges.xyz_m, edges=edges.edges, evidence=edges.evidence)
 
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:

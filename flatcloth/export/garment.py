@@ -168,6 +168,7 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
         "by_hand": found.by_hand is not None,
         "probability": round(found.probabilities[found.kind], 4),
         "placed_by_the_garment": [floating_file(n + 1) for n in sorted(known.pieces.shape_from_piece)],
+        "taken_off_by_the_garment": [floating_file(n + 1) for n in sorted(known.canonical.taken_off)],
         "doubted_links": [
             {"part_cm2": round(1e4 * link.area_m2, 1), "probability": round(link.probability, 4)}
             for link in known.links
@@ -206,7 +207,9 @@ def told(known: KnownGarment | str) -> list[str]:
 
 
 def _doubts(known: KnownGarment) -> list[str]:
-    return [
+    off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off))
+    taken = [f"Floating pieces taken off the shape, where no garment allows them: {off}."] if off else []
+    return taken + [
         f"A part of {1e4 * link.area_m2:.0f} cm2 is joined where no garment allows it (probability of the "
         f"link {link.probability:.0%}); decide about it on the page."
         for link in known.links

@@ -1,14 +1,14 @@
-"""Parts that are taken off the shape: decided once, found again by their cloth, and drawn apart."""
+"""Parts whose link no garment allows: decided about once, found again by their cloth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.types import Bool, FlattenedView, Float64, Int64
+from flatcloth.core.types import Bool, FlattenedView, Int64
 from flatcloth.garments.links import Cloth, DoubtedLink, side_of
 from flatcloth.session.garment import ClothPlaces, DoubtedPart
 
@@ -91,51 +91,17 @@ def with_doubts(view: FlattenedView, cloth: Cloth, decisions: Sequence[DoubtedPa
     doubted = [(d.std_m, part) for d, part in _last_decisions(cloth, decisions) if d.std_m]
     if not doubted or view.placement_std_m is None:
         return view
-    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
-    pixels = np.argwhere(view.valid)
-    nearest = placed[cKDTree(cloth.uv_m[placed]).query(view.uv_from_rc(pixels))[1]]
     std = view.placement_std_m.copy()
     for std_m, part in doubted:
-        own = pixels[part[nearest]]
-        std[own[:, 0], own[:, 1]] = np.hypot(std[own[:, 0], own[:, 1]], np.float32(std_m))
+        own = pixels_of_part(view, cloth, part)
+        std[own] = np.hypot(std[own], np.float32(std_m))
     return replace(view, placement_std_m=std)
 
 
-def without_parts(
-    view: FlattenedView, cloth: Cloth, parts: Sequence[Bool]
-) -> tuple[FlattenedView, list[FlattenedView]]:
-    """Return the shape without parts (N,) of its samples, and each part as a piece of its own."""
+def pixels_of_part(view: FlattenedView, cloth: Cloth, part: Bool) -> Bool:
+    """Return the pixels (H, W) of the shape that a part (N,) of its samples carries."""
     placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
     pixels = np.argwhere(view.valid)
-    nearest = placed[cKDTree(cloth.uv_m[placed]).query(view.uv_from_rc(pixels))[1]]
-    rest, pieces = view.valid.copy(), []
-    for part in parts:
-        own = np.zeros(view.shape, dtype=np.bool_)
-        own[tuple(pixels[part[nearest]].T)] = True
-        own &= rest
-        if own.any() and (rest & ~own).any():  # something remains, also of parts that together are all
-            rest &= ~own
-            pieces.append(_only(view, own))
-    return _only(view, rest), pieces
-
-
-def _only(view: FlattenedView, kept: Bool) -> FlattenedView:
-    """Return a view with some of its pixels (H, W) only, cropped to them."""
-    rows, cols = (np.flatnonzero(kept.any(axis=axis)) for axis in (1, 0))
-    box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    valid = kept[box]
-    changed: dict[str, object] = {"valid": valid, "origin_uv_m": _origin(view, int(rows[0]), int(cols[0]))}
-    for field in fields(view):
-        values = getattr(view, field.name)
-        if isinstance(values, np.ndarray) and field.name != "valid":
-            cut = values[box].copy()
-            empty = np.nan if cut.dtype.kind == "f" else (-1 if field.name == "view_index" else 0)
-            cut[~valid] = empty
-            changed[field.name] = cut
-    made: FlattenedView = replace(view, **changed)  # type: ignore[arg-type]
-    return made
-
-
-def _origin(view: FlattenedView, row: int, col: int) -> tuple[float, float]:
-    corner: Float64 = view.uv_from_rc(np.array([row, col]))
-    return float(corner[0]), float(corner[1])
+    own = np.zeros(view.shape, dtype=np.bool_)
+    own[view.valid] = part[placed[cKDTree(cloth.uv_m[placed]).query(view.uv_from_rc(pixels))[1]]]
+    return own

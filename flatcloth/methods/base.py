@@ -398,11 +398,15 @@ class Method(Protocol):
         """Return the edges of Eq. (2) of the shape."""
 
     def foresee(self, views: tuple[int, ...], view_index: int) -> None:
-        """Compute what :meth:`propose` will need for a view after others were accepted, in this order.
-
-        Called by other threads; it must not change any result.
-        """
+        """Compute ahead what proposing a view after ``views`` needs, on any thread; no result depends on it."""
         return
+
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
+        """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
+
+        None if the method's edges have no evidence.
+        """
+        return None
 
     def is_contradicted(self, document: Document) -> bool:
         """Return whether the other views contradict the view accepted last; False if not checked."""
@@ -413,10 +417,7 @@ class Method(Protocol):
         return False
 
     def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
-        """Return what became of each pixel (H, W) of an accepted view; None if its components tell.
-
-        As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is.
-        """
+        """As :func:`flatcloth.flattening.pixel_states.states_of_view`; None if the view's components tell."""
         return None
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:

@@ -279,7 +279,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     (index,) = shape.taken_off
     piece = shape.floating[index]
     assert piece.area_m2 == pytest.approx(0.3 * whole.view.area_m2, rel=0.15)
-    assert piece.area_m2 + shape.view.area_m2 == pytest.approx(whole.view.area_m2)
+    assert piece.area_m2 + shape.view.area_m2 == pytest.approx(whole.view.area_m2, rel=0.02)
     rest = made.cloth(off.document)
     assert rest is not None
     assert (np.isnan(rest.uv_m[part, 0])).mean() > 0.9

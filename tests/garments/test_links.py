@@ -18,7 +18,9 @@ from flatcloth.garments.links import (
     DoubtedLink,
     basins,
     doubted_links,
+    evidence_per_row,
     is_offered,
+    is_wrong,
     side_of,
     split,
 )
@@ -27,7 +29,7 @@ from flatcloth.garments.parting import (
     found_again,
     is_decided,
     parts_taken_off,
-    without_parts,
+    pixels_of_part,
 )
 from flatcloth.garments.recognition import best_fit, misfit_of
 from flatcloth.garments.registry import kind_named
@@ -53,6 +55,18 @@ def test_areas_that_meet_where_little_joins_them_are_candidates_and_cut_there() 
     part = side_of(cloth, core, other)
     assert (part == (cloth.uv_m[:, 0] < 0.114)).all()
     assert basins(dataclasses.replace(cloth, evidence=np.ones(len(cloth.edges)))) == []
+
+
+def test_evidence_counts_for_each_row_so_that_a_long_seam_of_false_pairs_stays_weak() -> None:
+    for rows in (10, 40):
+        cloth = sheet(rows, 30, weak_after=9)
+        part = cloth.uv_m[:, 0] < 0.114
+        pairs = rows + 2 * (rows - 1)  # straight ones and both diagonals
+        assert evidence_per_row(cloth, part) == pytest.approx(pairs * WEAK / rows)
+    link = DoubtedLink(part=part, probability=0.3, area_m2=0.01, evidence=3.0 * WEAK)
+    assert is_wrong(link)
+    assert not is_wrong(dataclasses.replace(link, probability=0.7))
+    assert not is_wrong(dataclasses.replace(link, evidence=3.0))  # of a garment that is not known
 
 
 def joined_at(motion: Rigid2) -> tuple[PieceEvidence, Cloth, np.ndarray]:
@@ -145,14 +159,6 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     assert parts_taken_off(gone, [taken]) == []
 
     view = blank_view(np.ones((115, 175), dtype=bool))
-    rest, pieces = without_parts(view, cloth, [part, ~part])
-    assert len(pieces) == 1  # something remains the shape
-    assert rest.valid.any()
-    rest, (piece,) = without_parts(view, cloth, [part])
-    assert rest.valid.sum() + piece.valid.sum() == view.valid.sum()
-    assert piece.uv_from_rc(np.argwhere(piece.valid))[:, 0].max() < 0.115
-    assert rest.uv_from_rc(np.argwhere(rest.valid))[:, 0].min() > 0.113
-    assert piece.shape == (115, 57)
-    for made in (rest, piece):
-        at = np.argwhere(made.valid)[::50]
-        np.testing.assert_allclose(made.xyz_m[tuple(at.T)][:, :2], made.uv_from_rc(at), atol=1e-6)
+    own = pixels_of_part(view, cloth, part)
+    assert view.uv_from_rc(np.argwhere(own))[:, 0].max() < 0.115
+    assert view.uv_from_rc(np.argwhere(~own))[:, 0].min() > 0.113

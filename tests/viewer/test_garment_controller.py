@@ -189,7 +189,8 @@ def test_the_garment_is_recognised_again_when_the_largest_piece_becomes_the_shap
 
 @pytest.fixture
 def doubted(service):
-    link = DoubtedLink(part=service.cloth.uv_m[:, 0] > 0.05, probability=0.4, area_m2=0.0028)
+    part = service.cloth.uv_m[:, 0] > 0.05
+    link = DoubtedLink(part=part, probability=0.4, area_m2=0.0028, evidence=3.0)
     service.links = (link,)
     yield link
     service.links = ()
@@ -210,13 +211,16 @@ def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, d
             page.decide(messages.DecideLink(**other, taken_off=True))
 
 
-def test_run_takes_off_what_is_surely_wrong_and_tells_what_it_only_doubts(service, doubted) -> None:
+def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(service, doubted) -> None:
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     known = place_sure_pieces(service, session)
     assert not session.state.document.garment.parts
     assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
     assert any("A part of 28 cm2" in line for line in told(known))
-    service.links = (dataclasses.replace(doubted, probability=0.01),)
+    service.links = (dataclasses.replace(doubted, probability=0.01),)  # much evidence joins it
+    place_sure_pieces(service, session)
+    assert not session.state.document.garment.parts
+    service.links = (dataclasses.replace(doubted, evidence=0.5),)
     known = place_sure_pieces(service, session)
     (part,) = session.state.document.garment.parts
     assert part.taken_off

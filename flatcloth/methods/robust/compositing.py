@@ -74,7 +74,7 @@ def composite(
         points, stretches[n] = carrier.place_all()
         view = _PlacedView(
             points=points / pixel_size_m - low,
-            part=carrier.nearest >= 0,
+            part=(carrier.nearest >= 0) & ~_of_others(observation, shape, uv, surface, interval_px),
             steps=surface.steps,
             pixel_cost=costs[observation.view_index],
             number=n,
@@ -111,6 +111,22 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
         edge_length_m=observation.edge_length_m[inside],
     )
     return samples, own[kept]
+
+
+def _of_others(
+    observation: Observation, shape: JointShape, uv: Float64, surface: Surface, interval_px: int
+) -> Bool:
+    """Return the pixels (H, W) of a view that are nearest to a node of another piece than that at ``uv``."""
+    linked = np.unique(observation.edges)
+    node = observation.node[linked]
+    own = np.isfinite(uv[node, 0])
+    others = (shape.piece[node] >= 0) & ~own
+    if not others.any():
+        return np.zeros_like(surface.usable)
+    order = np.concatenate([np.flatnonzero(own), np.flatnonzero(others)])
+    rc = np.rint(observation.rc[linked[order]]).astype(np.int32)
+    found: Bool = nearest_samples(surface.usable, surface.steps, rc, 2 * interval_px) >= own.sum()
+    return found
 
 
 def states_on_surface(

@@ -9,6 +9,7 @@ determines the arrangement of the neighbours around a node, with mirror images e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -270,6 +271,33 @@ def settled(shape: JointShape) -> JointShape:
     anew = replace(shape, settled_pairs=0)
     anew.__dict__["links"] = shape.links  # of the same observations: they take most of a shape's memory
     return _solved(anew, precise=True)
+
+
+def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
+    """Return the shape with each of ``parts`` (N,) of its nodes as a piece of its own, all relaxed again.
+
+    Nodes beside the cut that little evidence joins to their side may belong to either, and have no place.
+    """
+    links = shape.links
+    of_part = np.array(parts)[:, links.edges]
+    between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
+    is_cut = shape.is_cut | between
+    anew = replace(shape, is_cut=is_cut, weight=np.where(is_cut, 0.0, shape.weight), settled_pairs=0)
+    anew.__dict__["links"] = links
+    made = settled(_solved(anew))
+    beside, evidence = np.zeros(len(made.nodes), dtype=np.bool_), np.zeros(len(made.nodes))
+    beside[links.edges[between]] = True
+    beside[links.edges[beside[links.edges].any(axis=1)]] = True
+    for ends in links.edges.T:
+        evidence += np.bincount(ends, np.where(is_cut, 0.0, made.weight * links.evidence), evidence.size)
+    lost = beside & (evidence < _LEAST_EVIDENCE)
+    without = replace(
+        made,
+        piece=np.where(lost, -1, made.piece).astype(np.int32),
+        all_uv_m=np.where(lost[:, None], np.nan, made.all_uv_m),
+    )
+    without.__dict__["links"] = links
+    return without
 
 
 def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -> JointShape:

@@ -24,7 +24,7 @@ from flatcloth.methods.base import (
     Views,
 )
 from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint import largest_piece
+from flatcloth.methods.robust.joint import JointShape, largest_piece
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -181,14 +181,22 @@ class RobustMethod(Method):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""
-        shape = self.shapes.settled(document)
-        return SurfaceEdges(
-            uv_m=shape.uv_m,
-            xyz_m=shape.nodes.xyz_m,
-            edges=shape.links.edges,
-            length_m=shape.links.length_m,
-            evidence=np.where(shape.is_cut, 0.0, shape.weight * shape.links.evidence),
-        )
+        return _edges_of(self.shapes.settled(document))
+
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
+        """Return the canonical view without some parts, which float, and its edges."""
+        canonical, shape = self.shapes.apart(document, parts)
+        return canonical, _edges_of(shape)
+
+
+def _edges_of(shape: JointShape) -> SurfaceEdges:
+    return SurfaceEdges(
+        uv_m=shape.uv_m,
+        xyz_m=shape.nodes.xyz_m,
+        edges=shape.links.edges,
+        length_m=shape.links.length_m,
+        evidence=np.where(shape.is_cut, 0.0, shape.weight * shape.links.evidence),
+    )
 
 
 def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:

@@ -5,7 +5,7 @@ Everything is computed from a document and cached by its prefix, so undo is exac
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakValueDictionary
 
@@ -25,6 +25,7 @@ from flatcloth.methods.robust.joint import (
     extend_joint,
     floating_pieces,
     settled,
+    taken_apart,
     with_largest_piece,
     with_poses,
 )
@@ -132,7 +133,16 @@ class JointShapes:
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
-        return self._drawn.get(prefix(document), lambda: self._draw(document, self.settled(document)))
+
+        def make() -> Canonical:
+            return self._draw(document, self.settled(document), self._certainty_of(document))
+
+        return self._drawn.get(prefix(document), make)
+
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, JointShape]:
+        """Return the canonical view without ``parts`` (N,) of the nodes, which float, and its joint shape."""
+        shape = taken_apart(self.settled(document), parts)
+        return self._draw(document, shape, self._certainty(shape), np.any(parts, axis=0)), shape
 
     def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8:
         """Return what became of each pixel (H, W) of an accepted view."""
@@ -148,13 +158,11 @@ class JointShapes:
 
     def _certainty_of(self, document: Document) -> tuple[Float64, Bool]:
         """Return the standard deviation of each node's place (N,), and which it leaves undetermined."""
+        return self._certainties.get(prefix(document), lambda: self._certainty(self.settled(document)))
 
-        def make() -> tuple[Float64, Bool]:
-            shape = self.settled(document)
-            std = placement_std_m(shape, self._views.held_point_m)
-            return std, undetermined(shape, std)
-
-        return self._certainties.get(prefix(document), make)
+    def _certainty(self, shape: JointShape) -> tuple[Float64, Bool]:
+        std = placement_std_m(shape, self._views.held_point_m)
+        return std, undetermined(shape, std)
 
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
@@ -319,22 +327,36 @@ class JointShapes:
         incidence = quality[rc[inside, 0], rc[inside, 1], 1].astype(np.float64)
         return Association(node=placed[inside], rc=source, incidence_deg=incidence)
 
-    def _draw(self, document: Document, shape: JointShape) -> Canonical:
+    def _draw(
+        self,
+        document: Document,
+        shape: JointShape,
+        certainty: tuple[Float64, Bool],
+        taken_off: Bool | None = None,
+    ) -> Canonical:
+        """Draw a shape with the certainties of its nodes, of which some (N,) were taken off it."""
         surfaces, c = self.surfaces(shape), self._config
         interval = c.flattening.sampling_intervals_px[-1]
         size = c.flattening.pixel_size_m
-        std, unreliable = self._certainty_of(document)
+        std, unreliable = certainty
+        places = floating_pieces(shape, unreliable)
         costs = {view: self._costs_of(view, surface) for view, surface in surfaces.items()}
         reliable, *pieces = [
             composite(shape, surfaces, self._views.axis, interval, size, costs, uv)
-            for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *floating_pieces(shape, unreliable))
+            for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *places)
         ]
         view = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces)
         least = c.surface.min_component_area_m2
+        kept = [(uv, p) for uv, p in zip(places, pieces, strict=True) if p.area_m2 >= least]
         return Canonical(
             view=view,
             current_from_view=self._rigid(document, shape),
-            floating=tuple(p for p in pieces if p.area_m2 >= least),
+            floating=tuple(piece for _, piece in kept),
+            taken_off=frozenset(
+                n
+                for n, (uv, _) in enumerate(kept)
+                if taken_off is not None and taken_off[np.isfinite(uv[:, 0])].mean() > 0.5
+            ),
         )
 
     def _costs_of(self, view_index: int, surface: Surface) -> Float32:

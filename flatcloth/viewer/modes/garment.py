@@ -18,7 +18,7 @@ from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.parting import without_parts
+from flatcloth.garments.parting import pixels_of_part
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
@@ -301,8 +301,9 @@ def _links(known: KnownGarment) -> list[dict[str, Any]]:
     told = []
     for link in known.links:
         assert known.cloth is not None, "links are doubted on known cloth"
-        _, parts = without_parts(known.canonical.view, known.cloth, [link.part])
-        outline = [np.round(loop, 4).tolist() for part in parts for loop in _loops(part)]
+        view = known.canonical.view
+        part = replace(view, valid=pixels_of_part(view, known.cloth, link.part))
+        outline = [np.round(loop, 4).tolist() for loop in _loops(part)]
         told.append(
             {
                 "probability": link.probability,
