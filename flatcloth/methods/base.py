@@ -398,7 +398,7 @@ class Method(Protocol):
         """Return the edges of Eq. (2) of the shape."""
 
     def foresee(self, views: tuple[int, ...], view_index: int) -> None:
-        """Compute ahead what proposing a view after ``views`` needs, on any thread; no result depends on it."""
+        """Compute ahead what proposing a view after ``views`` needs; called by other threads, at any time."""
         return
 
     def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
@@ -417,7 +417,7 @@ class Method(Protocol):
         return False
 
     def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
-        """As :func:`flatcloth.flattening.pixel_states.states_of_view`; None if the view's components tell."""
+        """Return what ``pixel_states.states_of_view`` would of ``item`` (H, W); None if components tell."""
         return None
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
