@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, p
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores
+from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.segmenting import take_strokes
 from flatcloth.export.session import frames_of
 from flatcloth.export.session_data import SessionData
@@ -24,6 +26,9 @@ from flatcloth.grasping.grips import read_grips
 from flatcloth.methods.base import Canonical
 from flatcloth.session.axis_file import settle_axis
 from flatcloth.session.store import SessionFolder
+
+_MOST_WRITERS = 2
+"""Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,13 +110,17 @@ def integrate(
             integration.canonical(document)
         frames = frames_of(integration, document, read_grips(out), base_from_camera)
         scores = {**earlier_scores(out), **_scores_of(unattended)}
-        with stages.stage("garment"):
+        with stages.stage("garment"), ThreadPoolExecutor(1) as beside:
+            counting = beside.submit(pixel_counts, integration, document) if cores > 1 else None
             service = GarmentService(integration)
             garment = place_sure_pieces(service, folder)
-        data = SessionData(integration, folder.state.document, folder.picks, frames, scores, service)
+        decided = folder.state.document
+        is_as_counted = decided.garment.parts == document.garment.parts
+        pixels = counting.result() if counting is not None and is_as_counted else None
+        data = SessionData(integration, decided, folder.picks, frames, scores, service, pixels)
         progress(1.0, "writing")
         with stages.stage("writing"):
-            files = data.write(out)
+            files = data.write(out, min(cores, _MOST_WRITERS))
     finally:
         folder.close()
     return Integrated(outcome=data.outcome, canonical=data.canonical, garment=garment, files=files)

@@ -25,7 +25,10 @@ FILE = "outcome.json"
 
 
 def outcome_of(
-    integration: Integration, document: Document, scores: Mapping[int, float] | None = None
+    integration: Integration,
+    document: Document,
+    scores: Mapping[int, float] | None = None,
+    pixels: Mapping[str, int] | None = None,
 ) -> dict[str, Any]:
     """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
 
@@ -37,6 +40,8 @@ def outcome_of(
         The decisions, of an operator or of an unattended run.
     scores : dict of int to float, optional
         Scores of views whose acceptance keeps none; see :func:`earlier_scores`.
+    pixels : dict of str to int, optional
+        The result of :func:`pixel_counts`, if it is known.
     """
     canonical = integration.canonical(document)
     angles = integration.recording.angles_deg
@@ -62,7 +67,7 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
-        "pixels": pixel_counts(integration, document),
+        "pixels": dict(pixel_counts(integration, document) if pixels is None else pixels),
         **_cameras(integration, document),
         **_segmentation(integration),
     }

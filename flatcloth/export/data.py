@@ -11,6 +11,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -108,19 +109,27 @@ def shape_files(
     return files
 
 
-def write_files(files: Files, folder: Path) -> list[Path]:
+def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
+
+    So many ``threads`` write them, those named first before; the last one, the report, follows the others.
 
     Raises
     ------
     FlatclothError
         If the folder cannot be written; the message names it.
     """
+
+    def written(name: str) -> None:
+        with replacing(folder / name) as file:
+            files[name](file)
+
+    *names, report = files
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, write in files.items():
-            with replacing(folder / name) as file:
-                write(file)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(written, names))
+        written(report)
     except OSError as error:
         raise FlatclothError(
             f"{folder}: the export cannot be written ({error}); choose another folder."

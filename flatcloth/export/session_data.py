@@ -33,7 +33,8 @@ class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
     ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
-    new service by default.
+    new service by default. ``pixels`` are counts of pixels that are known, as of
+    :func:`flatcloth.engine.results.pixel_states.pixel_counts`.
     """
 
     integration: Integration
@@ -42,6 +43,7 @@ class SessionData:
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
+    pixels: Mapping[str, int] | None = None
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -62,7 +64,7 @@ class SessionData:
     @cached_property
     def outcome(self) -> dict[str, Any]:
         """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.scores)
+        outcome = outcome_of(self.integration, self.document, self.scores, self.pixels)
         outcome["garment"] = outcome_entry(self.garment)
         return outcome
 
@@ -85,8 +87,10 @@ class SessionData:
         """Return all files, each with what writes it; the report comes last."""
         return {**self._shape_files(), **self._reports()}
 
-    def write(self, folder: Path) -> list[Path]:
+    def write(self, folder: Path, threads: int = 1) -> list[Path]:
         """Write all files to a folder, and remove what an earlier, larger export left there.
+
+        ``threads`` are the files that are written at the same time; the bytes do not depend on it.
 
         Raises
         ------
@@ -94,7 +98,7 @@ class SessionData:
             If the folder cannot be written; the message names it.
         """
         files = self.files()
-        written = write_files(files, folder)
+        written = write_files(files, folder, threads)
         remove_stale(files, folder)
         return written
 

@@ -58,9 +58,9 @@ def pixel_states(integration: Integration, document: Document, view_index: int) 
 def states_of(integration: Integration, document: Document, view_index: int) -> Uint8:
     """Return the state (H, W) of each pixel of a view; see :class:`PixelState`."""
     frame = integration.frame(view_index)
-    item = item_mask(frame, integration.axis, integration.config.surface)
-    if frame.mask is not None:
-        item = frame.mask
+    item = frame.mask
+    if item is None:
+        item = item_mask(frame, integration.axis, integration.config.surface)
     is_used = view_index in document.used_views
     found = integration.algorithm.pixel_states(document, frame, item) if is_used else None
     if found is not None:
