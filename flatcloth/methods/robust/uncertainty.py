@@ -34,7 +34,7 @@ _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
-_GATHERED_EXTENT_M = 0.28
+_GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
 """... down to this distance, within which all cloth is gathered in folds. Set by hand."""
