@@ -10,15 +10,19 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles, read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
+from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.robust.consistency import LEAST_PIECE
 from flatcloth.methods.robust.joint import JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
 
@@ -70,17 +74,37 @@ def composite(
         if seen is None:
             continue
         samples, own_uv = seen
+        is_other = (shape.piece[observation.node] >= 0) & ~np.isfinite(uv[observation.node, 0])
+        others = np.rint(observation.rc[is_other]).astype(np.int32)
         carrier = Carrier(own_uv, samples, surface)
         points, stretches[n] = carrier.place_all()
         view = _PlacedView(
             points=points / pixel_size_m - low,
-            part=(carrier.nearest >= 0) & ~_of_others(observation, shape, uv, surface, interval_px),
+            part=(carrier.nearest >= 0) & _near(samples.points_rc, others, surface, interval_px),
             steps=surface.steps,
             pixel_cost=costs[observation.view_index],
             number=n,
         )
         _composite(view, _Canvas(source, cost, label))
     return _read_views(shape, surfaces, axis, label, source, stretches, low, pixel_size_m)
+
+
+def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
+    """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
+
+    Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
+    """
+    pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
+    if unreliable is not None and unreliable.any():
+        inside = shape.links.edges[both_ends(unreliable, shape.links.edges)]
+        graph = coo_matrix(
+            (np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(unreliable),) * 2
+        )
+        label = np.where(unreliable, connected_components(graph, directed=False)[1], -1)
+        sizes = np.bincount(label[unreliable])
+        pieces += [label == n for n in np.flatnonzero(sizes >= LEAST_PIECE)]
+    pieces.sort(key=lambda own: -int(own.sum()))
+    return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
 
 def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple[int, int]]:
@@ -113,20 +137,15 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
     return samples, own[kept]
 
 
-def _of_others(
-    observation: Observation, shape: JointShape, uv: Float64, surface: Surface, interval_px: int
-) -> Bool:
-    """Return the pixels (H, W) of a view that are nearest to a node of another piece than that at ``uv``."""
-    linked = np.unique(observation.edges)
-    node = observation.node[linked]
-    own = np.isfinite(uv[node, 0])
-    others = (shape.piece[node] >= 0) & ~own
-    if not others.any():
-        return np.zeros_like(surface.usable)
-    order = np.concatenate([np.flatnonzero(own), np.flatnonzero(others)])
-    rc = np.rint(observation.rc[linked[order]]).astype(np.int32)
-    found: Bool = nearest_samples(surface.usable, surface.steps, rc, 2 * interval_px) >= own.sum()
-    return found
+def _near(own_rc: Int32, others_rc: Int32, surface: Surface, interval_px: int) -> Bool:
+    """Return the pixels (H, W) of a view that its own nodes carry, and not those of other pieces.
+
+    With noise they reach one interval: farther along the surface are the ramps of outlines.
+    """
+    reach_px = interval_px if surface.noisy else 2 * interval_px
+    nearest = nearest_samples(surface.usable, surface.steps, np.concatenate([own_rc, others_rc]), reach_px)
+    near: Bool = (nearest >= 0) & (nearest < len(own_rc))
+    return near
 
 
 def states_on_surface(

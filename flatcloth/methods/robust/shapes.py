@@ -18,12 +18,11 @@ from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, Rigid
 from flatcloth.flattening.pixel_states import PixelState, states_of_view
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Canonical, JoinedPiece, Views
-from flatcloth.methods.robust.compositing import composite, pixel_cost, states_on_surface
+from flatcloth.methods.robust.compositing import composite, floating_pieces, pixel_cost, states_on_surface
 from flatcloth.methods.robust.joint import (
     JointShape,
     begin_joint,
     extend_joint,
-    floating_pieces,
     settled,
     taken_apart,
     with_largest_piece,

@@ -63,7 +63,7 @@ def test_what_is_read_is_what_the_image_shows_there(view: FlattenedView) -> None
 def test_nodes_without_a_place_are_not_drawn(shape: JointShape, view: FlattenedView) -> None:
     half = np.where(shape.uv_m[:, :1] < 0.0, np.nan, shape.uv_m)
     drawn = composite(shape, SURFACES, AXIS, 6, PIXEL_M, COSTS, half)
-    assert drawn.uv_from_rc(np.argwhere(drawn.valid))[:, 0].min() > -0.025
+    assert drawn.uv_from_rc(np.argwhere(drawn.valid))[:, 0].min() > -0.012  # nearer to the others beyond
     assert 0.3 < drawn.area_m2 / view.area_m2 < 0.6
 
 

@@ -10,13 +10,14 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
+from flatcloth.methods.robust.compositing import floating_pieces
 from flatcloth.methods.robust.joint import (
     JointShape,
     _anchored,
     _solved,
-    floating_pieces,
     largest_piece,
     settled,
+    taken_apart,
     with_largest_piece,
     with_poses,
 )
@@ -133,6 +134,35 @@ def test_unreliable_parts_of_the_main_piece_float_as_connected_pieces() -> None:
     shape = _solved(shape_of(UV, [observed(UV, everything, 0)], everything))
     pieces = floating_pieces(shape, (COLUMN < 4) | (COLUMN > 16))
     assert [int(np.isfinite(p[:, 0]).sum()) for p in pieces] == [70, 40]
+
+
+def test_a_part_that_is_taken_off_floats_as_it_is_and_what_little_joins_belongs_to_neither() -> None:
+    """A false view draws both parts together at one of their ends; its nodes between them are on no side."""
+    left, right = COLUMN < 12, COLUMN >= 13
+    false = observed(UV, (COLUMN >= 11) & (COLUMN < 14), 2, evidence=0.1)
+    on = COLUMN[false.node[false.edges]]
+    row = np.rint(UV[false.node[false.edges[:, 0]], 1] / STEP_M)
+    shorter = 1.0 - 0.05 * row * (on.min(axis=1) == 12) * (on.max(axis=1) == 13)
+    false = replace(false, edge_length_m=false.edge_length_m * shorter)
+    shape = _solved(shape_of(UV, [observed(UV, left, 0), observed(UV, right, 1), false], left))
+    assert set(shape.piece) == {0}
+    apart = taken_apart(shape, [right])
+    assert set(apart.piece[left]) == {0}
+    assert set(apart.piece[right]) == {1}
+    assert set(apart.piece[COLUMN == 12]) == {-1}
+    assert np.isnan(apart.all_uv_m[COLUMN == 12]).all()
+    for own in (left, right):
+        assert off_m(apart.all_uv_m[own], UV[own]) < 1e-4
+    assert off_m(shape.all_uv_m, UV) > 1e-3
+
+
+@pytest.mark.parametrize(("evidence", "shown"), [(0.02, False), (0.2, True)])
+def test_a_node_that_hardly_anything_joins_has_no_place_when_the_shape_settles(evidence, shown) -> None:
+    known, rim = COLUMN < 23, COLUMN >= 22
+    views = [observed(UV, known, 0), observed(UV, rim, 1, evidence=evidence)]
+    shape = settled(_solved(shape_of(UV, views, known)))
+    assert shape.placed[known].all()
+    assert (shape.placed[~known] == shown).all()
 
 
 def with_view(shape: JointShape, seen: Observation) -> JointShape:
