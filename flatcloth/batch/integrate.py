@@ -97,7 +97,7 @@ def integrate(
         If nothing can be flattened, or the folder cannot be written.
     """
     stages = stages or Stages()
-    integration.computes_ahead = cores > 1
+    integration.flattens_ahead = cores > 1
     folder = SessionFolder.open(
         out, integration.recording, integration.config, integration.method, integration.source_options
     )

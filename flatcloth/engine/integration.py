@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -121,9 +120,8 @@ class Integration(RecordedViews):
         If the method is unknown.
     """
 
-    computes_ahead = False
-    """Set by a run that has a second core: the views that are likely next are flattened meanwhile, and the
-    likeliest is prepared by the method: each further one costs more than it brings."""
+    flattens_ahead = False
+    """Set by a run that has a second core: the views that are likely next are flattened meanwhile."""
 
     def __init__(
         self,
@@ -299,10 +297,8 @@ class Integration(RecordedViews):
                     reason += " A floating piece has outgrown the shape and takes its place."
                     return NothingMore(token, reason, takes_largest=True)
                 return NothingMore(token, reason)
-            if self.computes_ahead:
-                assert document.start_view is not None
-                views = document.start_view, *(a.view_index for a in document.accepted), plan.view_index
-                self.compute_ahead(self._likely_after(plan), partial(self.algorithm.foresee, views))
+            if self.flattens_ahead:
+                self.flatten_ahead(self._likely_after(plan))
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Protocol, cast
 
 import numpy as np
@@ -107,7 +106,7 @@ class RecordedViews:
         self._segmenter = None if recording.has_masks else segmenter
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 16 * _MIB)
         self._ahead = ReadAhead(self.recorded)
-        self._computing_ahead = ReadAhead(lambda work: work())
+        self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._segmenting = threading.RLock()
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
@@ -121,8 +120,8 @@ class RecordedViews:
 
         No other thread may compute meanwhile.
         """
-        self._computing_ahead.want([])
-        self._computing_ahead.wait()
+        self._flattening_ahead.want([])
+        self._flattening_ahead.wait()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
@@ -219,22 +218,14 @@ class RecordedViews:
                 failure = self._failures.put(key, type(error)(str(error)))
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
-    def compute_ahead(self, view_indices: Sequence[int], then: Callable[[int], object]) -> None:
-        """Flatten views that will likely be asked for, on another thread; no result depends on it.
+    def flatten_ahead(self, view_indices: Iterable[int]) -> None:
+        """Flatten views that will likely be asked for, on another thread; no result depends on it."""
+        self._flattening_ahead.want(view_indices)
 
-        ``then`` is called with the first, which is the likeliest, after it was flattened, to compute more.
-        """
-        works = [partial(self._flatten_ahead, view) for view in view_indices]
-        if works:
-            works[0] = partial(self._flatten_ahead, view_indices[0], then)
-        self._computing_ahead.want(works)
-
-    def _flatten_ahead(self, view_index: int, then: Callable[[int], object] | None = None) -> None:
+    def _flatten_ahead(self, view_index: int) -> None:
         # A failure is not kept here: which views are known to be unusable decides which one is planned.
         key = view_index, self._mask_key(view_index)
         self._flattenings.get(key, lambda: self._flatten(view_index))
-        if then is not None:
-            then(view_index)
 
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""

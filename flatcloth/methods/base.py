@@ -397,10 +397,6 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
-    def foresee(self, views: tuple[int, ...], view_index: int) -> None:
-        """Compute ahead what proposing a view after ``views`` needs; called by other threads, at any time."""
-        return
-
     def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
         """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
 
@@ -417,7 +413,10 @@ class Method(Protocol):
         return False
 
     def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
-        """Return what ``pixel_states.states_of_view`` would of ``item`` (H, W); None if components tell."""
+        """Return what became of each pixel (H, W) of an accepted view; None if its components tell.
+
+        As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is.
+        """
         return None
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:

@@ -289,10 +289,10 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
 def _refitted(registered: Registered, threads: int = 1) -> Registered:
     """Compare those pairs anew that were compared at another fattening."""
     for _ in range(_REFITS):
+        if not any(_is_outdated(registered, pair) for pair in registered.pairs):
+            break
         with ThreadPoolExecutor(threads) as pool:
             fits = list(pool.map(partial(_fresh, registered), registered.pairs))
-        if all(fit is pair for fit, pair in zip(fits, registered.pairs, strict=True)):
-            break
         registered = _solved(replace(registered, pairs=tuple(p for p in fits if p is not None)))
     return registered
 
@@ -330,11 +330,12 @@ def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
     return held.apply(seen.middle_m)
 
 
+def _is_outdated(registered: Registered, pair: PairFit) -> bool:
+    return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
+
+
 def _fresh(registered: Registered, pair: PairFit) -> PairFit | None:
-    """Return a pair as it is, or compared anew if it was compared too far from its present use."""
-    if abs(registered.fattening_px - pair.fattening_px) <= _REFIT_FATTENING_PX:
-        return pair
-    return _fitted(registered, pair.first, pair.second, pair)
+    return _fitted(registered, pair.first, pair.second, pair) if _is_outdated(registered, pair) else pair
 
 
 def _solved(registered: Registered) -> Registered:

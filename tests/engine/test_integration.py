@@ -215,12 +215,12 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
     assert isinstance(made.answer(state.document, apply(state, Propose()).request), NothingMore)  # type: ignore[arg-type]
 
 
-def test_computing_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither the views that are used nor their shape, nor which views are known to be unusable."""
     results, threads = [], []
-    for computes_ahead in (False, True):
+    for flattens_ahead in (False, True):
         made = Integration(Cylinder(angles_deg=STEPS[::2], span_deg=(-100.0, 100.0)))
-        made.computes_ahead = computes_ahead
+        made.flattens_ahead = flattens_ahead
         flatten, own = made._flatten, set[str]()
 
         def watched(view: int, flatten: Any = flatten, own: set[str] = own) -> Any:
@@ -228,22 +228,10 @@ def test_computing_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> N
             return flatten(view)
 
         monkeypatch.setattr(made, "_flatten", watched)
-        foresee, foreseen = made.algorithm.foresee, list[tuple[tuple[int, ...], int]]()
-
-        def registered(
-            views: tuple[int, ...], view: int, foresee: Any = foresee, told: Any = foreseen
-        ) -> None:
-            told.append((views, view))
-            foresee(views, view)
-
-        monkeypatch.setattr(made.algorithm, "foresee", registered)
         state = Run(made, MemorySession(SessionState(len(STEPS[::2])))).finish()
-        made._computing_ahead.wait()
+        made._flattening_ahead.wait()
         results.append((state.document, made.canonical(state.document).view, made._unusable()))
         threads.append(own)
-        used = (state.document.start_view, *(a.view_index for a in state.document.accepted))
-        # What was foreseen at a shape that came to be is found by the one who accepts it.
-        assert any(views == used[: len(views)] for views, _ in foreseen) == computes_ahead
     assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead"}]
     (document, view, unusable), (other, same, also) = results
     assert document == other

@@ -79,7 +79,7 @@ class Links:
         """The different pairs of nodes."""
         return self.edges[self.pairs_once[0]]
 
-    @property
+    @cached_property
     def views_of_once(self) -> Int64:
         """The number of views that saw each of them."""
         return np.bincount(self.pairs_once[1], minlength=len(self.once))

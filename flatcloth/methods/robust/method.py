@@ -110,11 +110,6 @@ class RobustMethod(Method):
         cameras = describe(self.shapes.registered((*shape.views, view_index)))
         return choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
 
-    def foresee(self, views: tuple[int, ...], view_index: int) -> None:
-        """Register the view's camera, and compute the features of its texture."""
-        self.shapes.foresee(views, view_index)
-        self.search.foresee(view_index)
-
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by the probability that it is right."""
         sampled = self.search.components(document, view_index).get(component)

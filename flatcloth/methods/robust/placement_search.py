@@ -128,10 +128,6 @@ class PlacementSearch:
         estimates += [("correlation", motion) for motion in correlated]
         return evaluate(reference, sampled, number, estimates)
 
-    def foresee(self, view_index: int) -> None:
-        """Compute the features of the texture of a view that was flattened."""
-        self._texture(view_index, self._views.flattening(view_index).surface)
-
     def _texture(self, view_index: int, surface: Surface) -> TextureFeatures:
         return self._textures.get(view_index, lambda: texture_features(surface))
 

@@ -80,7 +80,7 @@ class JointShapes:
         self._settled: Cache[JointShape] = Cache(2)
         self._certainties: Cache[tuple[Float64, Bool]] = Cache(_MOST_PREFIXES, _CERTAINTIES_BYTES)
         # Registrations keep the features of their views, and these the surfaces: each exists once.
-        self._registrations: Cache[Registered] = Cache(8)
+        self._registrations: Cache[Registered] = Cache(4)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(48)
         self._places: Cache[_Places] = Cache(2 * _MOST_PREFIXES)
@@ -181,11 +181,6 @@ class JointShapes:
             return extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
 
         return self._registrations.get(views, make)
-
-    def foresee(self, views: tuple[int, ...], view_index: int) -> None:
-        """Register a view that is likely accepted after others, and find the components of its pixels."""
-        self.component_of_pixel(view_index)
-        self.registered((*views, view_index))
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
         """Return ``held_from_camera`` of each view: as recorded unless the views show otherwise."""
