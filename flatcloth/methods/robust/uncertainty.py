@@ -132,10 +132,11 @@ def _swing_m2(shape: JointShape, placed: Int32 | NDArray[np.int64], anchor: NDAr
     for hinge in shape.hinges:
         part = np.zeros(len(shape.nodes), dtype=np.bool_)
         part[hinge.part] = True
-        if not shape.placed[hinge.ends].any():
+        ends = hinge.ends[shape.placed[hinge.ends]]
+        if not ends.size:
             continue
         moves = part[placed] != (part[anchor].mean() > 0.5)
-        pivot = shape.all_uv_m[hinge.ends].mean(axis=0)
+        pivot = shape.all_uv_m[ends].mean(axis=0)
         arm_m = np.linalg.norm(shape.all_uv_m[placed] - pivot, axis=1)
         variance += np.square(hinge.std_rad * arm_m) * moves
     return variance
