@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from flatcloth.core.errors import (
     SurfaceError,
 )
 from flatcloth.core.types import (
+    Bool,
     FlattenedView,
     Progress,
     no_progress,
@@ -91,6 +92,14 @@ class Proposal:
         return self.placement.alignment
 
 
+class _ByGarment(NamedTuple):
+    """A shape, how it hangs together, and which samples (N,) were taken off it."""
+
+    canonical: Canonical
+    cloth: Cloth | None
+    taken_off: Bool | None
+
+
 class Integration(RecordedViews):
     """A recording, a configuration and a method, and everything computed from them.
 
@@ -143,7 +152,7 @@ class Integration(RecordedViews):
         """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
-        self._decided: Cache[tuple[Canonical, Cloth | None]] = Cache(2)
+        self._decided: Cache[_ByGarment] = Cache(2)
         before: Method | None = getattr(self, "algorithm", None)
         self.algorithm: Method = self._kind(self, self.recording.angles_deg)
         if before is not None:
@@ -173,7 +182,7 @@ class Integration(RecordedViews):
         whole = self.algorithm.canonical(document)
         if not document.garment.parts:
             return whole
-        return self._by_garment(document, whole)[0]
+        return self._by_garment(document, whole).canonical
 
     def cloth(self, document: Document) -> Cloth | None:
         """Return how the shape of a document hangs together; None if the method does not know.
@@ -182,23 +191,30 @@ class Integration(RecordedViews):
         """
         if not document.garment.parts:
             return _cloth_of(self.algorithm.surface_edges(document))
-        return self._by_garment(document, self.algorithm.canonical(document))[1]
+        return self._by_garment(document, self.algorithm.canonical(document)).cloth
 
-    def _by_garment(self, document: Document, whole: Canonical) -> tuple[Canonical, Cloth | None]:
+    def taken_off(self, document: Document) -> Bool | None:
+        """Return which samples (N,) of the shape's edges were taken off it; None if none were."""
+        if not document.garment.parts:
+            return None
+        return self._by_garment(document, self.algorithm.canonical(document)).taken_off
+
+    def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
         """Return a shape, and its cloth, with what was decided about links that no garment allows (cached).
 
         Parts that were taken off float; what a doubted link joins is as unsure as the link.
         """
 
-        def make() -> tuple[Canonical, Cloth | None]:
+        def make() -> _ByGarment:
             made, cloth = whole, _cloth_of(self.algorithm.surface_edges(document))
             if cloth is None:
-                return made, None
+                return _ByGarment(made, None, None)
             parts = parts_taken_off(cloth, document.garment.parts)
             apart = self.algorithm.apart(document, parts) if parts else None
             if apart is not None:
                 made, cloth = apart[0], _cloth_of(apart[1]) or cloth
-            return replace(made, view=with_doubts(made.view, cloth, document.garment.parts)), cloth
+            made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
+            return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
 
         return self._decided.get((*_shape_of(document), document.garment.parts), make)
 

@@ -412,10 +412,13 @@ class Method(Protocol):
         """Return whether a floating piece is larger than the shape; False if the method keeps none."""
         return False
 
-    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
+    def pixel_states(
+        self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
+    ) -> Uint8 | None:
         """Return what became of each pixel (H, W) of an accepted view; None if its components tell.
 
-        As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is.
+        As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is;
+        samples ``taken_off`` (N,) of the shape's edges float.
         """
         return None
 

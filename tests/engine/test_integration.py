@@ -12,6 +12,7 @@ from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, F
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.parting import decided_part
@@ -271,6 +272,10 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     rest = made.cloth(off.document)
     assert rest is not None
     assert (np.isnan(rest.uv_m[part, 0])).mean() > 0.9
+    before, after = (pixel_counts(made, each.document) for each in (state, off))
+    assert before["floating"] == 0
+    assert after["floating"] == pytest.approx(0.3 * before["shape"], rel=0.15)
+    assert sum(after.values()) == sum(before.values())
     sheet = lay_out(shape)
     assert [each.reason for each in sheet.pieces] == [TAKEN_OFF]
     assert sheet.pieces[0].view.origin_uv_m[0] > shape.view.origin_uv_m[0] + 0.1

@@ -62,7 +62,10 @@ def states_of(integration: Integration, document: Document, view_index: int) -> 
     if item is None:
         item = item_mask(frame, integration.axis, integration.config.surface)
     is_used = view_index in document.used_views
-    found = integration.algorithm.pixel_states(document, frame, item) if is_used else None
+    found = None
+    if is_used:
+        off = integration.taken_off(document)
+        found = integration.algorithm.pixel_states(document, frame, item, off)
     if found is not None:
         return found
     try:

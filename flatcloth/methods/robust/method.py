@@ -142,9 +142,11 @@ class RobustMethod(Method):
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
-    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8 | None:
+    def pixel_states(
+        self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
+    ) -> Uint8 | None:
         """Return what became of each pixel of an accepted view: that of the node that carries it."""
-        return self.shapes.pixel_states(document, frame, item)
+        return self.shapes.pixel_states(document, frame, item, taken_off)
 
     def is_outgrown(self, document: Document) -> bool:
         """Return whether a floating piece has more nodes than the shape."""

@@ -143,13 +143,17 @@ class JointShapes:
         shape = taken_apart(self.settled(document), parts)
         return self._draw(document, shape, self._certainty(shape), np.any(parts, axis=0)), shape
 
-    def pixel_states(self, document: Document, frame: RgbdFrame, item: Bool) -> Uint8:
+    def pixel_states(
+        self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
+    ) -> Uint8:
         """Return what became of each pixel (H, W) of an accepted view."""
         shape = self.settled(document)
         _, unreliable = self._certainty_of(document)
         state = np.full(len(shape.nodes), PixelState.NO_CHAIN, dtype=np.uint8)
         state[shape.has_place & (shape.piece >= 0)] = PixelState.FLOATING
         state[shape.placed & ~unreliable] = PixelState.SHAPE
+        if taken_off is not None:
+            state[taken_off & (state == PixelState.SHAPE)] = PixelState.FLOATING
         observation = shape.observations[shape.views.index(frame.view_index)]
         surface = self.surfaces(shape)[frame.view_index]
         carried = states_on_surface(observation, surface, state, self._config.flattening)
