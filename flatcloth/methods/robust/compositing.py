@@ -94,7 +94,7 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
 
     Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
     """
-    pieces = [shape.piece == n for n in range(1, int(shape.piece.max(initial=0)) + 1)]
+    pieces = [shape.piece == n for n in np.unique(shape.piece[shape.piece > 0])]
     if unreliable is not None and unreliable.any():
         inside = shape.links.edges[both_ends(unreliable, shape.links.edges)]
         graph = coo_matrix(
