@@ -33,15 +33,7 @@ from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.links import Cloth
 from flatcloth.garments.parting import parts_taken_off, with_doubts
-from flatcloth.methods.base import (
-    Alignment,
-    AlignmentScore,
-    Canonical,
-    Method,
-    Placement,
-    Plan,
-    SurfaceEdges,
-)
+from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan, SurfaceEdges
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2

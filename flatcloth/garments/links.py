@@ -195,6 +195,7 @@ def side_of(cloth: Cloth, own: NDArray[np.int64], others: NDArray[np.int64]) -> 
 
 
 def _smaller_side(cloth: Cloth, own: NDArray[np.int64], others: NDArray[np.int64]) -> Bool:
+    """Return the samples (N,) on the smaller side of that cut: the core may lie on either."""
     part, placed = side_of(cloth, own, others), np.isfinite(cloth.uv_m[:, 0])
     return part if 2 * part.sum() <= placed.sum() else placed & ~part
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +58,9 @@ Set by hand."""
 _LEAST_NODE_EVIDENCE = 0.25
 """A node that less evidence joins to others is not shown, ..."""
 _LEAST_OF_MEDIAN = 0.025
-"""... and less than this share of that of half of the nodes, which is the same where 30 views of a D435 are
-joined, and less where a few of a worse sensor are. Set by hand: of the nodes of 30 noisy recordings 3 % have
-less, and 38 % of those that lie more than 50 mm off."""
+"""... if that is also less than this share of the median node's, which is lower with few views or a worse
+sensor. Set by hand: of the nodes of 30 noisy recordings 3 % have less; they are 38 % of the nodes that lie
+more than 50 mm off."""
 _OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
@@ -118,6 +119,11 @@ class JointShape:
     def links(self) -> Links:
         """The pairs of all views."""
         return links_of(self.observations)
+
+    @property
+    def evidence(self) -> Float64:
+        """(M,) evidence of the pairs that their ends are one piece of cloth; 0 for those that are cut."""
+        return np.where(self.is_cut, 0.0, self.weight * self.links.evidence)
 
     @property
     def placed(self) -> Bool:
@@ -254,9 +260,7 @@ def with_largest_piece(shape: JointShape) -> JointShape:
 
 def settled(shape: JointShape) -> JointShape:
     """Return the shape, relaxed as a whole up to the minimum of Eq. (2), without nodes that little joins."""
-    anew = replace(shape, settled_pairs=0)
-    anew.__dict__["links"] = shape.links  # of the same observations: they take most of a shape's memory
-    return _without_weak(_solved(anew, precise=True))
+    return _without_weak(_solved(_of_same_pairs(shape, settled_pairs=0), precise=True))
 
 
 def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
@@ -264,38 +268,38 @@ def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
 
     Nodes beside the cut that little evidence joins to their side may belong to either, and have no place.
     """
-    links = shape.links
-    of_part = np.array(parts)[:, links.edges]
+    edges = shape.links.edges
+    of_part = np.array(parts)[:, edges]
     between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
     is_cut = shape.is_cut | between
-    anew = replace(shape, is_cut=is_cut, weight=np.where(is_cut, 0.0, shape.weight), settled_pairs=0)
-    anew.__dict__["links"] = links
-    made = settled(_solved(anew))
+    kept = np.where(is_cut, 0.0, shape.weight)
+    made = settled(_solved(_of_same_pairs(shape, is_cut=is_cut, weight=kept, settled_pairs=0)))
     beside = np.zeros(len(made.nodes), dtype=np.bool_)
-    beside[links.edges[between]] = True
-    beside[links.edges[beside[links.edges].any(axis=1)]] = True
+    beside[edges[between]] = True
+    beside[edges[beside[edges].any(axis=1)]] = True
     return _without_weak(made, beside)
 
 
 def _without_weak(shape: JointShape, beside: Bool | None = None) -> JointShape:
     """Return the shape without places of nodes that little evidence joins, least of all ``beside`` a cut."""
-    if not shape.placed.any():
-        return shape
-    links, evidence = shape.links, np.zeros(len(shape.nodes))
-    own = np.where(shape.is_cut, 0.0, shape.weight * links.evidence)
-    for ends in links.edges.T:
-        evidence += np.bincount(ends, own, evidence.size)
-    weak = evidence < min(_LEAST_NODE_EVIDENCE, _LEAST_OF_MEDIAN * float(np.median(evidence[shape.placed])))
+    evidence = np.bincount(shape.links.edges.ravel(), np.repeat(shape.evidence, 2), len(shape.nodes))
+    usual = float(np.median(evidence[shape.placed])) if shape.placed.any() else 0.0
+    weak = evidence < min(_LEAST_NODE_EVIDENCE, _LEAST_OF_MEDIAN * usual)
     if beside is not None:
         weak |= beside & (evidence < _LEAST_EVIDENCE)
     if not (shape.placed & ~weak).any():
         return shape
-    made = replace(
+    return _of_same_pairs(
         shape,
         piece=np.where(weak, -1, shape.piece).astype(np.int32),
         all_uv_m=np.where(weak[:, None], np.nan, shape.all_uv_m),
     )
-    made.__dict__["links"] = links
+
+
+def _of_same_pairs(shape: JointShape, **changed: Any) -> JointShape:
+    """Return a shape with other fields but the same observations: their pairs take most of its memory."""
+    made = replace(shape, **changed)
+    made.__dict__["links"] = shape.links
     return made
 
 

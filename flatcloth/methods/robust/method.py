@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
@@ -192,7 +190,7 @@ def _edges_of(shape: JointShape) -> SurfaceEdges:
         xyz_m=shape.nodes.xyz_m,
         edges=shape.links.edges,
         length_m=shape.links.length_m,
-        evidence=np.where(shape.is_cut, 0.0, shape.weight * shape.links.evidence),
+        evidence=shape.evidence,
     )
 
 
