@@ -10,7 +10,7 @@ from scenes import AXIS, CAMERA, box, frame, plane
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.observations import Nodes, associate
+from flatcloth.methods.robust.observations import Nodes, _in_narrow_places, associate
 
 STILL = Rigid3(np.eye(3), np.zeros(3))
 OFF_M = 0.001
@@ -35,3 +35,24 @@ def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
     np.testing.assert_allclose(exact.rc, project(foot[exact.node], CAMERA), atol=0.02)
     moved_px = np.abs(exact.rc - inner[exact.node]).max()
     assert moved_px > 0.4 * OFF_M * CAMERA.fx / own[:, 2].max() * SLOPE / (1.0 + SLOPE**2)
+
+
+def test_no_strip_of_the_surface_is_too_narrow_for_nodes() -> None:
+    """Two areas joined by 1 to 3 pixels, wherever these lie between the nodes of a grid, and known cloth."""
+    for width in (1, 2, 3):
+        for row in range(30, 36):
+            usable = np.zeros((66, 100), dtype=np.bool_)
+            usable[10:56, :30] = usable[10:56, 70:] = True
+            usable[row : row + width, 30:70] = True
+            known = np.argwhere(usable[::6, ::6]).astype(float) * 6
+            known = known[(known[:, 1] < 30) | (known[:, 1] >= 70)]
+            places = _in_narrow_places(usable, 6, known)
+            at = places.astype(int)
+            assert usable[at[:, 0], at[:, 1]].all()
+            along = np.sort(places[(places[:, 1] >= 30) & (places[:, 1] < 70), 1])
+            assert along[0] < 34
+            assert along[-1] > 65
+            assert np.diff(along).max() <= 5  # pairs are as long as 1.5 times half the interval
+            between = np.abs(places[:, None] - places).max(axis=2) + 99 * np.eye(len(places))
+            assert between.min() >= 3
+            assert np.linalg.norm(places[:, None] - known, axis=2).min() > 0.8 * 3
