@@ -41,9 +41,11 @@ _MOST_APART_M = 0.04
 """Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
 _OTHER_PIECE_M = 5.0
 """Floating pieces lie farther apart than this on the plane. Set by hand."""
-_MOST_CUT_EVIDENCE = 20.0
+MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
+_TRIED_AGAIN = 1.25
+"""Other cuts are tried again when this many times the evidence is cut. Chosen for speed."""
 LEAST_PIECE = 12
 """Fewest nodes of a floating piece that is kept, and of an overlap that counts. Set by hand."""
 _EVIDENCE_UNITS = 1000
@@ -261,9 +263,11 @@ def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64
 
 
 def without_overlap(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64, most_cut: float
 ) -> tuple[Float64, list[Hinge], Int64]:
     """Lay a minimised piece out anew where it overlaps, or turn a part about its hinge.
+
+    Parts that more evidence than ``most_cut`` joins are not cut off.
 
     Returns the places (N, 2), the hinges that hold it, and the pairs to be cut if neither helps; changes
     ``weight`` (M,) with the places.
@@ -282,9 +286,35 @@ def without_overlap(
     swung = _part_swung_apart(shape, uv_m, smaller, within[cut])
     if swung is not None:
         return swung[0], [*held, swung[1]], within[:0]
-    if strength <= _MOST_CUT_EVIDENCE and smaller.sum() >= LEAST_PIECE:
+    if strength <= most_cut and smaller.sum() >= LEAST_PIECE:
         return uv_m, held, within[cut]
     return uv_m, held, within[:0]
+
+
+def with_better_cuts(shape: JointShape, solved: Callable[..., JointShape]) -> JointShape:
+    """Return the shape laid out anew with other cuts if more evidence is cut by now than a cut may have.
+
+    What is cut first decides what contradicts it later: with a false link that was seen before the right one,
+    cloth overlaps as soon as a view shows the right one, which is cut while it is weak, and so is all that
+    later views say for it. ``solved`` is :func:`flatcloth.methods.robust.joint._solved`.
+    """
+    links = shape.links
+    cut = float(links.evidence[shape.is_cut].sum())
+    if cut <= max(MOST_CUT_EVIDENCE, _TRIED_AGAIN * shape.cuts_tried) or shape.by_hand.any():
+        return shape
+    blank = shape.with_same_pairs(
+        piece=np.full_like(shape.piece, -1),
+        all_uv_m=np.full_like(shape.all_uv_m, np.nan),
+        weight=np.ones_like(shape.weight),
+        is_cut=np.zeros_like(shape.is_cut),
+        hinges=(),
+        settled_pairs=0,
+    )
+    anew = solved(blank, most_cut=cut)
+    is_better = float(links.evidence[anew.is_cut].sum()) < cut
+    overlapping = np.unique(overlaps(anew, anew.uv_m)).size >= LEAST_PIECE
+    made = anew if is_better and not overlapping else shape
+    return made.with_same_pairs(cuts_tried=float(links.evidence[made.is_cut].sum()))
 
 
 def hinges_within(shape: JointShape, members: Bool) -> list[Hinge]:
@@ -301,7 +331,7 @@ def _with_hinges_held(
         own = members & (shape.piece == shape.piece[hinge.part[0]])
         before = np.where(own[:, None], shape.all_uv_m, np.nan)
         evidence = (weight * links.evidence)[within]
-        found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, _MOST_CUT_EVIDENCE)
+        found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, MOST_CUT_EVIDENCE)
         if found is not None:
             uv_m = found[0]
             held.append(found[1])

@@ -22,13 +22,15 @@ from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
-from flatcloth.methods.robust.connectivity import both_ends, connected_pieces
+from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, both_ends, connected_pieces, without_weak
 from flatcloth.methods.robust.consistency import (
     LEAST_PIECE,
+    MOST_CUT_EVIDENCE,
     Hinge,
     contradicted_pairs,
     hinges_within,
     overlaps,
+    with_better_cuts,
     without_overlap,
 )
 from flatcloth.methods.robust.layout import (
@@ -52,15 +54,6 @@ from flatcloth.methods.robust.observations import (
     observe,
 )
 
-_LEAST_EVIDENCE = 2.0
-"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
-Set by hand."""
-_LEAST_NODE_EVIDENCE = 0.25
-"""A node that less evidence joins to others is not shown, ..."""
-_LEAST_OF_MEDIAN = 0.025
-"""... if that is also less than this share of the median node's, which is lower with few views or a worse
-sensor. Set by hand: of the nodes of 30 noisy recordings 3 % have less; they are 38 % of the nodes that lie
-more than 50 mm off."""
 _OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
@@ -88,7 +81,8 @@ class JointShape:
     of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
     space does not: they lie beside others without being near them in space, which contradicts nothing.
     ``hinges`` are those whose angle follows from cloth that must not overlap. ``settled_pairs`` is the number
-    of pairs when all pieces were last relaxed as a whole.
+    of pairs when all pieces were last relaxed as a whole. ``cuts_tried`` is the evidence that was cut when
+    others were last tried.
     """
 
     nodes: Nodes
@@ -103,6 +97,7 @@ class JointShape:
     by_hand: Bool
     hinges: tuple[Hinge, ...] = ()
     settled_pairs: int = 0
+    cuts_tried: float = 0.0
 
     @cached_property
     def uv_m(self) -> Float64:
@@ -126,6 +121,12 @@ class JointShape:
         return np.where(self.is_cut, 0.0, self.weight * self.links.evidence)
 
     @property
+    def node_evidence(self) -> Float64:
+        """(N,) evidence that joins each node to others."""
+        ends, twice = self.links.edges.ravel(), np.repeat(self.evidence, 2)
+        return np.bincount(ends, twice, len(self.nodes)).astype(np.float64)
+
+    @property
     def placed(self) -> Bool:
         """(N,) whether a node is on the main piece."""
         found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
@@ -135,6 +136,12 @@ class JointShape:
     def views(self) -> tuple[int, ...]:
         """The accepted views."""
         return tuple(s.view_index for s in self.observations)
+
+    def with_same_pairs(self, **changed: Any) -> JointShape:
+        """Return it with other fields but the same observations: their pairs take most of its memory."""
+        made = replace(self, **changed)
+        made.__dict__["links"] = self.links
+        return made
 
 
 def begin_joint(
@@ -226,8 +233,9 @@ def extend_joint(
         by_hand=by_hand,
         hinges=shape.hinges,
         settled_pairs=shape.settled_pairs,
+        cuts_tried=shape.cuts_tried,
     )
-    return _solved(grown)
+    return with_better_cuts(_solved(grown), _solved)
 
 
 def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
@@ -260,7 +268,7 @@ def with_largest_piece(shape: JointShape) -> JointShape:
 
 def settled(shape: JointShape) -> JointShape:
     """Return the shape, relaxed as a whole up to the minimum of Eq. (2), without nodes that little joins."""
-    return _without_weak(_solved(_of_same_pairs(shape, settled_pairs=0), precise=True))
+    return without_weak(_solved(shape.with_same_pairs(settled_pairs=0), precise=True))
 
 
 def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
@@ -273,42 +281,19 @@ def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
     between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
     is_cut = shape.is_cut | between
     kept = np.where(is_cut, 0.0, shape.weight)
-    made = settled(_solved(_of_same_pairs(shape, is_cut=is_cut, weight=kept, settled_pairs=0)))
+    made = settled(_solved(shape.with_same_pairs(is_cut=is_cut, weight=kept, settled_pairs=0)))
     beside = np.zeros(len(made.nodes), dtype=np.bool_)
     beside[edges[between]] = True
     beside[edges[beside[edges].any(axis=1)]] = True
-    return _without_weak(made, beside)
+    return without_weak(made, beside)
 
 
-def _without_weak(shape: JointShape, beside: Bool | None = None) -> JointShape:
-    """Return the shape without places of nodes that little evidence joins, least of all ``beside`` a cut."""
-    evidence = np.bincount(shape.links.edges.ravel(), np.repeat(shape.evidence, 2), len(shape.nodes))
-    usual = float(np.median(evidence[shape.placed])) if shape.placed.any() else 0.0
-    weak = evidence < min(_LEAST_NODE_EVIDENCE, _LEAST_OF_MEDIAN * usual)
-    if beside is not None:
-        weak |= beside & (evidence < _LEAST_EVIDENCE)
-    if not (shape.placed & ~weak).any():
-        return shape
-    return _of_same_pairs(
-        shape,
-        piece=np.where(weak, -1, shape.piece).astype(np.int32),
-        all_uv_m=np.where(weak[:, None], np.nan, shape.all_uv_m),
-    )
-
-
-def _of_same_pairs(shape: JointShape, **changed: Any) -> JointShape:
-    """Return a shape with other fields but the same observations: their pairs take most of its memory."""
-    made = replace(shape, **changed)
-    made.__dict__["links"] = shape.links
-    return made
-
-
-def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -> JointShape:
+def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: bool = False) -> JointShape:
     """Initialise and minimise each connected piece; the largest is the main one.
 
     The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is laid
-    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off. If
-    ``precise``, the shape is minimised already, but for the last bit.
+    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off if
+    that is at most ``most_cut``. If ``precise``, the shape is minimised already, but for the last bit.
     """
     links, before = shape.links, shape.piece
     whole = len(links.edges) > _MOST_GROWTH * shape.settled_pairs
@@ -348,13 +333,13 @@ def _solved(shape: JointShape, *, may_cut: bool = True, precise: bool = False) -
                 own_uv, weight[inside] = minimise_piece(
                     z, links, inside, shape.weight[inside], precise=precise
                 )
-                own_uv, held, cut = without_overlap(shape, own_uv, members, within, weight)
-                if cut.size and may_cut:
+                own_uv, held, cut = without_overlap(shape, own_uv, members, within, weight, most_cut)
+                if cut.size:
                     is_cut = shape.is_cut.copy()
                     is_cut[cut] = True
                     kept = np.where(is_cut, 0.0, shape.weight)
                     anew = replace(shape, is_cut=is_cut, weight=kept, settled_pairs=0)
-                    return _solved(anew, may_cut=False)
+                    return _solved(anew, most_cut=0.0)
                 hinges += held
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
@@ -447,4 +432,4 @@ def _pieces(shape: JointShape) -> Int32:
     if shape.is_cut.any():
         left = np.bincount(pair, used, minlength=len(edges)) > 0
         edges, evidence = edges[left], evidence[left]
-    return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, _LEAST_EVIDENCE)
+    return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, LEAST_EVIDENCE)

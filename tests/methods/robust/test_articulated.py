@@ -146,6 +146,7 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
             weight=np.ones(len(edges)),
             observations=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
             hinges=(),
+            node_evidence=np.full(len(uv), 9.0),
         ),
     )
 
@@ -156,6 +157,19 @@ def std_of_far_plate(neck: int, gap: float) -> tuple[float, np.ndarray]:
     std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     assert np.median(std[plate == 0]) < 0.003
     return float(np.median(std[plate == 1])), undetermined(shape, std)[plate == 1]
+
+
+def test_what_little_evidence_joins_is_unsure_in_proportion() -> None:
+    uv, edges, plate = plates(neck=6, gap=STEP_M)
+    shape = shape_of(uv, edges, plate)
+    usual = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
+    shape.node_evidence[:4] = 9.0 / np.array([2.0, 10.0, 100.0, np.inf])
+    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
+    np.testing.assert_allclose(std[4:], usual[4:])
+    more = np.sqrt(np.square(std[:4]) - np.square(usual[:4]) + 0.0004**2)
+    np.testing.assert_allclose(more, [0.0008, 0.004, 0.012, 0.012], rtol=1e-6)
+    shape.node_evidence[:] *= 100.0  # without noise a tenth of the usual evidence is still much
+    assert placement_std_m(shape, np.array([0.0, 0.0, 10.0]))[0] < usual[0] + 1e-6
 
 
 def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:

@@ -19,6 +19,7 @@ from flatcloth.methods.robust.consistency import (
     overlapping_pairs,
     swung_apart,
     weakest_cut,
+    with_better_cuts,
 )
 from flatcloth.methods.robust.joint import JointShape, _solved
 from flatcloth.methods.robust.layout import grown_layout, links_of
@@ -116,6 +117,52 @@ def test_what_much_evidence_joins_is_not_cut() -> None:
     (view,) = shape.observations
     sure = replace(view, edge_evidence=np.full(len(view.edges), 10.0))
     assert not _solved(replace(shape, observations=(sure,))).is_cut.any()
+
+
+def wrongly_cut(pairs: int, views: int) -> JointShape:
+    """A sheet whose halves were cut apart when a false link of some pairs joined them elsewhere first."""
+    n = ROWS * COLS
+    views_of_sheet = [observed(SHEET, np.ones(n, dtype=bool), view) for view in range(views)]
+    column = np.arange(n) // ROWS
+    false = np.stack([5 * ROWS + np.arange(pairs), 24 * ROWS + np.arange(pairs)], axis=1).astype(np.int32)
+    liar = replace(
+        views_of_sheet[0],
+        view_index=views,
+        edges=false,
+        edge_length_m=np.full(pairs, STEP_M),
+        edge_std_m=np.full(pairs, 0.0003),
+        edge_evidence=np.ones(pairs),
+        offset=np.full((pairs, 2), STEP_M + 0j),
+    )
+    shape = shape_of(SHEET, [*views_of_sheet, liar], np.ones(n, dtype=bool))
+    ends = column[shape.links.edges]
+    between = (ends.min(axis=1) == COLS // 2 - 1) & (ends.max(axis=1) == COLS // 2)
+    xyz = shape.nodes.xyz_m * [3.0, 1.0, 3.0]  # the false ends are far from one another in space, too
+    shape = replace(shape, is_cut=between, weight=np.where(between, 0.0, 1.0))
+    return replace(shape, nodes=replace(shape.nodes, xyz_m=xyz), settled_pairs=0)
+
+
+def test_cuts_are_chosen_anew_when_later_views_contradict_them() -> None:
+    shape = _solved(wrongly_cut(pairs=10, views=2))
+    assert not shape.placed.all()
+    better = with_better_cuts(shape, _solved)
+    assert better.placed.all()
+    assert off_m(better.uv_m, SHEET) < 0.002
+    false = better.links.observation == 2
+    assert (better.is_cut[false] | (better.weight[false] < 0.05)).all()
+    assert not better.is_cut[~false].any()
+    assert with_better_cuts(better, _solved).all_uv_m is better.all_uv_m
+
+
+def test_cuts_stay_while_little_evidence_contradicts_them_and_where_the_operator_placed_cloth() -> None:
+    shape = _solved(wrongly_cut(pairs=10, views=2))
+    assert with_better_cuts(replace(shape, cuts_tried=1e3), _solved).is_cut is shape.is_cut
+    weak = replace(shape, observations=tuple(
+        replace(o, edge_evidence=0.1 * o.edge_evidence) for o in shape.observations
+    ))  # fmt: skip
+    assert with_better_cuts(weak, _solved) is weak
+    placed = replace(shape, by_hand=np.ones(len(SHEET), dtype=bool))
+    assert with_better_cuts(placed, _solved) is placed
 
 
 def test_a_sheet_that_was_folded_over_before_a_view_came_unfolds() -> None:
