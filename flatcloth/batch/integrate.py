@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,23 +104,33 @@ def integrate(
         settle_axis(folder.folder, integration)
         take_strokes(integration, folder, strokes)
         with stages.stage("integrating"):
+            if cores > 1:
+                integration.segment(folder.state.document.strokes, progress)
+                integration.begin_beside()
             unattended = Run(integration, folder)
             document = unattended.finish(progress).document
+            integration.end_beside()
             integration.canonical(document)
         frames = frames_of(integration, document, read_grips(out), base_from_camera)
         scores = {**earlier_scores(out), **_scores_of(unattended)}
-        with stages.stage("garment"), ThreadPoolExecutor(1) as beside:
-            counting = beside.submit(pixel_counts, integration, document) if cores > 1 else None
+        counting = integration.copied(lambda _: pixel_counts(integration, document)) if cores > 1 else None
+        if counting is not None:
+            counting.want([0])
+        with stages.stage("garment"):
             service = GarmentService(integration)
             garment = place_sure_pieces(service, folder)
         decided = folder.state.document
         is_as_counted = decided.garment.parts == document.garment.parts
-        pixels = counting.result() if counting is not None and is_as_counted else None
+        pixels = None
+        if counting is not None:
+            pixels = counting.take(0) if is_as_counted else None
+            counting.close()
         data = SessionData(integration, decided, folder.picks, frames, scores, service, pixels)
         progress(1.0, "writing")
         with stages.stage("writing"):
             files = data.write(out, min(cores, _MOST_WRITERS))
     finally:
+        integration.end_beside()
         folder.close()
     return Integrated(outcome=data.outcome, canonical=data.canonical, garment=garment, files=files)
 

@@ -351,6 +351,8 @@ class Integration(RecordedViews):
 
     def _read_ahead_of(self, view_index: int) -> None:
         """Decode the views that a rotation from this one may lead to next, the likeliest first."""
+        if self.is_beside:
+            return
         angles = np.asarray(self.recording.angles_deg)
         turn = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
@@ -358,14 +360,17 @@ class Integration(RecordedViews):
         self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
 
     def _likely_after(self, plan: Plan) -> list[int]:
-        """Return the views that will likely be planned after the planned one."""
+        """Return the views that will likely be planned after the planned one, the likeliest first."""
         angles, planned = self.recording.angles_deg, plan.view_index
         assert planned is not None
         turns = {
             c.view_index: abs((angles[c.view_index] - angles[planned] + 180.0) % 360.0 - 180.0)
             for c in plan.candidates
         }
-        return [view for view, turn in turns.items() if turn >= _NEXT_APART_DEG][:_NEXT_VIEWS]
+        likely = [view for view, turn in turns.items() if turn >= _NEXT_APART_DEG]
+        if not self.is_beside:
+            return likely[:_NEXT_VIEWS]
+        return list(dict.fromkeys([*likely, *(view for view in turns if view != planned)]))
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, cast
+from typing import Protocol, TypeVar, cast
 
+import cv2
 import numpy as np
 
 from flatcloth.core.cache import Cache, ReadAhead
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, FlatteningError, SegmentationError, SurfaceError
+from flatcloth.core.forked import Forked, can_fork
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import (
@@ -41,8 +43,11 @@ from flatcloth.flattening.surface import (
 from flatcloth.flattening.wide_ramps import blurs_edges
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
+from flatcloth.recordings.folder import ImageRecording
 from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.segmentation.solver import SideSolver
+
+T = TypeVar("T")
 
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
@@ -107,6 +112,7 @@ class RecordedViews:
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, 16 * _MIB)
         self._ahead = ReadAhead(self.recorded)
         self._flattening_ahead = ReadAhead(self._flatten_ahead)
+        self._forked: Forked[tuple[int, Flattening]] | None = None
         self._segmenting = threading.RLock()
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
@@ -122,6 +128,7 @@ class RecordedViews:
         """
         self._flattening_ahead.want([])
         self._flattening_ahead.wait()
+        self.end_beside()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
@@ -213,14 +220,49 @@ class RecordedViews:
         failure = self._failures.kept(key)
         if failure is None:
             try:
-                return self._flattenings.get(key, lambda: self._flatten(view_index))
+                return self._flattenings.get(key, lambda: self._made_beside(key) or self._flatten(view_index))
             except (SurfaceError, FlatteningError) as error:
                 failure = self._failures.put(key, type(error)(str(error)))
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
+    @property
+    def is_beside(self) -> bool:
+        """Whether views are flattened in a copy of this process, which reads them itself."""
+        return self._forked is not None
+
+    def copied(self, make: Callable[[int], T]) -> Forked[T] | None:
+        """Return a copy of this process that makes values; None if there can be none.
+
+        Both read the files of the recording: one that another process reads, for one caller, is not copied.
+        """
+        if not isinstance(self.recording, ImageRecording) or not can_fork():
+            return None
+        cv2.setNumThreads(1)  # the copy would wait for threads that it does not have
+        return Forked(make)
+
+    def begin_beside(self) -> None:
+        """From now on flatten ahead in a copy of this process, if it can be copied, and not on a thread."""
+        self._forked = self.copied(lambda view: (self._mask_key(view), self._flatten(view)))
+
+    def end_beside(self) -> None:
+        """End the copy of this process, if there is one."""
+        if self._forked is not None:
+            self._forked.close()
+            self._forked = None
+
+    def _made_beside(self, key: tuple[int, int]) -> Flattening | None:
+        """Return a view that was flattened in the copy with these masks; None if there is none."""
+        view_index, mask = key
+        made = None if self._forked is None else self._forked.take(view_index)
+        return made[1] if made is not None and made[0] == mask else None
+
     def flatten_ahead(self, view_indices: Iterable[int]) -> None:
-        """Flatten views that will likely be asked for, on another thread; no result depends on it."""
-        self._flattening_ahead.want(view_indices)
+        """Flatten views that will likely be asked for, on another core; no result depends on it."""
+        if self._forked is None:
+            self._flattening_ahead.want(view_indices)
+        else:
+            mine = (n for n in view_indices if (n, self._mask_key(n)) not in self._flattenings)
+            self._forked.want(list(mine))
 
     def _flatten_ahead(self, view_index: int) -> None:
         # A failure is not kept here: which views are known to be unusable decides which one is planned.
