@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.methods.base import (
     AlignmentScore,
@@ -26,7 +27,7 @@ from flatcloth.methods.robust.joint import JointShape, largest_piece
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
-from flatcloth.methods.robust.shapes import JointShapes
+from flatcloth.methods.robust.shapes import JointShapes, prefix
 from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.cameras import Registered, describe
 from flatcloth.session.machine import Accepted, Document, Later, Side
@@ -36,6 +37,8 @@ _MOST_CONTRADICTION = 0.1
 hand."""
 _LISTED = 6
 """Candidates that a plan lists. Set by hand."""
+_SCORES = 16
+"""Scores that are kept. Chosen: those of a view under decision, with its other placements."""
 
 
 class RobustMethod(Method):
@@ -48,6 +51,7 @@ class RobustMethod(Method):
         self._views, self._config = views, views.config
         self.shapes = JointShapes(views)
         self.search = PlacementSearch(views, self.shapes, angles_deg)
+        self._scores: Cache[AlignmentScore] = Cache(_SCORES)
 
     @property
     def accept_score(self) -> float:
@@ -106,14 +110,22 @@ class RobustMethod(Method):
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
         cameras = describe(self.shapes.registered((*shape.views, view_index)))
-        return choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
+        chosen = choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
+        alignment = chosen.alignment
+        key = (prefix(document), view_index, chosen.component, alignment.current_from_new)
+        self._scores.put(key, alignment.score)  # whoever decides asks for it at once
+        return chosen
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement by the probability that it is right."""
-        sampled = self.search.components(document, view_index).get(component)
-        if sampled is None:
-            return AlignmentScore(0.0, {})
-        return score_placement(self.search.reference(document), sampled, motion)
+        """Score a placement by the probability that it is right (cached)."""
+
+        def make() -> AlignmentScore:
+            sampled = self.search.components(document, view_index).get(component)
+            if sampled is None:
+                return AlignmentScore(0.0, {})
+            return score_placement(self.search.reference(document), sampled, motion)
+
+        return self._scores.get((prefix(document), view_index, component, motion), make)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
         """Refine a placement by fitting its points to the surface that they cover in space."""
