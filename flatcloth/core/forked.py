@@ -27,6 +27,8 @@ _MESSAGE_BYTES = 65536
 """A message has some names and numbers only. Chosen."""
 _ALIGNED = 64
 """Arrays begin at multiples of so many bytes, a cache line. By definition."""
+_LONGEST_S = 60.0
+"""A copy that takes longer for one value is given up. Chosen: a thousand times what a view takes."""
 _MOST_WAITING = 12
 """Values that wait to be taken. Chosen: twice the views that a plan lists, as most return to it later; a
 flattened view of 150 x 700 pixels takes 5 MB."""
@@ -107,7 +109,7 @@ class Forked(Generic[T]):
         """Take note of what the copy told: of one message if ``blocking``, else of all that have arrived."""
         self.is_lost |= not self.close.alive
         while not self.is_lost:
-            self._here.settimeout(None if blocking else 0.0)
+            self._here.settimeout(_LONGEST_S if blocking else 0.0)
             try:
                 data, fds, _, _ = socket.recv_fds(self._here, _MESSAGE_BYTES, 1)
             except BlockingIOError:

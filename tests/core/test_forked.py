@@ -125,3 +125,13 @@ def test_a_process_with_threads_is_not_copied() -> None:
     finally:
         end.set()
         thread.join()
+
+
+def test_a_copy_that_takes_too_long_is_given_up(forked: Forked[Made], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("flatcloth.core.forked._LONGEST_S", 0.05)
+    forked.want([1, 77])
+    assert taken(forked, 1) is not None
+    until_s = time.monotonic() + WAIT_S
+    while not forked.is_lost and time.monotonic() < until_s:
+        assert forked.take(77) is None
+    assert forked.is_lost
