@@ -127,7 +127,7 @@ def test_a_process_with_threads_is_not_copied() -> None:
         thread.join()
 
 
-def test_a_copy_that_takes_too_long_is_given_up(forked: Forked[Made], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_copy_that_takes_long_is_given_up(forked: Forked[Made], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("flatcloth.core.forked._LONGEST_S", 0.05)
     forked.want([1, 77])
     assert taken(forked, 1) is not None
