@@ -9,6 +9,7 @@ without it.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import json
 import mmap
@@ -23,6 +24,8 @@ from typing import Any, Generic, NoReturn, TypeVar
 
 T = TypeVar("T")
 
+_PR_SET_PDEATHSIG = 1
+"""Number of the option of Linux's ``prctl`` that sets which signal the end of the parent sends. By definition."""
 _MESSAGE_BYTES = 65536
 """A message has some names and numbers only. Chosen."""
 _ALIGNED = 64
@@ -150,6 +153,8 @@ def _serve(make: Callable[[int], Any], there: socket.socket) -> NoReturn:
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the parent handles Ctrl+C
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        # A killed parent leaves nobody who holds the lock of its session. It may have ended before this line.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
         gc.disable()
         _make_wanted(make, there)
     finally:

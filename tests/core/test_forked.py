@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,3 +138,34 @@ def test_a_copy_that_takes_long_is_given_up(forked: Forked[Made], monkeypatch: p
     while not forked.is_lost and time.monotonic() < until_s:
         assert forked.take(77) is None
     assert forked.is_lost
+
+
+def test_a_copy_at_work_ends_with_a_process_that_is_killed() -> None:
+    """It has the files of its parent open, the lock of a session among them."""
+    lines = (
+        "import os, time",
+        "from flatcloth.core.forked import Forked",
+        "copy = Forked(lambda n: time.sleep(600) if n else os.getpid())",
+        "copy.want([0, 1])",
+        "while (made := copy.take(0)) is None: time.sleep(0.01)",
+        "print(made, flush=True)",
+        "time.sleep(600)",
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", "\n".join(lines)], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout is not None
+        copy = int(parent.stdout.readline())
+        parent.kill()
+    until_s = time.monotonic() + WAIT_S
+    while is_running(copy) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not is_running(copy)
+
+
+def is_running(process: int) -> bool:
+    """Whether a process is there and has not ended, though nobody has asked how."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
