@@ -25,7 +25,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 T = TypeVar("T")
 
 _PR_SET_PDEATHSIG = 1
-"""Number of the option of Linux's ``prctl`` that sets which signal the end of the parent sends. By definition."""
+"""Option of Linux's ``prctl``: which signal the end of the parent sends. By definition."""
 _MESSAGE_BYTES = 65536
 """A message has some names and numbers only. Chosen."""
 _ALIGNED = 64
