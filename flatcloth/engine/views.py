@@ -15,8 +15,8 @@ import numpy as np
 from flatcloth.core.cache import Cache, ReadAhead
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, FlatteningError, SegmentationError, SurfaceError
-from flatcloth.core.forked import Forked, can_fork
 from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.processes.forked import Forked, can_fork
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import (
     Bool,

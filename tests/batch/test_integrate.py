@@ -12,7 +12,7 @@ from exported_sessions import write_cylinder
 from scenes import Cylinder
 
 from flatcloth.batch.integrate import integrate
-from flatcloth.core.forked import Forked
+from flatcloth.core.processes.forked import Forked
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flatcloth.core.forked import Forked, can_fork
+from flatcloth.core.processes.forked import Forked, can_fork
 from flatcloth.core.types import Float64
 
 pytestmark = [
@@ -131,7 +131,7 @@ def test_a_process_with_threads_is_not_copied() -> None:
 
 
 def test_a_copy_that_takes_long_is_given_up(forked: Forked[Made], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flatcloth.core.forked._LONGEST_S", 0.05)
+    monkeypatch.setattr("flatcloth.core.processes.forked._LONGEST_S", 0.05)
     forked.want([1, 77])
     assert taken(forked, 1) is not None
     until_s = time.monotonic() + WAIT_S
@@ -144,7 +144,7 @@ def test_a_copy_at_work_ends_with_a_process_that_is_killed() -> None:
     """It has the files of its parent open, the lock of a session among them."""
     lines = (
         "import os, time",
-        "from flatcloth.core.forked import Forked",
+        "from flatcloth.core.processes.forked import Forked",
         "copy = Forked(lambda n: time.sleep(600) if n else os.getpid())",
         "copy.want([0, 1])",
         "while (made := copy.take(0)) is None: time.sleep(0.01)",

@@ -1,9 +1,9 @@
 """A forked copy of this process that makes values ahead of need on another core.
 
 The copy has all that the process has, so nothing is imported or read again. It sends each value in memory
-that both share: a pickle, and behind it the bytes of its arrays, which are used where they lie. Both
-processes are this program; no other one can write there. If the copy ends or fails, its values are made
-without it.
+that both share: what it is made of as text, and behind it the bytes of its arrays, which are used where they
+lie. Both processes are this program; no other one can write there. If the copy ends or fails, its values are
+made without it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ import gc
 import json
 import mmap
 import os
-import pickle
 import signal
 import socket
 import threading
 import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, NoReturn, TypeVar
+
+import numpy as np
+
+from flatcloth.core.processes.packing import packed, unpacked
 
 T = TypeVar("T")
 
@@ -97,7 +100,7 @@ class Forked(Generic[T]):
             return None
         fd, sizes = self._waiting.pop(number)
         try:
-            value: T = _unpacked(fd, sizes)
+            value: T = _read(fd, sizes)
         finally:
             os.close(fd)
         return value
@@ -180,7 +183,7 @@ def _make_wanted(make: Callable[[int], Any], there: socket.socket) -> None:
 def _send_one(make: Callable[[int], Any], number: int, there: socket.socket) -> None:
     there.send(json.dumps({"begun": number}).encode())
     try:
-        fd, sizes = _packed(make(number))
+        fd, sizes = _shared(make(number))
     except Exception:  # noqa: BLE001 - it is raised again where the value is made without the copy
         there.send(json.dumps({"made": number}).encode())
         return
@@ -191,11 +194,10 @@ def _send_one(make: Callable[[int], Any], number: int, there: socket.socket) -> 
 # --- values in shared memory ----------------------------------------------------------------
 
 
-def _packed(value: object) -> tuple[int, list[int]]:
-    """Write a value to shared memory; return its descriptor, and the sizes of the pickle and the arrays."""
-    buffers: list[pickle.PickleBuffer] = []
-    pieces = [memoryview(pickle.dumps(value, protocol=5, buffer_callback=buffers.append))]
-    pieces += [buffer.raw() for buffer in buffers]
+def _shared(value: object) -> tuple[int, list[int]]:
+    """Write a value to shared memory; return its descriptor, and the sizes of its text and its arrays."""
+    text, arrays = packed(value)
+    pieces = [memoryview(text), *(array.reshape(-1).view(np.uint8).data for array in arrays)]
     fd = os.memfd_create("flatcloth", os.MFD_CLOEXEC)
     at = 0
     for piece in pieces:
@@ -207,14 +209,14 @@ def _packed(value: object) -> tuple[int, list[int]]:
     return fd, [piece.nbytes for piece in pieces]
 
 
-def _unpacked(fd: int, sizes: list[int]) -> Any:
+def _read(fd: int, sizes: list[int]) -> Any:
     """Read a value; its arrays keep the memory alive, and may be written without effect on the copy."""
     memory = memoryview(mmap.mmap(fd, 0, access=mmap.ACCESS_COPY))
     pieces, at = [], 0
     for size in sizes:
         pieces.append(memory[at : at + size])
         at += _rounded(size)
-    return pickle.loads(pieces[0], buffers=pieces[1:])  # of this program
+    return unpacked(bytes(pieces[0]), pieces[1:])
 
 
 def _rounded(size: int) -> int:
