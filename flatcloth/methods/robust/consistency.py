@@ -302,15 +302,7 @@ def with_better_cuts(shape: JointShape, solved: Callable[..., JointShape]) -> Jo
     cut = float(links.evidence[shape.is_cut].sum())
     if cut <= max(MOST_CUT_EVIDENCE, _TRIED_AGAIN * shape.cuts_tried) or shape.by_hand.any():
         return shape
-    blank = shape.with_same_pairs(
-        piece=np.full_like(shape.piece, -1),
-        all_uv_m=np.full_like(shape.all_uv_m, np.nan),
-        weight=np.ones_like(shape.weight),
-        is_cut=np.zeros_like(shape.is_cut),
-        hinges=(),
-        settled_pairs=0,
-    )
-    anew = solved(blank, most_cut=cut)
+    anew = solved(shape.not_laid_out(np.zeros_like(shape.is_cut)), most_cut=cut)
     is_better = float(links.evidence[anew.is_cut].sum()) < cut
     overlapping = np.unique(overlaps(anew, anew.uv_m)).size >= LEAST_PIECE
     made = anew if is_better and not overlapping else shape

@@ -137,6 +137,20 @@ class JointShape:
         """The accepted views."""
         return tuple(s.view_index for s in self.observations)
 
+    def not_laid_out(self, is_cut: Bool) -> JointShape:
+        """Return it before any node had a place, with the pairs ``is_cut`` (M,) cut and no weight lost.
+
+        A layout that a false link has bent would stay so: what is right contradicts it, and has no weight.
+        """
+        return self.with_same_pairs(
+            piece=np.where(self.piece == 0, 0, -1).astype(np.int32),
+            all_uv_m=np.full_like(self.all_uv_m, np.nan),
+            weight=np.where(is_cut, 0.0, 1.0),
+            is_cut=is_cut,
+            hinges=(),
+            settled_pairs=0,
+        )
+
     def with_same_pairs(self, **changed: Any) -> JointShape:
         """Return it with other fields but the same observations: their pairs take most of its memory."""
         made = replace(self, **changed)
@@ -280,8 +294,7 @@ def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
     of_part = np.array(parts)[:, edges]
     between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
     is_cut = shape.is_cut | between
-    kept = np.where(is_cut, 0.0, shape.weight)
-    made = settled(_solved(shape.with_same_pairs(is_cut=is_cut, weight=kept, settled_pairs=0)))
+    made = settled(_solved(shape.not_laid_out(is_cut)))
     beside = np.zeros(len(made.nodes), dtype=np.bool_)
     beside[edges[between]] = True
     beside[edges[beside[edges].any(axis=1)]] = True
