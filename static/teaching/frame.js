@@ -212,6 +212,21 @@ export function symbols(text) {
   });
 }
 
+/** Show the formulas of a stage, smaller where a font makes them wider than the column. */
+export function showMath(formulas) {
+  byId("teaching-math").replaceChildren(...formulas);
+  fitMath();
+}
+
+function fitMath() {
+  const box = byId("teaching-math");
+  box?.style.setProperty("--fit", "1");
+  if (box && box.scrollWidth > box.clientWidth)
+    box.style.setProperty("--fit", String(Math.max(0.6, (0.98 * box.clientWidth) / box.scrollWidth)));
+}
+
+addEventListener("resize", fitMath);
+
 /** The layers of a stage that has several to show. */
 export function showLayers(teaching, stage) {
   const box = byId("teaching-layers");

@@ -3,7 +3,7 @@
 import { byId, make, setAllowed, setText } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
-import { action, makeFrame, showLayers, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { action, makeFrame, showLayers, showMath, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
 import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
@@ -317,7 +317,7 @@ export class Teaching {
       this.ui.parameters = this.parameters();
       this.ui.time = Math.min(this.ui.time, this.lastTime());
       const key = `${this.at} ${lesson.side ?? ""}`;
-      if (this.mathKey !== key) byId("teaching-math").replaceChildren(...stage.math(lessons));
+      if (this.mathKey !== key) showMath(stage.math(lessons));
       this.mathKey = key;
       if (this.autoplay) {
         this.autoplay = false;

@@ -127,6 +127,7 @@ def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
     expect(tab.page.locator("#diagnostics")).to_be_hidden()
 
 
+@pytest.mark.parametrize("program", ["recordings/shirt-corner-d435"], indirect=True)
 def test_hypotheses_are_pictures_to_choose_from(open_tab):
     tab = open_tab().ready()
     tab.step()
