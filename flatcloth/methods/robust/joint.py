@@ -293,8 +293,10 @@ def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
     edges = shape.links.edges
     of_part = np.array(parts)[:, edges]
     between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
-    is_cut = shape.is_cut | between
-    made = settled(_solved(shape.not_laid_out(is_cut)))
+    cut = shape.not_laid_out(shape.is_cut | between)
+    if shape.by_hand.any():  # what the operator placed stays as it lies
+        cut = shape.with_same_pairs(is_cut=cut.is_cut, weight=cut.weight * shape.weight, settled_pairs=0)
+    made = settled(_solved(cut))
     beside = np.zeros(len(made.nodes), dtype=np.bool_)
     beside[edges[between]] = True
     beside[edges[beside[edges].any(axis=1)]] = True

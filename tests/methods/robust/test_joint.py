@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -154,6 +155,32 @@ def test_a_part_that_is_taken_off_floats_as_it_is_and_what_little_joins_belongs_
     for own in (left, right):
         assert off_m(apart.all_uv_m[own], UV[own]) < 1e-4
     assert off_m(shape.all_uv_m, UV) > 1e-3
+
+
+def test_without_a_part_the_rest_is_laid_out_anew_but_for_what_the_operator_placed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a false link has bent would stay so: the right pairs have lost their weight to it."""
+    left, right = COLUMN < 18, COLUMN >= 18
+    shape = _solved(shape_of(UV, [observed(UV, np.ones(len(UV), dtype=bool), 0)], left))
+    bent = replace(shape, weight=np.full(len(shape.links.edges), 0.1))
+    begun: list[JointShape] = []
+
+    def watched(shape: JointShape, **options: Any) -> JointShape:
+        begun.append(shape)
+        return _solved(shape, **options)
+
+    monkeypatch.setattr("flatcloth.methods.robust.joint._solved", watched)
+    for by_hand in (False, True):
+        begun.clear()
+        apart = taken_apart(replace(bent, by_hand=right & by_hand), [right])
+        assert set(apart.piece[left]) == {0}
+        assert set(apart.piece[right]) == {1}
+        first, used = begun[0], ~begun[0].is_cut
+        assert used.any()
+        assert not first.weight[~used].any()
+        assert (first.weight[used] == (0.1 if by_hand else 1.0)).all()
+        assert first.has_place.all() if by_hand else not first.has_place.any()
 
 
 @pytest.mark.parametrize(
