@@ -51,7 +51,7 @@ class Forked(Generic[T]):
     Parameters
     ----------
     make : callable
-        Makes the value of a number, in the copy; what it raises is not told.
+        Makes the value of a number, in the copy; its exceptions are not passed on.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ def packed(value: object) -> tuple[bytes, list[Array]]:
 
 
 def unpacked(text: bytes, buffers: list[memoryview]) -> Any:
-    """Return a value that :func:`packed`, whose arrays are the buffers; they keep these alive."""
+    """Return the value of which :func:`packed` made this text; its arrays use the buffers where they lie."""
     told = json.loads(text)
     return _Unpacker(told["objects"], buffers).value(told["top"])
 

@@ -294,9 +294,9 @@ def without_overlap(
 def with_better_cuts(shape: JointShape, solved: Callable[..., JointShape]) -> JointShape:
     """Return the shape laid out anew with other cuts if more evidence is cut by now than a cut may have.
 
-    What is cut first decides what contradicts it later: with a false link that was seen before the right one,
-    cloth overlaps as soon as a view shows the right one, which is cut while it is weak, and so is all that
-    later views say for it. ``solved`` is :func:`flatcloth.methods.robust.joint._solved`.
+    If a false link is seen before the right one, the right one makes cloth overlap when it is first seen, and
+    is cut because it is weak; all that later views say for it then counts as contradiction. ``solved`` is
+    :func:`flatcloth.methods.robust.joint._solved`.
     """
     links = shape.links
     cut = float(links.evidence[shape.is_cut].sum())

@@ -62,7 +62,7 @@ _MOST_WEAK_STD_M = 0.012
 tenth has a share below 0.18; before, these were 89 % of those beyond three standard deviations."""
 _USUAL_EVIDENCE = 12.0
 """Evidence of the median node of a noisy recording with all views; without noise it is more, and nothing is
-doubted for it. Set by hand, as counted there."""
+doubted for it. Set by hand, from what these have."""
 MOST_STD_M = 0.034
 """A rigid part floats if half of it has a larger standard deviation: its place is undetermined. Set by
 hand."""
