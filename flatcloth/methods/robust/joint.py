@@ -54,7 +54,7 @@ from flatcloth.methods.robust.observations import (
     observe,
 )
 
-_OUTGROWN = 1.3
+OUTGROWN = 1.3
 """A floating piece with this many times the nodes of the main piece becomes the main piece. Set by hand."""
 
 _MOST_GROWTH = 1.2
@@ -320,7 +320,7 @@ def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: 
     sizes = np.bincount(label)
     order = np.flatnonzero(sizes >= LEAST_PIECE)
     main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
-    if sizes.max() > _OUTGROWN * sizes[main]:
+    if sizes.max() > OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
     order = np.array([main, *sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])], dtype=int)
     piece = np.full(len(label), -1, dtype=np.int32)

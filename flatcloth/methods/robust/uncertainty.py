@@ -28,7 +28,7 @@ from flatcloth.methods.robust.articulated import (
     rigid_parts,
 )
 from flatcloth.methods.robust.connectivity import both_ends, pairs_once
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.joint import OUTGROWN, JointShape
 
 _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
@@ -69,7 +69,11 @@ hand."""
 
 
 def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
-    """Return the standard deviation (N,) of each node's position relative to the start view's main piece.
+    """Return the standard deviation (N,) of each node's position on the main piece.
+
+    It is relative to the rigid part that the start view shows most of. If the largest one determines the
+    places of clearly more nodes (a neck leaves the other's angle open), it is relative to that: the larger
+    part is then the shape, and the start view's floats.
 
     Parameters
     ----------
@@ -119,21 +123,42 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     moved = _displaced(sheet, change, own, random)
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
-    anchor = next(
+    first_seen = next(
         (on[on >= 0] for on in shown if (on >= 0).sum() >= _LEAST_ANCHORS), np.arange(len(uv), dtype=np.int32)
     )
-    if (rigid_part[anchor] >= 0).any():
-        anchor = anchor[
-            rigid_part[anchor] == np.bincount(rigid_part[anchor][rigid_part[anchor] >= 0]).argmax()
-        ]
+    weak_m2 = np.square(_weakly_joined_m(shape)[placed])
+    of_start, of_largest = (
+        _spread_m2(moved, uv, anchor) + _swing_m2(shape, placed, placed[anchor]) + weak_m2
+        for anchor in (_on_one_part(first_seen, rigid_part), _on_one_part(np.arange(len(uv)), rigid_part))
+    )
+    outgrown = _determined(of_largest) > OUTGROWN * _determined(of_start)
+    std = np.full(len(shape.nodes), np.nan)
+    std[placed] = np.sqrt(of_largest if outgrown else of_start)
+    result: Float64 = np.hypot(std, LEAST_STD_M)
+    return result
+
+
+def _on_one_part(nodes: Int32 | NDArray[np.int64], rigid_part: Int32) -> NDArray[np.int64]:
+    """Return those of the nodes that lie on the rigid part with most of them; all if none does."""
+    part = rigid_part[nodes]
+    on_parts = part[part >= 0]
+    kept = part == np.bincount(on_parts).argmax() if on_parts.size else np.ones(len(nodes), dtype=np.bool_)
+    found: NDArray[np.int64] = nodes[kept].astype(np.int64)
+    return found
+
+
+def _determined(spread_m2: Float64) -> int:
+    """Count the nodes whose variance (N,) leaves their place determined."""
+    return int((spread_m2 <= MOST_STD_M**2).sum())
+
+
+def _spread_m2(moved: Float64, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
+    """Return the mean square (N,) of displacements (N, 2, draws) relative to the anchors."""
     spread = np.empty((len(uv), _DRAWS))
     for k in range(_DRAWS):
         spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
-    std = np.full(len(shape.nodes), np.nan)
-    spread_m2 = spread.mean(axis=1) + _swing_m2(shape, placed, placed[anchor])
-    std[placed] = np.sqrt(spread_m2 + np.square(_weakly_joined_m(shape)[placed]))
-    result: Float64 = np.hypot(std, LEAST_STD_M)
-    return result
+    mean: Float64 = spread.mean(axis=1)
+    return mean
 
 
 def _weakly_joined_m(shape: JointShape) -> Float64:
@@ -320,7 +345,7 @@ _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
 
-def _without_rigid(moved: Float64, uv: Float64, anchor: Int32) -> Float64:
+def _without_rigid(moved: Float64, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
     """Remove from displacements (N, 2) the small rigid motion that moves the anchors on average."""
     center = uv[anchor].mean(axis=0)
     offset = uv - center

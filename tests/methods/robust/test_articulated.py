@@ -182,6 +182,21 @@ def test_what_hangs_on_a_string_is_known_to_be_unsure_and_floats() -> None:
     assert string_floats.all()
 
 
+@pytest.mark.parametrize(("columns", "sure"), [(12, 0), (7, 1)])
+def test_of_two_parts_that_a_string_joins_the_start_views_is_the_shape_unless_the_other_is_clearly_larger(
+    columns: int, sure: int
+) -> None:
+    uv, edges, plate = plates(neck=1, gap=0.12)
+    kept = (plate != 0) | (uv[:, 0] > (11.5 - columns) * STEP_M)
+    number = np.cumsum(kept) - 1
+    shape = shape_of(uv[kept], number[edges[kept[edges].all(axis=1)]].astype(np.int32), plate[kept])
+    std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
+    floats = undetermined(shape, std)
+    assert not floats[plate[kept] == sure].any()
+    assert np.median(std[plate[kept] == sure]) < 0.003
+    assert floats[plate[kept] == 1 - sure].all()
+
+
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
     uv, edges, plate = plates(2, STEP_M)
     shape = shape_of(uv, edges, plate)
