@@ -189,7 +189,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     """Return which nodes (N,) of the main piece have an undetermined position.
 
     Each rigid part is judged as a whole: it is undetermined if half of its nodes have a standard
-    deviation ``std_m`` (N,) above the limit.
+    deviation ``std_m`` (N,) above the limit. The part that is least unsure never is: something is the shape.
     """
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
@@ -197,10 +197,11 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     edges = number[shape.links.edges[both_ends(shape.placed, shape.links.edges)]]
     uv = shape.uv_m[placed]
     nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
+    of_part = [placed[nearest == part] for part in range(int(nearest.max(initial=-1)) + 1)]
+    median_m = [float(np.median(std_m[own])) for own in of_part]
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
-    for rigid_part in range(int(nearest.max(initial=-1)) + 1):
-        own = placed[nearest == rigid_part]
-        loose[own] = float(np.median(std_m[own])) > MOST_STD_M
+    for own, part_m in zip(of_part, median_m, strict=True):
+        loose[own] = part_m > max(MOST_STD_M, min(median_m))
     return loose
 
 

@@ -197,6 +197,14 @@ def test_of_two_parts_that_a_string_joins_the_start_views_is_the_shape_unless_th
     assert floats[plate[kept] == 1 - sure].all()
 
 
+def test_the_part_that_is_least_unsure_is_the_shape_even_where_nothing_is_sure() -> None:
+    uv, edges, plate = plates(neck=1, gap=0.12)
+    shape = shape_of(uv, edges, plate)
+    floats = undetermined(shape, np.where(plate == 1, 3.0, 2.0) * MOST_STD_M)
+    assert floats[plate == 1].all()
+    assert not floats[plate == 0].any()
+
+
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:
     uv, edges, plate = plates(2, STEP_M)
     shape = shape_of(uv, edges, plate)
