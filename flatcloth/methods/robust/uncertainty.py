@@ -189,7 +189,8 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     """Return which nodes (N,) of the main piece have an undetermined position.
 
     Each rigid part is judged as a whole: it is undetermined if half of its nodes have a standard
-    deviation ``std_m`` (N,) above the limit. The part that is least unsure never is: something is the shape.
+    deviation ``std_m`` (N,) above the limit. The part with the least median never is, so that
+    a shape is left.
     """
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
