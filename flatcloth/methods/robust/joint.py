@@ -55,8 +55,7 @@ from flatcloth.methods.robust.observations import (
 )
 
 OUTGROWN = 1.3
-"""A floating piece with this many times the nodes of the main piece becomes the main piece; so does a part of
-the main piece, compared with the part that the start view shows. Set by hand."""
+"""A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
 
 _MOST_GROWTH = 1.2
 """With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
