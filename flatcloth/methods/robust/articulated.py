@@ -19,7 +19,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import SuperLU, splu
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.methods.robust.connectivity import pairs_once
 from flatcloth.methods.robust.relaxation import local_rotations
 
 LEAST_RIGID_PART_NODES = 40
@@ -55,11 +54,12 @@ _DAMPING = 1e-9
 class FlexibleSheet:
     """The pairs of a sheet: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
 
-    ``length_m`` (M,), ``weight`` (M,) and ``offset`` (M, 2) complex as in
-    :class:`flatcloth.methods.robust.layout.Links`.
+    ``once`` (P, 2) are the different ones among the edges; ``length_m`` (M,), ``weight`` (M,) and ``offset``
+    (M, 2) complex as in :class:`flatcloth.methods.robust.layout.Links`.
     """
 
     edges: Int32
+    once: Int32
     member: Int32
     n_members: int
     length_m: Float64
@@ -75,7 +75,7 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     uv_m : (N, 2) float64
         Positions of the nodes.
     edges : (M, 2) int32
-        Pairs.
+        Pairs, each once.
 
     Notes
     -----
@@ -83,7 +83,6 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     from the outline, and nodes near to those, are wide (a morphological opening).
     """
     n = len(uv_m)
-    edges = edges[pairs_once(n, edges)[0]]
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
     graph = _graph(uv_m, edges)
     pair = float(np.median(graph.data))
@@ -100,11 +99,11 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
 
 
 def nearest_rigid_part(uv_m: Float64, edges: Int32, rigid_part: Int32) -> Int32:
-    """Return the rigid part (N,) nearest to each node along the pairs; -1 if there is none."""
+    """Return the rigid part (N,) nearest to each node along the pairs, each once; -1 if there is none."""
     inside = np.flatnonzero(rigid_part >= 0)
     nearest = np.full(len(uv_m), -1, dtype=np.int32)
     if inside.size:
-        graph = _graph(uv_m, edges[pairs_once(len(uv_m), edges)[0]])
+        graph = _graph(uv_m, edges)
         _, _, source = dijkstra(
             graph, directed=False, indices=inside, min_only=True, return_predecessors=True
         )
@@ -178,7 +177,7 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     sheet : FlexibleSheet
         The pairs between them.
     """
-    rigid_part = rigid_parts(uv_m, sheet.edges)
+    rigid_part = rigid_parts(uv_m, sheet.once)
     is_flexible = flexible(rigid_part, sheet.edges)
     if not is_flexible.any() or rigid_part.max(initial=-1) < 0:
         return uv_m

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.types import Bool, Float64, Int32
 
@@ -44,29 +42,23 @@ def connected_pieces(
     n : int
         Number of nodes.
     edges : (M, 2) int32
-        Pairs; several views may contribute the same pair.
+        Pairs, each once, the lower node first, sorted by it, then by the higher one.
     evidence : (M,) float64
-        Evidence of each pair that its ends are one piece, 0 to 1: little where the depth is noisy.
+        Evidence of each pair that its ends are one piece: little where the depth is noisy.
     least_core_nodes : int
         Parts connected by triangles with at least this many nodes are cores; all other nodes join
         the core with the largest evidence.
     least_evidence : float
         Two cores are joined if the pairs between them have this much evidence together.
     """
-    first, where = pairs_once(n, edges)
-    i, j = np.sort(edges[first], axis=1).astype(np.int64).T
-    summed: Float64 = np.bincount(where, evidence, i.size).astype(np.float64)
-    ones = np.ones(2 * i.size, dtype=np.int32)
-    adjacency = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n)).tocsr()
-    adjacency.sort_indices()
-    rigid = _neighbours_in_common(adjacency.indptr, adjacency.indices, i, j) >= _TRIANGLES
-    core_of = _components(n, i[rigid], j[rigid])
+    i, j = edges.T.copy()
+    core_of = _components(n, i, j, _neighbours_in_common(n, i, j) >= _TRIANGLES)
     is_core = np.bincount(core_of) >= least_core_nodes
-    label = _grown(np.where(is_core[core_of], core_of, -1), i, j, summed)
+    label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
     rest = label < 0
-    label[rest] = n + _components(n, i[rest[i] & rest[j]], j[rest[i] & rest[j]])[rest]
+    label[rest] = n + _components(n, i, j, rest[i] & rest[j])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
-    return _joined(label, i, j, summed, least_evidence)
+    return _joined(label, i, j, evidence, least_evidence)
 
 
 def both_ends(flags: Bool, edges: Int32 | NDArray[np.int64]) -> Bool:
@@ -122,22 +114,78 @@ def pairs_once(n: int, edges: Int32) -> tuple[Int32, Int32]:
 
 
 @njit(cache=True, nogil=True)
-def _neighbours_in_common(
-    first: Int32, neighbour: Int32, i: NDArray[np.int64], j: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Count for each pair (M,) the neighbours common to both ends; each node's neighbours are sorted."""
-    counts = np.zeros(i.size, dtype=np.int64)
-    for e in range(i.size):
-        a, b = first[i[e]], first[j[e]]
-        while a < first[i[e] + 1] and b < first[j[e] + 1]:
-            counts[e] += neighbour[a] == neighbour[b]
-            step_a, step_b = neighbour[a] <= neighbour[b], neighbour[b] <= neighbour[a]
-            a += step_a
-            b += step_b
+def merged_pairs(one: Int32, other: Int32) -> tuple[Int32, Int32, Int32]:
+    """Merge two lists of different pairs.
+
+    Parameters
+    ----------
+    one, other : (P, 2) and (Q, 2) int32
+        Pairs, the lower node first, each list sorted by it, then by the higher one.
+
+    Returns
+    -------
+    merged : (R, 2) int32
+        The different pairs of both lists, in the same order.
+    of_one, of_other : (P,) and (Q,) int32
+        Which of these each of theirs is.
+    """
+    merged = np.empty((len(one) + len(other), 2), dtype=np.int32)
+    of_one, of_other = np.empty(len(one), dtype=np.int32), np.empty(len(other), dtype=np.int32)
+    a, b, count = 0, 0, 0
+    while a < len(one) or b < len(other):
+        difference = 0
+        if b == len(other):
+            difference = -1
+        elif a == len(one):
+            difference = 1
+        else:
+            difference = one[a, 0] - other[b, 0]
+            if difference == 0:
+                difference = one[a, 1] - other[b, 1]
+        if difference <= 0:
+            merged[count, 0], merged[count, 1] = one[a, 0], one[a, 1]
+            of_one[a] = count
+            a += 1
+        if difference >= 0:
+            merged[count, 0], merged[count, 1] = other[b, 0], other[b, 1]
+            of_other[b] = count
+            b += 1
+        count += 1
+    return merged[:count], of_one, of_other
+
+
+def renumbered(numbers: Int32 | NDArray[np.int64]) -> tuple[NDArray[np.int64], Int32]:
+    """Return the different ones (K,) of some numbers from 0 on, of any shape, and these numbered by them."""
+    found = np.zeros(int(numbers.max(initial=-1)) + 1, dtype=np.bool_)
+    found[numbers] = True
+    place = np.cumsum(found, dtype=np.int32) - 1
+    return np.flatnonzero(found), place[numbers]
+
+
+@njit(cache=True, nogil=True)
+def _neighbours_in_common(n: int, low: Int32, high: Int32) -> Int32:
+    """Count for each pair (M,), sorted by its lower node and then by the higher, what both ends neighbour."""
+    first = np.zeros(n + 1, dtype=np.int64)
+    for e in range(low.size):
+        first[low[e] + 1] += 1
+    for node in range(n):
+        first[node + 1] += first[node]
+    counts = np.zeros(low.size, dtype=np.int32)
+    for e in range(low.size):  # each triangle is found at the pair of its two lowest nodes
+        a, b = e + 1, first[high[e]]
+        a_end, b_end = first[low[e] + 1], first[high[e] + 1]
+        while a < a_end and b < b_end:
+            difference = high[a] - high[b]
+            if difference == 0:
+                counts[e] += 1
+                counts[a] += 1
+                counts[b] += 1
+            a += difference <= 0
+            b += difference >= 0
     return counts
 
 
-def _grown(label: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64) -> Int32:
+def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer.
 
     Afterwards nodes change sides where this makes the cut between two parts smaller.
@@ -170,15 +218,13 @@ _SWEEPS = 4
 """Passes over all nodes after each has a label. Chosen for speed."""
 
 
-def _joined(
-    piece: Int32, i: NDArray[np.int64], j: NDArray[np.int64], evidence: Float64, least_evidence: float
-) -> Int32:
+def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence: float) -> Int32:
     """Join parts if the pairs between them have enough evidence."""
     while True:
         count = int(piece.max()) + 1
         a, b = piece[i], piece[j]
         across = a != b
-        low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across].astype(np.int64)
+        low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across]
         key, where = np.unique(low * count + high, return_inverse=True)
         strong = (
             np.bincount(where, evidence[across], key.size) >= least_evidence
@@ -187,13 +233,32 @@ def _joined(
         )
         if not strong.any():
             return piece
-        piece = _components(count, key[strong] // count, key[strong] % count)[piece]
+        one, other = np.divmod(key, count)
+        piece = _components(count, one.astype(np.int32), other.astype(np.int32), strong)[piece]
 
 
-def _components(n: int, i: NDArray[np.int64], j: NDArray[np.int64]) -> Int32:
-    graph = coo_matrix((np.ones(i.size, dtype=np.int8), (i, j)), shape=(n, n))
-    label: Int32 = connected_components(graph, directed=False)[1].astype(np.int32)
-    return label
+@njit(cache=True, nogil=True)
+def _components(n: int, i: Int32, j: Int32, used: Bool) -> Int32:
+    """Return the connected component of each of n nodes, numbered by their first nodes; pairs i, j (M,)."""
+    root = np.arange(n).astype(np.int32)
+    for e in range(i.size):
+        if used[e]:
+            a, b = i[e], j[e]
+            while root[a] != a:
+                root[a] = root[root[a]]
+                a = root[a]
+            while root[b] != b:
+                root[b] = root[root[b]]
+                b = root[b]
+            root[max(a, b)] = min(a, b)
+    count = 0
+    for node in range(n):  # a root is the lowest node of its component, so it has its number already
+        if root[node] == node:
+            root[node] = count
+            count += 1
+        else:
+            root[node] = root[root[node]]
+    return root
 
 
 def without_weak(shape: JointShape, beside: Bool | None = None) -> JointShape:

@@ -249,6 +249,7 @@ def extend_joint(
         settled_pairs=shape.settled_pairs,
         cuts_tried=shape.cuts_tried,
     )
+    grown.__dict__["links"] = shape.links.with_view(added)
     return with_better_cuts(_solved(grown), _solved)
 
 
@@ -259,7 +260,7 @@ def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> Joint
     nodes = no_nodes()
     for observation, held in zip(shape.observations, held_from_camera, strict=True):
         nodes = averaged(nodes, observation, held)
-    return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
+    return shape.with_same_pairs(nodes=nodes, held_from_camera=held_from_camera)
 
 
 def largest_piece(shape: JointShape) -> int:
@@ -277,7 +278,7 @@ def with_largest_piece(shape: JointShape) -> JointShape:
     main, floating = piece == 0, piece == largest
     piece[main], piece[floating] = largest, 0
     uv[main] += np.nanmean(uv[floating], axis=0) - np.nanmean(uv[main], axis=0)
-    return _anchored(replace(shape, piece=piece, all_uv_m=uv))
+    return _anchored(shape.with_same_pairs(piece=piece, all_uv_m=uv))
 
 
 def settled(shape: JointShape) -> JointShape:
@@ -353,16 +354,15 @@ def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: 
                     is_cut = shape.is_cut.copy()
                     is_cut[cut] = True
                     kept = np.where(is_cut, 0.0, shape.weight)
-                    anew = replace(shape, is_cut=is_cut, weight=kept, settled_pairs=0)
+                    anew = shape.with_same_pairs(is_cut=is_cut, weight=kept, settled_pairs=0)
                     return _solved(anew, most_cut=0.0)
                 hinges += held
             uv[members] = own_uv[members]
         piece[members & np.isfinite(uv[:, 0])] = n
         if n:
             uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
-    made = _anchored(
-        replace(
-            shape,
+    return _anchored(
+        shape.with_same_pairs(
             piece=piece,
             all_uv_m=uv,
             weight=weight,
@@ -370,8 +370,6 @@ def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: 
             settled_pairs=len(links.edges) if whole else shape.settled_pairs,
         )
     )
-    made.__dict__["links"] = links  # of the same observations
-    return made
 
 
 def _relaxed_around(
@@ -425,26 +423,24 @@ def _anchored(shape: JointShape) -> JointShape:
         motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
         uv = shape.all_uv_m.copy()
         uv[shape.placed] = motion.apply(uv[shape.placed])
-        return replace(shape, all_uv_m=uv)
+        return shape.with_same_pairs(all_uv_m=uv)
     if shape.anchor.size and shape.placed.any():
         # A floating piece has become the main one: move it to the middle of the plane.
         uv = shape.all_uv_m.copy()
         uv[shape.placed] -= uv[shape.placed].mean(axis=0)
-        shape = replace(shape, all_uv_m=uv)
+        shape = shape.with_same_pairs(all_uv_m=uv)
     for observation in shape.observations:
         anchor = observation.node[shape.placed[observation.node]]
         if anchor.size >= 3:
             break
-    return replace(shape, anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
+    return shape.with_same_pairs(anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
 
 
 def _pieces(shape: JointShape) -> Int32:
     """Return the piece of each node (N,)."""
-    links, used = shape.links, ~shape.is_cut
-    pair = links.pairs_once[1]
-    evidence: Float64 = np.bincount(pair, shape.weight * links.evidence * used).astype(np.float64)
-    edges = links.once
+    pair, edges = shape.links.pair, shape.links.once
+    evidence: Float64 = np.bincount(pair, shape.evidence, len(edges)).astype(np.float64)
     if shape.is_cut.any():
-        left = np.bincount(pair, used, minlength=len(edges)) > 0
+        left = np.bincount(pair[~shape.is_cut], minlength=len(edges)) > 0
         edges, evidence = edges[left], evidence[left]
     return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, LEAST_EVIDENCE)

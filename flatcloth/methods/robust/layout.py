@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.minimisation import Banding, banding, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
-from flatcloth.methods.robust.connectivity import both_ends, pairs_once
+from flatcloth.methods.robust.connectivity import both_ends, merged_pairs, pairs_once, renumbered
 from flatcloth.methods.robust.observations import Complex128, Observation
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
@@ -56,7 +56,9 @@ class Links:
     ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
     memberships, ``n_members`` of them; ``length_m``, ``std_m``, ``evidence`` (M,); ``offset`` (M, 2)
     complex as in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
-    ``once`` (P, 2) int32 are the different pairs of nodes, ``views_of_once`` (P,) how many views saw each.
+    ``once`` (P, 2) int32 are the different pairs of nodes, the lower node first, sorted by it, then by the
+    higher one; ``pair`` (M,) int32 is which of these each of the list is, ``views_of_once`` (P,) how many
+    views saw each.
     """
 
     edges: Int32
@@ -68,39 +70,51 @@ class Links:
     offset: Complex128
     observation: Int32
 
-    @cached_property
-    def pairs_once(self) -> tuple[Int32, Int32]:
-        """What :func:`pairs_once` finds."""
-        first, pair = pairs_once(int(self.edges.max(initial=-1)) + 1, self.edges)
-        return first, pair
-
-    @cached_property
-    def once(self) -> Int32:
-        """The different pairs of nodes."""
-        return self.edges[self.pairs_once[0]]
+    once: Int32
+    pair: Int32
 
     @cached_property
     def views_of_once(self) -> Int64:
-        """The number of views that saw each of them."""
-        return np.bincount(self.pairs_once[1], minlength=len(self.once))
+        """The number of views that saw each of the different pairs."""
+        return np.bincount(self.pair, minlength=len(self.once))
+
+    def with_view(self, seen: Observation) -> Links:
+        """Return the pairs with those of one more view."""
+        own = links_of([seen])
+        once, of_before, of_own = merged_pairs(self.once, own.once)
+        number = int(self.observation.max(initial=-1)) + 1
+        return Links(
+            edges=np.concatenate([self.edges, own.edges]),
+            member=np.concatenate([self.member, own.member + np.int32(self.n_members)]),
+            n_members=self.n_members + own.n_members,
+            length_m=np.concatenate([self.length_m, own.length_m]),
+            std_m=np.concatenate([self.std_m, own.std_m]),
+            evidence=np.concatenate([self.evidence, own.evidence]),
+            offset=np.concatenate([self.offset, own.offset]),
+            observation=np.concatenate([self.observation, own.observation + np.int32(number)]),
+            once=once,
+            pair=np.concatenate([of_before[self.pair], of_own[own.pair]]),
+        )
 
 
 def links_of(observations: Sequence[Observation]) -> Links:
     """Return the pairs of all observations."""
-    first = np.cumsum([0] + [len(s.node) for s in observations])
+    before = np.cumsum([0] + [len(s.node) for s in observations])
+    edges = np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32, copy=False)
+    member = np.concatenate([s.edges + np.int32(n) for s, n in zip(observations, before, strict=False)])
+    first, pair = pairs_once(int(edges.max(initial=-1)) + 1, edges)
+    number = np.arange(len(observations), dtype=np.int32)
     return Links(
-        edges=np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32),
-        member=np.concatenate([s.edges + f for s, f in zip(observations, first, strict=False)]).astype(
-            np.int32
-        ),
-        n_members=int(first[-1]),
+        edges=edges,
+        member=member.astype(np.int32, copy=False),
+        n_members=int(before[-1]),
         length_m=np.concatenate([s.edge_length_m for s in observations]),
         std_m=np.concatenate([s.edge_std_m for s in observations]),
         evidence=np.concatenate([s.edge_evidence for s in observations]),
         offset=np.concatenate([s.offset for s in observations]),
-        observation=np.repeat(
-            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
-        ),
+        observation=np.repeat(number, [len(s.edges) for s in observations]),
+        once=np.sort(edges[first], axis=1),
+        pair=pair,
     )
 
 
@@ -340,8 +354,8 @@ def minimise_piece(
     length, std = links.length_m[inside], links.std_m[inside]
     member, offset = links.member.take(inside, axis=0), links.offset.take(inside, axis=0)
     accuracy = np.square(np.median(std) / std)
-    first, pair = pairs_once(own.size, edges)
-    once = edges[first]
+    which, pair = renumbered(links.pair.take(inside))
+    once = place[links.once.take(which, axis=0)]
     narrow = replace(banding(own.size, once), pair=pair)
     x = relax_rigidly(z[own], edges, member, offset, accuracy * weight, links.n_members, _ARAP_STEPS, narrow)
     for _ in range(_ROBUST_ROUNDS):
@@ -350,6 +364,7 @@ def minimise_piece(
         weight = _robust_weight(residual / std)
     sheet = FlexibleSheet(
         edges=edges,
+        once=once,
         member=member,
         n_members=links.n_members,
         length_m=length,
@@ -377,10 +392,12 @@ def relax_around(
     is_near = near[i] | near[j]
     own, z, weight = np.flatnonzero(is_near), z.copy(), weight.copy()
     if own.size:
-        nodes, ends = _renumbered(np.stack([i[own], j[own]], axis=1))
-        members, member = _renumbered(links.member[inside[own]])
-        first, pair = pairs_once(nodes.size, ends)
-        narrow = replace(banding(nodes.size, ends[first]), pair=pair)
+        nodes, ends = renumbered(np.stack([i[own], j[own]], axis=1))
+        which, pair = renumbered(links.pair[inside[own]])
+        once = np.empty((which.size, 2), dtype=np.int32)
+        once[pair] = ends
+        members, member = renumbered(links.member[inside[own]])
+        narrow = replace(banding(nodes.size, once), pair=pair)
         offset, std = links.offset[inside[own]], links.std_m[inside[own]]
         stiff = np.square(np.median(std) / std) * weight[own]
         moved = relax_rigidly(
@@ -392,14 +409,6 @@ def relax_around(
         residual = np.abs(z[i[told]] - z[j[told]]) - links.length_m[inside[told]]
         weight[told] = _robust_weight(residual / links.std_m[inside[told]])
     return np.stack([z.real, z.imag], axis=1), weight
-
-
-def _renumbered(ends: Int32) -> tuple[Int64, Int32]:
-    """Return the different numbers (K,) of pairs (M, 2), and the pairs numbered by these."""
-    found = np.zeros(int(ends.max()) + 1, dtype=np.bool_)
-    found[ends] = True
-    place = np.cumsum(found, dtype=np.int32) - 1
-    return np.flatnonzero(found), place[ends].astype(np.int32, copy=False)
 
 
 def _minimised(

@@ -27,7 +27,7 @@ from flatcloth.methods.robust.articulated import (
     nearest_rigid_part,
     rigid_parts,
 )
-from flatcloth.methods.robust.connectivity import both_ends, pairs_once
+from flatcloth.methods.robust.connectivity import both_ends, renumbered
 from flatcloth.methods.robust.joint import OUTGROWN, JointShape
 
 _STRAIN = 0.0035
@@ -92,9 +92,8 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
     inside = np.flatnonzero(both_ends(shape.placed, links.edges))
-    every = number[links.edges[inside]]
-    first, pair = pairs_once(placed.size, every)
-    edges, uv = every[first], shape.uv_m[placed]
+    which, pair = renumbered(links.pair[inside])
+    edges, uv = number[links.once[which]], shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]
     distance_m = np.linalg.norm(along, axis=1)
     unit = along / np.maximum(distance_m, 1e-9)[:, None]
@@ -195,7 +194,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     placed = np.flatnonzero(shape.placed)
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
-    edges = number[shape.links.edges[both_ends(shape.placed, shape.links.edges)]]
+    edges = number[shape.links.once[both_ends(shape.placed, shape.links.once)]]
     uv = shape.uv_m[placed]
     nearest = nearest_rigid_part(uv, edges, rigid_parts(uv, edges))
     of_part = [placed[nearest == part] for part in range(int(nearest.max(initial=-1)) + 1)]

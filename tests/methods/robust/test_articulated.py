@@ -50,6 +50,7 @@ def sheet(uv: np.ndarray, edges: np.ndarray, noise_m: float = 0.0) -> FlexibleSh
     length = np.abs(along) + noise_m * np.random.default_rng(0).standard_normal(len(edges))
     return FlexibleSheet(
         edges=edges,
+        once=edges,
         member=edges,
         n_members=len(uv),
         length_m=length,
@@ -140,7 +141,13 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
         Any,
         SimpleNamespace(
             nodes=_Nodes(uv),
-            links=SimpleNamespace(edges=edges, length_m=length, std_m=np.full(len(edges), 3e-4)),
+            links=SimpleNamespace(
+                edges=edges,
+                once=edges,
+                pair=np.arange(len(edges)),
+                length_m=length,
+                std_m=np.full(len(edges), 3e-4),
+            ),
             placed=np.ones(len(uv), dtype=bool),
             uv_m=uv,
             weight=np.ones(len(edges)),

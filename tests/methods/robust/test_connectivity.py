@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from made_up_sheets import STEP_M, grid
 from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Int32
-from flatcloth.methods.robust.connectivity import _neighbours_in_common, connected_pieces, pairs_once
+from flatcloth.methods.robust.connectivity import (
+    _components,
+    _neighbours_in_common,
+    connected_pieces,
+    pairs_once,
+)
 
 LEAST_CORE_NODES, LEAST_EVIDENCE = 40, 2.0
 
@@ -24,7 +30,10 @@ def pieces(uv: Float64, bridge: list[tuple[int, int]], evidence: float) -> Int32
     own = pairs(uv)
     edges = np.concatenate([own, np.array(bridge, dtype=np.int32).reshape(-1, 2)])
     each = np.concatenate([np.ones(len(own)), np.full(len(bridge), evidence)])
-    return connected_pieces(len(uv), edges, each, LEAST_CORE_NODES, LEAST_EVIDENCE)
+    first, pair = pairs_once(len(uv), edges)
+    return connected_pieces(
+        len(uv), np.sort(edges[first], axis=1), np.bincount(pair, each), LEAST_CORE_NODES, LEAST_EVIDENCE
+    )
 
 
 TWO = np.concatenate([grid(10, 10), grid(10, 10, (0.2, 0.0))])
@@ -68,13 +77,22 @@ def test_scraps_are_pieces_of_their_own() -> None:
 
 def test_neighbours_in_common_are_those_of_both_ends() -> None:
     edges = pairs(grid(6, 7))
-    i, j = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
-    ones = np.ones(2 * len(i), dtype=np.int32)
-    graph = coo_matrix((ones, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(42, 42)).tocsr()
-    graph.sort_indices()
-    near = [set(graph.indices[graph.indptr[n] : graph.indptr[n + 1]]) for n in range(42)]
-    found = _neighbours_in_common(graph.indptr, graph.indices, i, j)
-    np.testing.assert_array_equal(found, [len(near[a] & near[b]) for a, b in zip(i, j, strict=True)])
+    low, high = np.sort(edges[pairs_once(42, edges)[0]], axis=1).T.copy()
+    near = [set(high[low == n]) | set(low[high == n]) for n in range(42)]
+    found = _neighbours_in_common(42, low, high)
+    np.testing.assert_array_equal(found, [len(near[a] & near[b]) for a, b in zip(low, high, strict=True)])
+
+
+def test_components_are_numbered_by_their_first_nodes() -> None:
+    rng = np.random.default_rng(0)
+    for used in (20, 60, 120):
+        i, j = rng.integers(0, 100, (2, 150)).astype(np.int32)
+        is_used = np.arange(150) < used
+        graph = coo_matrix((np.ones(used), (i[:used], j[:used])), shape=(100, 100))
+        expected = connected_components(graph, directed=False)[1]
+        _, first = np.unique(expected, return_index=True)
+        found = _components(100, i, j, is_used)
+        np.testing.assert_array_equal(found, np.argsort(np.argsort(first))[expected])
 
 
 def test_pairs_that_several_views_contribute_are_found_once_in_either_order() -> None:
