@@ -131,30 +131,36 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     A placed node has a known rotation if placed neighbours of the same view determine it. It then
     predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
+    has_place = np.isfinite(z.real)
+    open_ = inside[~both_ends(has_place, links.edges.take(inside, axis=0))]
     z = z.copy()
-    open_ = inside[~both_ends(np.isfinite(z.real), links.edges[inside])]
     if not open_.size:
         return z
     touched = np.zeros(links.n_members, dtype=bool)
     touched[links.member[open_]] = True
     members = links.member.take(inside, axis=0)
     near = inside[touched[members[:, 0]] | touched[members[:, 1]]]
-    edges, member, offset = links.edges[near], links.member[near], links.offset[near]
+    one, other = links.edges[near].T
+    edges, offset = np.stack([one, other], axis=1), links.offset[near]
+    which, member = renumbered(links.member[near])
     while True:
-        known = np.isfinite(z.real[edges])
-        both: Bool = np.asarray(known.all(axis=1))
-        turn = local_rotations(z, edges, member, offset, both.astype(np.float64), links.n_members)
-        sums, counts = np.zeros(len(z), dtype=np.complex128), np.zeros(len(z))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            says = known[:, end] & ~known[:, 1 - end] & (turn[member[:, end]] != 0)
+        at_one, at_other = has_place[one], has_place[other]
+        both = (at_one & at_other).astype(np.float64)
+        turn = local_rotations(z, edges, member, offset, both, which.size)
+        led, place = [], []
+        for end, says in ((0, at_one & ~at_other), (1, at_other & ~at_one)):
             e = np.flatnonzero(says)
-            place = z[edges[e, end]] + sign * turn[member[e, end]] * offset[e, end]
-            np.add.at(sums, edges[e, 1 - end], place)
-            np.add.at(counts, edges[e, 1 - end], 1.0)
-        found = counts > 0
-        if not found.any():
+            e = e[turn[member[e, end]] != 0]
+            along = turn[member[e, end]] * offset[e, end]
+            led.append(edges[e, 1 - end])
+            place.append(z[edges[e, end]] + (along if end == 0 else -along))
+        found, of_found = renumbered(np.concatenate(led))
+        if not found.size:
             return z
-        z[found] = sums[found] / counts[found]
+        places = np.concatenate(place)
+        sums = np.bincount(of_found, places.real) + 1j * np.bincount(of_found, places.imag)
+        z[found] = sums / np.bincount(of_found)
+        has_place[found] = True
 
 
 def seeded_anew(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:

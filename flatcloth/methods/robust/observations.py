@@ -7,6 +7,7 @@ whatever the texture. Where a view shows cloth without nodes, it adds nodes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -145,9 +146,9 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
         seen = surface.xyz_m[pixel[:, 0], pixel[:, 1]].astype(np.float64)
         seen_normal = surface.normal[pixel[:, 0], pixel[:, 1]].astype(np.float64)
         with np.errstate(invalid="ignore"):
-            above = ((seen - points) * seen_normal).sum(axis=1)
+            above = np.einsum("ij,ij->i", seen - points, seen_normal)
             same = inside & (np.abs(above) <= tolerance)
-            same &= (seen_normal * normal).sum(axis=1) >= _SAME_NORMAL_COS
+            same &= np.einsum("ij,ij->i", seen_normal, normal) >= _SAME_NORMAL_COS
         if round_ == 0 and not surface.noisy:
             foot = points + np.where(same, above, 0.0)[:, None] * np.nan_to_num(seen_normal)
             rc = project(foot, k)
@@ -193,7 +194,7 @@ def observe(
     is_new = node < 0
     node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
     edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface)
-    smooth = (normal[edges[:, 0]] * normal[edges[:, 1]]).sum(axis=1) >= _SMOOTH_COS
+    smooth = np.einsum("ij,ij->i", normal[edges[:, 0]], normal[edges[:, 1]]) >= _SMOOTH_COS
     evidence = np.square(_PAIR_STD_M / std) * np.where(smooth, 1.0, _CREASED_EVIDENCE)
     observation = Observation(
         view_index=surface.frame.view_index,
@@ -248,14 +249,15 @@ def _spaced(places: NDArray[np.int64], shape: tuple[int, int], least_px: int) ->
 
 
 def _pixels_inside(rc: Float64, shape: tuple[int, ...]) -> tuple[Int32, Bool]:
-    inside: Bool = np.asarray(((rc > -0.5) & (rc < np.array(shape) - 0.5)).all(axis=1))
+    in_rows, in_cols = ((rc > -0.5) & (rc < np.array(shape) - 0.5)).T
+    inside: Bool = in_rows & in_cols
     pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int32)
     return pixel, inside
 
 
 def _incidence_deg(rc: Float64, normal: Float64, k: Intrinsics) -> Float64:
     ray = np.stack([(rc[:, 1] - k.cx) / k.fx, (rc[:, 0] - k.cy) / k.fy, np.ones(len(rc))], axis=1)
-    cos = -(ray * normal).sum(axis=1) / np.linalg.norm(ray, axis=1)
+    cos = -np.einsum("ij,ij->i", ray, normal) / np.sqrt(np.einsum("ij,ij->i", ray, ray))
     angle: Float64 = np.degrees(np.arccos(np.clip(cos, -1.0, 1.0)))
     return angle
 
@@ -274,44 +276,62 @@ def _pairs(
         # Where nodes are closer than the interval, pairs are shorter.
         near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
         longest_px = 1.5 * np.maximum(near[:, -1], interval_px // 2)
-        apart_px = np.linalg.norm(pixel[edges[:, 0]] - pixel[edges[:, 1]], axis=1)
-        edges = edges[apart_px <= longest_px[edges].max(axis=1)]
+        one, other = edges.T
+        apart_px = np.hypot(*(pixel[one] - pixel[other]).T)
+        edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     apart = length > _LEAST_PAIR_M
     edges, length = edges[apart], length[apart]
     steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
-    noise = surface.noise_m * (FRONTAL_NOISE + STEEP_NOISE * steepness[edges].mean(axis=1))
-    std = np.hypot(_PAIR_STD_M, noise)
-    return edges, length, std, _offsets(edges, points, normal, length, _BENT_DEG[int(surface.noisy)])
+    one, other = edges.T
+    noise = surface.noise_m * (FRONTAL_NOISE + STEEP_NOISE * 0.5 * (steepness[one] + steepness[other]))
+    bent_rad = math.radians(_BENT_DEG[int(surface.noisy)])
+    offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
+    return edges, length, np.hypot(_PAIR_STD_M, noise), offset
 
 
-def _offsets(edges: Int32, points: Float64, normal: Float64, length: Float64, bent_deg: float) -> Complex128:
+@njit(cache=True, nogil=True)
+def _offsets(
+    edges: Int32, points: Float64, normal: Float64, tangent: Float64, length: Float64, bent_rad: float
+) -> Complex128:
     """Return the position of the other end of each pair (M, 2) in the tangent plane of each end.
 
-    Cloth between two normals that differ by more than ``bent_deg`` is unrolled as a cylinder: the
+    Cloth between two normals that differ by more than ``bent_rad`` is unrolled as a cylinder: the
     component along its rulings is kept, the component across them takes the length of the arc. Cloth
     that is bent less has no defined ruling; there the chord is rotated into the tangent plane.
+    ``tangent`` (2, N, 3) is right and down in each node's tangent plane.
     """
-    chord = points[edges[:, 1]] - points[edges[:, 0]]
-    ruling = np.cross(normal[edges[:, 0]], normal[edges[:, 1]])
-    sine = np.linalg.norm(ruling, axis=1)
-    ruling /= np.maximum(sine, 1e-12)[:, None]
-    along = (chord * ruling).sum(axis=1)[:, None] * ruling
-    half = 0.5 * np.arcsin(np.clip(sine, 0.0, 1.0))
-    arc = np.linalg.norm(chord - along, axis=1) * half / np.maximum(np.sin(half), 1e-12)
-    bent = np.square(2.0 * half / np.radians(bent_deg))
-    bent = (bent / (1.0 + bent))[:, None]
-    right, down = tangent_basis(normal)
     offset = np.empty((len(edges), 2), dtype=np.complex128)
-    for end in (0, 1):
-        at = edges[:, end]
-        across = np.cross(ruling, normal[at])
-        unrolled = along + (arc * np.sign((chord * across).sum(axis=1)))[:, None] * across
-        flat = chord - (chord * normal[at]).sum(axis=1)[:, None] * normal[at]
-        flat *= (length / np.maximum(np.linalg.norm(flat, axis=1), 1e-12))[:, None]
-        place = bent * unrolled + (1.0 - bent) * flat
-        offset[:, end] = (place * right[at]).sum(axis=1) + 1j * (place * down[at]).sum(axis=1)
-    offset *= length[:, None] / np.maximum(np.abs(offset), 1e-9)
+    for e in range(len(edges)):
+        i, j = edges[e, 0], edges[e, 1]
+        x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+        rx = normal[i, 1] * normal[j, 2] - normal[i, 2] * normal[j, 1]
+        ry = normal[i, 2] * normal[j, 0] - normal[i, 0] * normal[j, 2]
+        rz = normal[i, 0] * normal[j, 1] - normal[i, 1] * normal[j, 0]
+        sine = math.sqrt(rx * rx + ry * ry + rz * rz)
+        whole = max(sine, 1e-12)
+        rx, ry, rz = rx / whole, ry / whole, rz / whole
+        ruled = x * rx + y * ry + z * rz
+        half = 0.5 * math.asin(min(sine, 1.0))
+        across = math.sqrt((x - ruled * rx) ** 2 + (y - ruled * ry) ** 2 + (z - ruled * rz) ** 2)
+        arc = across * half / max(math.sin(half), 1e-12)
+        bent = (2.0 * half / bent_rad) ** 2
+        bent = bent / (1.0 + bent)
+        for end in range(2):
+            at = edges[e, end]
+            nx, ny, nz = normal[at, 0], normal[at, 1], normal[at, 2]
+            ax, ay, az = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
+            unrolled = math.copysign(arc, x * ax + y * ay + z * az)
+            off = x * nx + y * ny + z * nz
+            fx, fy, fz = x - off * nx, y - off * ny, z - off * nz
+            flat = (1.0 - bent) * length[e] / max(math.sqrt(fx * fx + fy * fy + fz * fz), 1e-12)
+            px = bent * (ruled * rx + unrolled * ax) + flat * fx
+            py = bent * (ruled * ry + unrolled * ay) + flat * fy
+            pz = bent * (ruled * rz + unrolled * az) + flat * fz
+            right = px * tangent[0, at, 0] + py * tangent[0, at, 1] + pz * tangent[0, at, 2]
+            down = px * tangent[1, at, 0] + py * tangent[1, at, 1] + pz * tangent[1, at, 2]
+            scale = length[e] / max(math.hypot(right, down), 1e-9)
+            offset[e, end] = complex(right * scale, down * scale)
     return offset
 
 

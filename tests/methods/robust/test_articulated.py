@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from flatcloth.core.geometry import tangent_basis
 from flatcloth.methods.robust.articulated import (
     FlexibleSheet,
     flexible,
@@ -121,7 +122,9 @@ def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
     points = np.array([[0.0, 0.0, -radius], [radius * np.sin(turn), height, -radius * np.cos(turn)]])
     normal = np.array([[0.0, 0.0, -1.0], [np.sin(turn), 0.0, -np.cos(turn)]])
     true = np.hypot(radius * turn, height)
-    offset = _offsets(np.array([[0, 1]], dtype=np.int32), points, normal, np.array([true]), 0.01)
+    tangent = np.stack(tangent_basis(normal))
+    edges = np.array([[0, 1]], dtype=np.int32)
+    offset = _offsets(edges, points, normal, tangent, np.array([true]), np.radians(0.01))
     assert offset[0, 0] == pytest.approx(radius * turn + 1j * height, abs=1e-6)
     assert abs(offset[0, 1]) == pytest.approx(true)
 
