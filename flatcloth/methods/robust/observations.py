@@ -23,7 +23,7 @@ from flatcloth.flattening.sampling import (
     MAX_CHORD_SLOPE,
     fit_samples,
     lengths_along_surface,
-    pairs_on_surface,
+    path_on_surface,
 )
 from flatcloth.flattening.surface import Surface
 
@@ -99,8 +99,8 @@ class Observation:
     offset: Complex128
 
 
-_NEAREST = 5
-"""A node and its nearest neighbours, whose farthest bounds the length of its pairs. Chosen: four surround
+_SURROUND = 4
+"""The nearest neighbours of a node, whose farthest bounds the length of its pairs. Chosen: these surround
 it."""
 
 
@@ -271,14 +271,16 @@ def _pairs(
     surface: Surface,
 ) -> tuple[Int32, Float64, Float64, Complex128]:
     pixel = np.rint(rc).astype(np.int32)
-    edges = pairs_on_surface(pixel, 1.5 * interval_px, surface)
-    if len(rc) > _NEAREST and not surface.noisy:
+    reach_px = 1.5 * interval_px
+    edges = cKDTree(pixel).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
+    if not surface.noisy:
         # Where nodes are closer than the interval, pairs are shorter.
-        near, _ = cKDTree(pixel).query(pixel, k=_NEAREST)
-        longest_px = 1.5 * np.maximum(near[:, -1], interval_px // 2)
         one, other = edges.T
         apart_px = np.hypot(*(pixel[one] - pixel[other]).T)
+        surrounded_px = _nth_nearest(edges, apart_px, np.full((len(pixel), _SURROUND), reach_px))
+        longest_px = 1.5 * np.maximum(surrounded_px, interval_px // 2)
         edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
+    edges = edges[path_on_surface(surface.usable, surface.steps, pixel, edges)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     apart = length > _LEAST_PAIR_M
     edges, length = edges[apart], length[apart]
@@ -288,6 +290,21 @@ def _pairs(
     bent_rad = math.radians(_BENT_DEG[int(surface.noisy)])
     offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
     return edges, length, np.hypot(_PAIR_STD_M, noise), offset
+
+
+@njit(cache=True, nogil=True)
+def _nth_nearest(edges: Int32, length: Float64, nearest: Float64) -> Float64:
+    """Return the length (N,) of the k-th shortest of each node's pairs.
+
+    ``nearest`` (N, k) is overwritten; before, it is what a node with fewer pairs has.
+    """
+    for e in range(len(edges)):
+        for end in range(2):
+            node, inserted = edges[e, end], length[e]
+            for k in range(nearest.shape[1]):
+                if inserted < nearest[node, k]:
+                    nearest[node, k], inserted = inserted, nearest[node, k]
+    return nearest[:, -1].copy()
 
 
 @njit(cache=True, nogil=True)

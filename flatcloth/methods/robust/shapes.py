@@ -103,7 +103,9 @@ class JointShapes:
         known, made = self._prefixes.longest(start, steps)
         if made is None:
             made = self._kept((start,), self._begin(document.start_view))
-        made = replace(made)  # what is derived from the kept one would stay in memory with it
+        whole = self._shapes.kept((start, *steps[:known]))
+        # What is derived from the kept one would stay in memory with it; one of the last has it already.
+        made = replace(made) if whole is None else whole
         for n in range(known, len(steps)):
             before, step = (start, *steps[:n]), steps[n]
             if isinstance(step, Accepted):
@@ -394,7 +396,7 @@ def _with_piece_moved(shape: JointShape, joined: JoinedPiece) -> JointShape:
     own = shape.piece == joined.piece
     uv = np.where(own[:, None], joined.target_from_piece.apply(shape.all_uv_m), shape.all_uv_m)
     piece = np.where(own, 0, shape.piece).astype(np.int32)
-    return replace(shape, all_uv_m=uv, piece=piece, by_hand=shape.by_hand | own)
+    return shape.with_same_pairs(all_uv_m=uv, piece=piece, by_hand=shape.by_hand | own)
 
 
 _LARGEST = "the largest piece becomes the shape"
