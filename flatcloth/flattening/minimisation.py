@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -33,7 +33,7 @@ from flatcloth.core.types import Float64, Int32
 T = TypeVar("T")
 _ANDERSON_DEPTH = 6
 """Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
-_MAX_STEPS = 60
+MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
@@ -74,6 +74,14 @@ class Banding:
     place: Int32
     pairs: Int32
     pair: Int32 | None = None
+
+
+class _Limits(NamedTuple):
+    """What ends a minimisation: a small relative gain, much damping, or many steps."""
+
+    tolerance: float
+    damping: float
+    steps: int
 
 
 def banding(n: int, edges: Int32) -> Banding:
@@ -120,6 +128,7 @@ def minimise(
     narrow: Banding | None = None,
     least_energy_m2: float = 0.0,
     is_near: bool = False,
+    most_steps: int = MOST_STEPS,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -145,6 +154,8 @@ def minimise(
         Part of H that is left out since no place changes it; the tolerance counts it.
     is_near : bool
         The start is near the minimum, which is reached where a step without damping does not lower H.
+    most_steps : int
+        Limit of Gauss-Newton steps.
 
     Returns
     -------
@@ -168,8 +179,8 @@ def minimise(
     laplacian = _factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
-    damping = _LEAST_DAMPING if is_near else _MOST_DAMPING
-    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, tolerance, damping, trace)
+    limits = _Limits(tolerance, _LEAST_DAMPING if is_near else _MOST_DAMPING, most_steps)
+    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, limits, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
         uv_m=aligned_to(x.T[place], initial_uv_m),
@@ -262,15 +273,15 @@ def _gauss_newton(
     weight: Float64,
     laplacian: Float64 | None,
     energy: list[float],
-    tolerance: float,
-    most_damping: float,
+    limits: _Limits,
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
     n, bandwidth = x.shape[1], _bandwidth(edges)
     gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
     damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
-    for _ in range(_MAX_STEPS):
+    tolerance = limits.tolerance
+    for _ in range(limits.steps):
         if h <= _EXACT_M2 * len(edges):
             break
         _gradient(x, edges, lengths, weight, unit, gradient)
@@ -292,7 +303,7 @@ def _gauss_newton(
                 h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
-            if found is None or damping > most_damping:
+            if found is None or damping > limits.damping:
                 break
             continue
         x, h = candidate, h_new

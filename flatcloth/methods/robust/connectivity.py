@@ -1,4 +1,4 @@
-"""The connected pieces of a joint shape, without false connections.
+"""The pairs of all views, and the pieces that they connect, without false connections.
 
 Where two layers touch, a sensor's ramp or a shallow step can connect them by one or two pairs; everything
 connected to the second layer would then be placed beside the first. Many pairs that form triangles connect
@@ -8,6 +8,9 @@ better.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +18,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.methods.robust.observations import Complex128, Observation
 
 if TYPE_CHECKING:
     from flatcloth.methods.robust.joint import JointShape
+
+Int64 = NDArray[np.int64]
 
 LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
@@ -61,7 +67,7 @@ def connected_pieces(
     return _joined(label, i, j, evidence, least_evidence)
 
 
-def both_ends(flags: Bool, edges: Int32 | NDArray[np.int64]) -> Bool:
+def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
     """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
     return flags[edges[:, 0]] & flags[edges[:, 1]]
 
@@ -154,7 +160,80 @@ def merged_pairs(one: Int32, other: Int32) -> tuple[Int32, Int32, Int32]:
     return merged[:count], of_one, of_other
 
 
-def renumbered(numbers: Int32 | NDArray[np.int64]) -> tuple[NDArray[np.int64], Int32]:
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """The pairs of all observations in one list.
+
+    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
+    memberships, ``n_members`` of them; ``length_m``, ``std_m``, ``evidence`` (M,); ``offset`` (M, 2)
+    complex as in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
+    ``once`` (P, 2) int32 are the different pairs of nodes, the lower node first, sorted by it, then by the
+    higher one; ``pair`` (M,) int32 is which of these each of the list is, ``views_of_once`` (P,) how many
+    views saw each.
+    """
+
+    edges: Int32
+    member: Int32
+    n_members: int
+    length_m: Float64
+    std_m: Float64
+    evidence: Float64
+    offset: Complex128
+    observation: Int32
+
+    once: Int32
+    pair: Int32
+
+    @cached_property
+    def views_of_once(self) -> Int64:
+        """The number of views that saw each of the different pairs."""
+        return np.bincount(self.pair, minlength=len(self.once))
+
+    def both_ends(self, flags: Bool) -> Bool:
+        """Return for each pair (M,) whether the flags (N,) of both its nodes are set."""
+        return both_ends(flags, self.once)[self.pair]
+
+    def with_view(self, seen: Observation) -> Links:
+        """Return the pairs with those of one more view."""
+        own = links_of([seen])
+        once, of_before, of_own = merged_pairs(self.once, own.once)
+        number = int(self.observation.max(initial=-1)) + 1
+        return Links(
+            edges=np.concatenate([self.edges, own.edges]),
+            member=np.concatenate([self.member, own.member + np.int32(self.n_members)]),
+            n_members=self.n_members + own.n_members,
+            length_m=np.concatenate([self.length_m, own.length_m]),
+            std_m=np.concatenate([self.std_m, own.std_m]),
+            evidence=np.concatenate([self.evidence, own.evidence]),
+            offset=np.concatenate([self.offset, own.offset]),
+            observation=np.concatenate([self.observation, own.observation + np.int32(number)]),
+            once=once,
+            pair=np.concatenate([of_before[self.pair], of_own[own.pair]]),
+        )
+
+
+def links_of(observations: Sequence[Observation]) -> Links:
+    """Return the pairs of all observations."""
+    before = np.cumsum([0] + [len(s.node) for s in observations])
+    edges = np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32, copy=False)
+    member = np.concatenate([s.edges + np.int32(n) for s, n in zip(observations, before, strict=False)])
+    first, pair = pairs_once(int(edges.max(initial=-1)) + 1, edges)
+    number = np.arange(len(observations), dtype=np.int32)
+    return Links(
+        edges=edges,
+        member=member.astype(np.int32, copy=False),
+        n_members=int(before[-1]),
+        length_m=np.concatenate([s.edge_length_m for s in observations]),
+        std_m=np.concatenate([s.edge_std_m for s in observations]),
+        evidence=np.concatenate([s.edge_evidence for s in observations]),
+        offset=np.concatenate([s.offset for s in observations]),
+        observation=np.repeat(number, [len(s.edges) for s in observations]),
+        once=np.sort(edges[first], axis=1),
+        pair=pair,
+    )
+
+
+def renumbered(numbers: Int32 | Int64) -> tuple[Int64, Int32]:
     """Return the different ones (K,) of some numbers from 0 on, of any shape, and these numbered by them."""
     found = np.zeros(int(numbers.max(initial=-1)) + 1, dtype=np.bool_)
     found[numbers] = True

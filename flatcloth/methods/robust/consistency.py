@@ -24,7 +24,6 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
-from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
 if TYPE_CHECKING:
@@ -358,7 +357,7 @@ def _grown_anew(
         links.evidence[within],
         links.n_members,
     )
-    reached = both_ends(np.isfinite(z.real), links.edges[within])
+    reached = links.both_ends(np.isfinite(z.real))[within]
     inside, anew = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
     grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
@@ -396,21 +395,29 @@ def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence:
 @njit(cache=True, nogil=True)
 def _guessed_places(uv: Float64, edges: Int32, evidence: Float64, agreed_m: float) -> Float64:
     """Give nodes without a place (NaN) that of the placed neighbours on which the most evidence agrees."""
-    place, most = uv.copy(), np.zeros(len(uv))
+    place = uv.copy()
+    first = np.zeros(len(uv) + 1, dtype=np.int64)
+    for e in range(edges.shape[0]):
+        for k in range(2):
+            if math.isnan(uv[edges[e, k], 0]) and not math.isnan(uv[edges[e, 1 - k], 0]):
+                first[edges[e, k] + 1] += 1
+    first = np.cumsum(first)
+    says, leads, filled = np.empty(first[-1], dtype=np.int64), np.empty(first[-1]), first.copy()
     for e in range(edges.shape[0]):
         for k in range(2):
             node, known = edges[e, k], edges[e, 1 - k]
-            if not math.isnan(uv[node, 0]) or math.isnan(uv[known, 0]):
-                continue
+            if math.isnan(uv[node, 0]) and not math.isnan(uv[known, 0]):
+                says[filled[node]], leads[filled[node]] = known, evidence[e]
+                filled[node] += 1
+    for node in range(len(uv)):
+        most = 0.0
+        for known in says[first[node] : first[node + 1]]:
             agreed = 0.0
-            for f in range(edges.shape[0]):
-                for j in range(2):
-                    if edges[f, j] == node:
-                        other = edges[f, 1 - j]
-                        if math.hypot(uv[other, 0] - uv[known, 0], uv[other, 1] - uv[known, 1]) < agreed_m:
-                            agreed += evidence[f]
-            if agreed > most[node]:
-                most[node] = agreed
+            for n in range(first[node], first[node + 1]):
+                if math.hypot(uv[says[n], 0] - uv[known, 0], uv[says[n], 1] - uv[known, 1]) < agreed_m:
+                    agreed += leads[n]
+            if agreed > most:
+                most = agreed
                 # By coordinate: compiling place[node] = uv[known] takes seconds.
                 place[node, 0], place[node, 1] = uv[known, 0], uv[known, 1]
     return place

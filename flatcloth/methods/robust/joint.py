@@ -22,7 +22,13 @@ from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
-from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, both_ends, connected_pieces, without_weak
+from flatcloth.methods.robust.connectivity import (
+    LEAST_EVIDENCE,
+    Links,
+    connected_pieces,
+    links_of,
+    without_weak,
+)
 from flatcloth.methods.robust.consistency import (
     LEAST_PIECE,
     MOST_CUT_EVIDENCE,
@@ -34,10 +40,8 @@ from flatcloth.methods.robust.consistency import (
     without_overlap,
 )
 from flatcloth.methods.robust.layout import (
-    Links,
     lay_out,
     lay_pieces,
-    links_of,
     minimise_piece,
     relax_around,
     seed_pair,
@@ -57,7 +61,7 @@ from flatcloth.methods.robust.observations import (
 OUTGROWN = 1.3
 """A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
 
-_MOST_GROWTH = 1.2
+_MOST_GROWTH = 1.5
 """With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
 _MOST_NEW = 0.2
 """... as is a piece of which the last view adds more than this share of nodes ..."""
@@ -334,14 +338,14 @@ def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: 
             uv[members] = shape.all_uv_m[members]
             hinges += hinges_within(shape, members)
         else:
-            within = np.flatnonzero(both_ends(members, links.edges) & ~shape.is_cut)
+            within = np.flatnonzero(links.both_ends(members) & ~shape.is_cut)
             z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
             if not known.any():
                 seed_pair(z, links, within)
             z = lay_out(_with_pieces(z, shape, links, within, members), links, within)
             if n:
                 z = seeded_anew(z, members, links, within)
-            inside = within[both_ends(np.isfinite(z.real), links.edges[within])]
+            inside = within[links.both_ends(np.isfinite(z.real))[within]]
             quick = None if whole else _relaxed_around(shape, z, members, known, inside)
             if quick is not None:
                 own_uv, weight[inside] = quick

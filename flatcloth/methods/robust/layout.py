@@ -8,9 +8,7 @@ their weight.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import Banding, banding, minimise
+from flatcloth.flattening.minimisation import MOST_STEPS, Banding, banding, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
-from flatcloth.methods.robust.connectivity import both_ends, merged_pairs, pairs_once, renumbered
-from flatcloth.methods.robust.observations import Complex128, Observation
+from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
+from flatcloth.methods.robust.observations import Complex128
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 _ROBUST_STD = 3.0
@@ -36,9 +34,11 @@ _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
 _MAJORISATIONS = 6
 """Limit of the steps of a minimisation. Chosen for speed; the weights are updated between minimisations."""
-_TOLERANCE, _PRECISE = 2e-3, 1e-5
+_TOLERANCE, _PRECISE = 1e-2, 1e-5
 """Relative decrease of the energy that ends it earlier, normally (chosen for speed) and for what is shown:
 wide parts turn about narrow ones with hardly any energy, in trousers-waist-clean by 1 mm."""
+_STEPS = 6
+"""Limit of its Gauss-Newton steps, normally. Chosen for speed: where weights change much, it takes twenty."""
 MOST_DRIFT_M = 0.04
 """A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm. Set by
 hand."""
@@ -47,75 +47,6 @@ _SAME_PLACE_M = 0.012
 by hand."""
 
 Int64 = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Links:
-    """The pairs of all observations in one list.
-
-    ``edges`` (M, 2) int32 nodes; ``member`` (M, 2) int32 the same ends as (view, node)
-    memberships, ``n_members`` of them; ``length_m``, ``std_m``, ``evidence`` (M,); ``offset`` (M, 2)
-    complex as in :class:`Observation`; ``observation`` (M,) int32, the position of the view in the shape.
-    ``once`` (P, 2) int32 are the different pairs of nodes, the lower node first, sorted by it, then by the
-    higher one; ``pair`` (M,) int32 is which of these each of the list is, ``views_of_once`` (P,) how many
-    views saw each.
-    """
-
-    edges: Int32
-    member: Int32
-    n_members: int
-    length_m: Float64
-    std_m: Float64
-    evidence: Float64
-    offset: Complex128
-    observation: Int32
-
-    once: Int32
-    pair: Int32
-
-    @cached_property
-    def views_of_once(self) -> Int64:
-        """The number of views that saw each of the different pairs."""
-        return np.bincount(self.pair, minlength=len(self.once))
-
-    def with_view(self, seen: Observation) -> Links:
-        """Return the pairs with those of one more view."""
-        own = links_of([seen])
-        once, of_before, of_own = merged_pairs(self.once, own.once)
-        number = int(self.observation.max(initial=-1)) + 1
-        return Links(
-            edges=np.concatenate([self.edges, own.edges]),
-            member=np.concatenate([self.member, own.member + np.int32(self.n_members)]),
-            n_members=self.n_members + own.n_members,
-            length_m=np.concatenate([self.length_m, own.length_m]),
-            std_m=np.concatenate([self.std_m, own.std_m]),
-            evidence=np.concatenate([self.evidence, own.evidence]),
-            offset=np.concatenate([self.offset, own.offset]),
-            observation=np.concatenate([self.observation, own.observation + np.int32(number)]),
-            once=once,
-            pair=np.concatenate([of_before[self.pair], of_own[own.pair]]),
-        )
-
-
-def links_of(observations: Sequence[Observation]) -> Links:
-    """Return the pairs of all observations."""
-    before = np.cumsum([0] + [len(s.node) for s in observations])
-    edges = np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32, copy=False)
-    member = np.concatenate([s.edges + np.int32(n) for s, n in zip(observations, before, strict=False)])
-    first, pair = pairs_once(int(edges.max(initial=-1)) + 1, edges)
-    number = np.arange(len(observations), dtype=np.int32)
-    return Links(
-        edges=edges,
-        member=member.astype(np.int32, copy=False),
-        n_members=int(before[-1]),
-        length_m=np.concatenate([s.edge_length_m for s in observations]),
-        std_m=np.concatenate([s.edge_std_m for s in observations]),
-        evidence=np.concatenate([s.edge_evidence for s in observations]),
-        offset=np.concatenate([s.offset for s in observations]),
-        observation=np.repeat(number, [len(s.edges) for s in observations]),
-        once=np.sort(edges[first], axis=1),
-        pair=pair,
-    )
 
 
 def seed_pair(z: Complex128, links: Links, within: Int64) -> None:
@@ -132,7 +63,7 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
     predicts the positions of its other neighbours in that view; several predictions are averaged.
     """
     has_place = np.isfinite(z.real)
-    open_ = inside[~both_ends(has_place, links.edges.take(inside, axis=0))]
+    open_ = inside[~links.both_ends(has_place)[inside]]
     z = z.copy()
     if not open_.size:
         return z
@@ -390,15 +321,13 @@ def relax_around(
     Parameters and results are those of :func:`minimise_piece`, of which this is the beginning. Eq. (2) is
     not minimised, and only pairs near the new nodes and those of the last view get other weights.
     """
-    near, i, j = new.copy(), *links.once.T
+    near = new.copy()
     for _ in range(_HALO):
-        rim = near[i] | near[j]
-        near[i[rim]] = near[j[rim]] = True
-    i, j = links.edges.take(inside, axis=0).T
-    is_near = near[i] | near[j]
+        near[links.once[_either_end(near, links.once)]] = True
+    is_near = _either_end(near, links.once)[links.pair.take(inside)]
     own, z, weight = np.flatnonzero(is_near), z.copy(), weight.copy()
     if own.size:
-        nodes, ends = renumbered(np.stack([i[own], j[own]], axis=1))
+        nodes, ends = renumbered(links.edges[inside[own]])
         which, pair = renumbered(links.pair[inside[own]])
         once = np.empty((which.size, 2), dtype=np.int32)
         once[pair] = ends
@@ -412,9 +341,15 @@ def relax_around(
         z[nodes] = moved @ np.array([1.0, 1j])
     told = np.flatnonzero(is_near | (links.observation[inside] == links.observation[-1]))
     if told.size:
-        residual = np.abs(z[i[told]] - z[j[told]]) - links.length_m[inside[told]]
-        weight[told] = _robust_weight(residual / links.std_m[inside[told]])
+        is_told = inside[told]
+        one, other = links.edges[is_told].T
+        residual = np.abs(z[one] - z[other]) - links.length_m[is_told]
+        weight[told] = _robust_weight(residual / links.std_m[is_told])
     return np.stack([z.real, z.imag], axis=1), weight
+
+
+def _either_end(flags: Bool, edges: Int32) -> Bool:
+    return flags[edges[:, 0]] | flags[edges[:, 1]]
 
 
 def _minimised(
@@ -438,6 +373,7 @@ def _minimised(
         narrow=narrow,
         least_energy_m2=spread,
         is_near=precise,
+        most_steps=MOST_STEPS if precise else _STEPS,
     ).uv_m
 
 

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.methods.robust.connectivity import links_of
 from flatcloth.methods.robust.consistency import (
     Hinge,
     contradicted_pairs,
@@ -22,7 +23,7 @@ from flatcloth.methods.robust.consistency import (
     with_better_cuts,
 )
 from flatcloth.methods.robust.joint import JointShape, _solved
-from flatcloth.methods.robust.layout import grown_layout, links_of
+from flatcloth.methods.robust.layout import grown_layout
 from flatcloth.methods.robust.uncertainty import placement_std_m
 
 ROWS, COLS = 16, 30
