@@ -334,10 +334,8 @@ def _smooth_components(
         drawn = sizes == sizes.max()
     boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
     for c in np.flatnonzero(drawn & (sizes >= 3)):
-        box = boxes[c]
-        corner = (box[0].start, box[1].start)
         view, flips, overlaps = rasterise_pixels(
-            uv, component[box] == c, corner, stretch, surface, axis, config.pixel_size_m
+            uv, component == c, boxes[c], stretch, surface, axis, config.pixel_size_m
         )
         members = np.flatnonzero(level.component == c).astype(np.int32)
         yield Component(view=view, members=members, flips=flips, overlaps=overlaps)
