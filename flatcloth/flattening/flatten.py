@@ -13,8 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.config import FlatteningConfig
@@ -22,7 +20,7 @@ from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.flattening.necks import cut_necks
+from flatcloth.flattening.necks import cut_necks, graph_components
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import Samples, sample_surface
 from flatcloth.flattening.surface import Surface
@@ -226,8 +224,7 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
 
 def _components(n: int, edges: Int32) -> Int32:
     """Return the number of each point's connected component (N,); the largest component is 0."""
-    graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
+    label = graph_components(n, edges)
     order = np.argsort(-np.bincount(label), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)
