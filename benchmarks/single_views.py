@@ -27,7 +27,7 @@ from flatcloth.recordings.truth import read_truth
 
 CONFIG = Config()
 STAGES: dict[Any, tuple[str, ...]] = {
-    surface: ("fill_dropouts", "find_ramps", "cut_small_jumps", "fit_planes", "back_project"),
+    surface: ("fill_dropouts", "find_ramps", "cut_small_jumps", "fit_planes"),
     flattening: ("sample_surface", "minimise", "rasterise_pixels"),
     Carrier: ("__init__", "place", "place_all"),
 }

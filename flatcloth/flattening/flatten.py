@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from flatcloth.core.config import FlatteningConfig
@@ -322,17 +321,16 @@ def _smooth_components(
     min_area_m2: float,
 ) -> Iterator[Component]:
     uv, stretch = carrier.place_all()
-    component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
+    component = np.append(level.component, np.int32(-1))[carrier.nearest]
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
-    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
+    pixels = np.bincount(component.ravel() + 1, minlength=sizes.size + 1)[1:]
     drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
     if not drawn.any():
         drawn = sizes == sizes.max()
-    boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
     for c in np.flatnonzero(drawn & (sizes >= 3)):
         view, flips, overlaps = rasterise_pixels(
-            uv, component == c, boxes[c], stretch, surface, axis, config.pixel_size_m
+            uv, component == c, stretch, surface, axis, config.pixel_size_m
         )
         members = np.flatnonzero(level.component == c).astype(np.int32)
         yield Component(view=view, members=members, flips=flips, overlaps=overlaps)

@@ -341,9 +341,7 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
     _, _, gamma, failed = dgesv(gram, rhs)
     if failed or not np.isfinite(gamma).all():
         raise np.linalg.LinAlgError("the past residuals cannot be combined")
-    mixed = g.copy()
-    for past, share in zip(past_x[:kept], gamma, strict=True):
-        mixed -= share * (g - past)
+    mixed: Float64 = (1.0 - gamma.sum()) * g + gamma @ past_x[:kept]
     return mixed
 
 

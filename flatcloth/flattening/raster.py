@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -81,7 +82,6 @@ def rasterise_triangles(
 def rasterise_pixels(
     uv_m: Float64,
     part: Bool,
-    box: tuple[slice, slice],
     stretch: Float32,
     surface: Surface,
     axis: RotationAxis,
@@ -95,8 +95,6 @@ def rasterise_pixels(
         Position of each image pixel on the plane.
     part : (H, W) bool
         The pixels to draw, at least one.
-    box : (slice, slice)
-        Rows and columns around them.
     stretch : (H, W) float32
         Relative change of length around each image pixel.
     surface : Surface
@@ -114,11 +112,11 @@ def rasterise_pixels(
     overlaps : int
         Pixels of the plane that two different places of the cloth cover.
     """
-    drawn, points = part[box], uv_m[box]
-    low, shape = _grid([points[..., k][drawn] for k in range(2)], pixel_size_m)
-    ends = [(along.start, along.stop) for along in box]
+    left, top, cols, rows = cv2.boundingRect(part.view(np.uint8))
+    box = slice(top, top + rows), slice(left, left + cols)
+    low, shape = _grid([uv_m[box][..., k][part[box]] for k in range(2)], pixel_size_m)
     source_rc, flips, overlaps = _fill_pixels(
-        uv_m, part, surface.steps, (*ends[0], *ends[1]), low, pixel_size_m, shape
+        uv_m, part, surface.steps, (top, top + rows, left, left + cols), low, pixel_size_m, shape
     )
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 

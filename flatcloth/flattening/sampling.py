@@ -137,10 +137,10 @@ def lengths_along_surface(
     chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they bridge a fold.
     """
     chord = points[edges[:, 1]] - points[edges[:, 0]]
-    length = np.linalg.norm(chord, axis=1)
-    unit = chord / np.maximum(length, 1e-12)[:, None]
-    a = -(unit * normal[edges[:, 0]]).sum(axis=1)
-    b = -(unit * normal[edges[:, 1]]).sum(axis=1)
+    length = np.sqrt(np.einsum("ek,ek->e", chord, chord))
+    a, b = (
+        -np.einsum("ek,ek->e", chord, normal[edges[:, end]]) / np.maximum(length, 1e-12) for end in range(2)
+    )
     keep = (length > 0) & (np.maximum(abs(a), abs(b)) <= max_chord_slope)
     arc = length * (1 + (2 * a * a - a * b + 2 * b * b) / 30)
     return edges[keep], arc[keep]

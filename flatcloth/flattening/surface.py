@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, z_angle_deg
+from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
@@ -184,7 +184,7 @@ def observe_surface(
     planes, noise_m = fit_planes(inverse_depth, steps, wanted, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     noise_m = max(noise_m, rough_m)
     least_cos = math.cos(math.radians(config.grazing_limit_deg))
-    depth, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
+    xyz, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
     if not usable.any():
         raise SurfaceError(
             f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
@@ -193,7 +193,7 @@ def observe_surface(
     return Surface(
         frame=frame,
         axis=axis,
-        xyz_m=back_project(depth, k),
+        xyz_m=xyz,
         normal=normal,
         usable=usable,
         steps=steps,
@@ -205,14 +205,14 @@ def observe_surface(
 
 @njit(cache=True, nogil=True)
 def _seen(planes: Float64, wanted: Bool, camera: Float64, least_cos: float) -> tuple[Float32, Float32, Bool]:
-    """Return depth (H, W), normals (H, W, 3) and which pixels are not seen too steeply.
+    """Return points (H, W, 3), normals (H, W, 3) and which pixels are not seen too steeply; NaN off these.
 
     A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
     """
     rows, cols = wanted.shape
     fx, fy, cx, cy = camera
-    depth, usable = np.zeros((rows, cols), np.float32), np.zeros((rows, cols), np.bool_)
-    normal = np.full((rows, cols, 3), np.nan, np.float32)
+    usable = np.zeros((rows, cols), np.bool_)
+    xyz, normal = np.full((rows, cols, 3), np.nan, np.float32), np.full((rows, cols, 3), np.nan, np.float32)
     for r in range(rows):
         for c in range(cols):
             q = planes[0, r, c]
@@ -224,9 +224,10 @@ def _seen(planes: Float64, wanted: Bool, camera: Float64, least_cos: float) -> t
             length = math.sqrt(nx * nx + ny * ny + nz * nz)
             if q > least_cos * length * math.sqrt(x * x + y * y + 1.0):
                 usable[r, c] = True
-                depth[r, c] = 1.0 / q
+                depth = np.float32(1.0 / q)
+                xyz[r, c, 0], xyz[r, c, 1], xyz[r, c, 2] = depth * np.float32(x), depth * np.float32(y), depth
                 normal[r, c, 0], normal[r, c, 1], normal[r, c, 2] = -nx / length, -ny / length, -nz / length
-    return depth, normal, usable
+    return xyz, normal, usable
 
 
 def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:

@@ -10,7 +10,6 @@ short and straightens every curve.)
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,22 +19,6 @@ from flatcloth.core.geometry import tangent_basis
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
-
-
-class _Placed(NamedTuple):
-    """The samples (N, ...) with their positions ``uv_m`` and the isometries ``frames`` to the plane.
-
-    ``first`` (N + 1,) is the index of each sample's first entry in ``neighbours``.
-    """
-
-    rc: Int32
-    points_m: Float64
-    normal: Float64
-    uv_m: Float64
-    frames: Float64
-    stretch: Float64
-    first: Int32
-    neighbours: Int32
 
 
 class Carrier:
@@ -61,16 +44,10 @@ class Carrier:
         pairs = samples.edges, samples.edge_length_m
         frames, stretch, first, neighbours = _of_pairs(uv_m, samples.points_m, right, down, *pairs)
         self._surface = surface
-        self._placed = _Placed(
-            rc=samples.points_rc,
-            points_m=samples.points_m,
-            normal=samples.normal,
-            uv_m=uv_m,
-            frames=frames,
-            stretch=stretch,
-            first=first,
-            neighbours=neighbours,
-        )
+        # Side by side, so that the samples around a pixel are soon read; _blend names the columns.
+        of_samples = samples.points_m, samples.normal, uv_m, frames.reshape(-1, 6), stretch[:, None]
+        self._of_samples = np.concatenate([*of_samples, samples.points_rc], axis=1)
+        self._first, self._neighbours = first, neighbours
         # Beyond the farthest pixel, so that its weight is not 0.
         self._radius_px = 2.0 * samples.sampling_interval_px + 1.0
         self.nearest = nearest_samples(
@@ -100,8 +77,9 @@ class Carrier:
         return uv, stretch
 
     def _blended(self, at: Int64) -> Float64:
-        surface = self._surface
-        return _blend(at, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
+        points, normals = (of.reshape(-1, 3) for of in (self._surface.xyz_m, self._surface.normal))
+        of_samples, first, neighbours = self._of_samples, self._first, self._neighbours
+        return _blend(at, self.nearest, points, normals, of_samples, first, neighbours, self._radius_px)
 
 
 @njit(cache=True, nogil=True)
@@ -189,48 +167,54 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
 
 @njit(cache=True, nogil=True)
 def _blend(
-    at: Int64, nearest: Int32, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
+    at: Int64,
+    nearest: Int32,
+    xyz: Float32,
+    normal: Float32,
+    samples: Float64,
+    first: Int32,
+    neighbours: Int32,
+    radius_px: float,
 ) -> Float64:
     """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius."""
-    rc, points, normals, uv, frames, stretch, first, neighbours = samples
-    cols = nearest.shape[1]
+    cols, belongs = nearest.shape[1], nearest.ravel()
     placed = np.full((at.size, 3), np.nan)
-    for p in range(at.size):
-        r, c = at[p] // cols, at[p] % cols
-        n = nearest[r, c]
+    for i in range(at.size):
+        p = at[i]
+        n = belongs[p]
         if n < 0:
             continue
+        r, c = float(p // cols), float(p % cols)
         total, u, v, s = 0.0, 0.0, 0.0, 0.0
         for k in range(first[n] - 1, first[n + 1]):
-            m = n if k < first[n] else neighbours[k]
-            dr, dc = r - rc[m, 0], c - rc[m, 1]
+            # 0: position; 3: normal; 6: place on the plane; 8: isometry to it; 14: stretch; 15: pixel
+            of = samples[n if k < first[n] else neighbours[k]]
+            dr, dc = r - of[15], c - of[16]
             t = (dr * dr + dc * dc) / (radius_px * radius_px)
             if t >= 1.0:
                 continue
             w = (1.0 - t) * (1.0 - t)
             w *= w
-            dx = xyz[r, c, 0] - points[m, 0]
-            dy = xyz[r, c, 1] - points[m, 1]
-            dz = xyz[r, c, 2] - points[m, 2]
-            pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
-            pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
+            dx, dy, dz = xyz[p, 0] - of[0], xyz[p, 1] - of[1], xyz[p, 2] - of[2]
+            pu = of[8] * dx + of[9] * dy + of[10] * dz
+            pv = of[11] * dx + of[12] * dy + of[13] * dz
             flat2 = pu * pu + pv * pv
             if flat2 > 0.0:
                 chord2 = dx * dx + dy * dy + dz * dz
-                a = dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]
-                b = dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]
+                a = dx * of[3] + dy * of[4] + dz * of[5]
+                b = dx * normal[p, 0] + dy * normal[p, 1] + dz * normal[p, 2]
                 # Length of the cubic arc, chord (1 + longer / chord^2), over the straight line along the
                 # tangent; limited to 15 % more.
-                longer = (2 * a * a - a * b + 2 * b * b) / 30.0
+                longer = (2 * a * a - a * b + 2 * b * b) * (1.0 / 30.0)
                 scale = min((chord2 + longer) / math.sqrt(chord2 * flat2), 1.15)
                 pu *= scale
                 pv *= scale
-            u += w * (uv[m, 0] + pu)
-            v += w * (uv[m, 1] + pv)
-            s += w * stretch[m]
+            u += w * (of[6] + pu)
+            v += w * (of[7] + pv)
+            s += w * of[14]
             total += w
         if total > 0.0:
-            placed[p, 0] = u / total
-            placed[p, 1] = v / total
-            placed[p, 2] = s / total
+            placed[i, 0] = u / total
+            placed[i, 1] = v / total
+            placed[i, 2] = s / total
     return placed
