@@ -79,7 +79,8 @@ class Banding:
 def banding(n: int, edges: Int32) -> Banding:
     """Find an order with a narrow band for ``n`` points with pairs ``edges`` (M, 2) int32."""
     order = _narrow_order(n, edges)
-    place = np.argsort(order).astype(np.int32)
+    place = np.empty(n, dtype=np.int32)
+    place[order] = np.arange(n, dtype=np.int32)
     return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
 
 

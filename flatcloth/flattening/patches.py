@@ -108,10 +108,10 @@ def fit_planes(
     smooth = planes[0].ravel()[inner]
     scatter = np.abs(inverse_depth.ravel()[inner] - smooth) / np.maximum(smooth, 1e-9) ** 2
     noise_m = float(np.median(scatter)) if scatter.size else 0.0
-    rows, cols = np.nonzero(wanted & ~whole)
-    at = rows.astype(np.int32), cols.astype(np.int32)
-    fit = fit_patches(inverse_depth, steps, *at, radius, 1, noise_m <= noisy_depth_m)
-    planes[:, rows, cols] = fit[:, :3].T
+    cut = np.flatnonzero(wanted & ~whole)
+    rows, cols = (at.astype(np.int32) for at in np.divmod(cut, wanted.shape[1]))
+    fit = fit_patches(inverse_depth, steps, rows, cols, radius, 1, noise_m <= noisy_depth_m)
+    planes.reshape(3, -1)[:, cut] = fit[:, :3].T
     return planes, noise_m
 
 

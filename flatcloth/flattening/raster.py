@@ -143,7 +143,7 @@ def read_attributes(
         held.translation_m, *map(float, frame.offset_rc),
     )  # fmt: skip
     angle, at = np.full(valid.shape, np.nan, dtype=np.float32), np.flatnonzero(valid)
-    angle.ravel()[at] = z_angle_deg(normal.reshape(-1, 3)[at], axis, frame.angle_deg)
+    angle.ravel()[at] = z_angle_deg(np.take(normal.reshape(-1, 3), at, axis=0), axis, frame.angle_deg)
     quality.reshape(-1, 3)[at, 1] = np.degrees(np.arccos(np.clip(cos, -1.0, 1.0)))
     return FlattenedView(
         rgb=rgb,

@@ -136,10 +136,12 @@ def lengths_along_surface(
     ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which uses the chord). Pairs whose
     chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they bridge a fold.
     """
-    chord = points[edges[:, 1]] - points[edges[:, 0]]
+    first, second = edges.T
+    chord = np.take(points, second, axis=0) - np.take(points, first, axis=0)
     length = np.sqrt(np.einsum("ek,ek->e", chord, chord))
     a, b = (
-        -np.einsum("ek,ek->e", chord, normal[edges[:, end]]) / np.maximum(length, 1e-12) for end in range(2)
+        -np.einsum("ek,ek->e", chord, np.take(normal, end, axis=0)) / np.maximum(length, 1e-12)
+        for end in (first, second)
     )
     keep = (length > 0) & (np.maximum(abs(a), abs(b)) <= max_chord_slope)
     arc = length * (1 + (2 * a * a - a * b + 2 * b * b) / 30)
