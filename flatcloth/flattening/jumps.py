@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.patches import median
 
 _LEAST_JUMP_M = 0.001
 """Least jump that separates layers. Measured once on the noiseless synthetic recordings, by no command of
@@ -36,8 +37,8 @@ def cut_small_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> NDArray
     """
     at, jump, slope = extrapolated_jumps(inverse_depth, steps)
     least = _LEAST_JUMP_M
-    if 2 * np.count_nonzero(_JUMP_NOISE * jump <= least) <= jump.size:  # else the median raises nothing
-        least = max(least, _JUMP_NOISE * float(np.median(jump))) if jump.size else least
+    if jump.size:
+        least = max(least, _JUMP_NOISE * median(jump))
     cut = at[jump > least + _JUMP_OVER_SLOPE * slope]
     kept = steps.copy()
     for bit, way in ((1, cut < steps.size), (2, cut >= steps.size)):

@@ -12,12 +12,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame
+from flatcloth.core.types import Bool, Float64, Floats, Int32, RgbdFrame
 
 STEP_RIGHT, STEP_DOWN = 1, 2
 """Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
 definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
+
+
+def median(values: Floats) -> float:
+    """Return the median of finite values (K,), at least one.
+
+    NumPy's asks for two places at once where K is even, which takes seven times as long.
+    """
+    middle = values.size // 2
+    parted = np.partition(values, middle)
+    return float(parted[middle] if values.size % 2 else (parted[:middle].max() + parted[middle]) / 2)
 
 
 @njit(cache=True, nogil=True)
@@ -107,7 +117,7 @@ def fit_planes(
     inner = np.flatnonzero(whole & wanted)
     smooth = planes[0].ravel()[inner]
     scatter = np.abs(inverse_depth.ravel()[inner] - smooth) / np.maximum(smooth, 1e-9) ** 2
-    noise_m = float(np.median(scatter)) if scatter.size else 0.0
+    noise_m = median(scatter) if scatter.size else 0.0
     cut = np.flatnonzero(wanted & ~whole)
     rows, cols = (at.astype(np.int32) for at in np.divmod(cut, wanted.shape[1]))
     fit = fit_patches(inverse_depth, steps, rows, cols, radius, 1, noise_m <= noisy_depth_m)

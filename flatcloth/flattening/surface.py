@@ -23,7 +23,7 @@ from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
-from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, median
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
@@ -72,7 +72,7 @@ class Surface:
     @cached_property
     def pixel_pitch_m(self) -> float:
         """Median size of an image pixel on the surface, seen frontally."""
-        depth = float(np.median(self.xyz_m[..., 2][self.usable]))
+        depth = median(self.xyz_m[..., 2][self.usable])
         return depth / math.sqrt(self.frame.intrinsics.fx * self.frame.intrinsics.fy)
 
 
