@@ -27,7 +27,7 @@ from flatcloth.recordings.truth import read_truth
 
 CONFIG = Config()
 STAGES: dict[Any, tuple[str, ...]] = {
-    surface: ("fill_dropouts", "find_ramps", "fit_planes", "normals_from_fit", "back_project", "z_angle_deg"),
+    surface: ("fill_dropouts", "find_ramps", "cut_small_jumps", "fit_planes"),
     flattening: ("sample_surface", "minimise", "rasterise_pixels"),
     Carrier: ("__init__", "place", "place_all"),
 }

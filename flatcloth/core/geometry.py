@@ -103,8 +103,11 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     to_camera /= np.linalg.norm(to_camera)
     to_right = np.cross(k, to_camera)
     n = np.asarray(normal, dtype=np.float64)
-    angle = np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg
-    wrapped: Float64 = 180.0 - (180.0 - angle) % 360.0
+    # The angle seen is wrapped first, so that the sum is at most one turn off.
+    angle = np.asarray(
+        np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + (180.0 - (180.0 - angle_deg) % 360.0)
+    )
+    wrapped: Float64 = angle - 360.0 * (angle > 180.0) + 360.0 * (angle <= -180.0)
     return wrapped
 
 

@@ -181,7 +181,7 @@ class FlattenedView:
     @property
     def area_m2(self) -> float:
         """Area of the valid pixels."""
-        return float(self.valid.sum()) * self.pixel_size_m**2
+        return float(np.count_nonzero(self.valid)) * self.pixel_size_m**2
 
     def uv_from_rc(self, rc: Floats) -> Float64:
         """Plane coordinates (..., 2) of grid positions (..., 2) given as (row, col)."""

@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.config import FlatteningConfig
@@ -22,7 +19,7 @@ from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.flattening.necks import cut_necks
+from flatcloth.flattening.necks import cut_necks, graph_components
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import Samples, sample_surface
 from flatcloth.flattening.surface import Surface
@@ -226,8 +223,7 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
 
 def _components(n: int, edges: Int32) -> Int32:
     """Return the number of each point's connected component (N,); the largest component is 0."""
-    graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
+    label = graph_components(n, edges)
     order = np.argsort(-np.bincount(label), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)
@@ -325,19 +321,16 @@ def _smooth_components(
     min_area_m2: float,
 ) -> Iterator[Component]:
     uv, stretch = carrier.place_all()
-    component = np.where(carrier.nearest >= 0, level.component[carrier.nearest], -1)
+    component = np.append(level.component, np.int32(-1))[carrier.nearest]
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
-    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
+    pixels = np.bincount(component.ravel() + 1, minlength=sizes.size + 1)[1:]
     drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
     if not drawn.any():
         drawn = sizes == sizes.max()
-    boxes = ndimage.find_objects(component + 1, max_label=sizes.size)
     for c in np.flatnonzero(drawn & (sizes >= 3)):
-        box = boxes[c]
-        corner = (box[0].start, box[1].start)
         view, flips, overlaps = rasterise_pixels(
-            uv, component[box] == c, corner, stretch, surface, axis, config.pixel_size_m
+            uv, component == c, stretch, surface, axis, config.pixel_size_m
         )
         members = np.flatnonzero(level.component == c).astype(np.int32)
         yield Component(view=view, members=members, flips=flips, overlaps=overlaps)

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Float64
+from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.patches import median
 
 _LEAST_JUMP_M = 0.001
 """Least jump that separates layers. Measured once on the noiseless synthetic recordings, by no command of
@@ -34,30 +35,34 @@ def cut_small_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> NDArray
     steps : (H, W) uint8
         The bits ``STEP_RIGHT`` and ``STEP_DOWN`` of :mod:`flatcloth.flattening.patches`.
     """
-    jump, slope = extrapolated_jumps(inverse_depth, steps)
-    found = jump[np.isfinite(jump)]
-    if not found.size:
-        return steps
-    least = max(_LEAST_JUMP_M, _JUMP_NOISE * float(np.median(found)))
-    cut = jump > least + _JUMP_OVER_SLOPE * slope
-    kept: NDArray[np.uint8] = steps & ~(cut[0] * np.uint8(1) | cut[1] * np.uint8(2))
+    at, jump, slope = extrapolated_jumps(inverse_depth, steps)
+    least = _LEAST_JUMP_M
+    if jump.size:
+        least = max(least, _JUMP_NOISE * median(jump))
+    cut = at[jump > least + _JUMP_OVER_SLOPE * slope]
+    kept = steps.copy()
+    for bit, way in ((1, cut < steps.size), (2, cut >= steps.size)):
+        kept.ravel()[cut[way] % steps.size] &= np.uint8(~bit & 3)
     return kept
 
 
 @njit(cache=True, nogil=True)
-def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tuple[Float64, Float64]:
-    """Return the jump of each step to the right and down (2, H, W), m, and the slopes beside it.
+def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tuple[Int32, Float64, Float64]:
+    """Return the jumps (K,) of the steps to the right and down, m, and the slopes (K,) beside them.
 
     Each side's depth in the middle of the step comes from a line through its pixels, three at most; the
-    slopes are the absolute depths gained by a pixel, both sides together, m. NaN where a side has one pixel.
+    slopes are the absolute depths gained by a pixel, both sides together, m. First of all comes where the
+    steps are (K,), as positions in an array (2, H, W): those to the right, then those down. Left out are
+    those of which a side has one pixel.
     """
     rows, cols = inverse_depth.shape
     inverse, marked = inverse_depth.ravel(), steps.ravel()
     depth = np.empty(rows * cols)
     for p in range(rows * cols):
         depth[p] = 1.0 / inverse[p] if inverse[p] > 0.0 else 0.0
-    jump = np.full((2, rows * cols), np.nan)
-    slope = np.zeros((2, rows * cols))
+    at = np.empty(2 * rows * cols, dtype=np.int32)
+    jump, slope = np.empty(2 * rows * cols), np.empty(2 * rows * cols)
+    count = 0
     for way in range(2):
         stride, bit = (cols, 2) if way else (1, 1)
         # The step between two pixels is marked at the left or upper one, and none leads out of the image.
@@ -79,6 +84,8 @@ def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tupl
                 ahead, up = z + near / 3.0 - far * 5.0 / 12.0, 0.5 * far
             else:
                 ahead, up = z - 0.5 * near, near
-            jump[way, p] = abs(ahead - behind)
-            slope[way, p] = abs(up) + abs(down)
-    return jump.reshape((2, rows, cols)), slope.reshape((2, rows, cols))
+            at[count] = way * rows * cols + p
+            jump[count] = abs(ahead - behind)
+            slope[count] = abs(up) + abs(down)
+            count += 1
+    return at[:count], jump[:count], slope[:count]

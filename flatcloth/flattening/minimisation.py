@@ -87,7 +87,8 @@ class _Limits(NamedTuple):
 def banding(n: int, edges: Int32) -> Banding:
     """Find an order with a narrow band for ``n`` points with pairs ``edges`` (M, 2) int32."""
     order = _narrow_order(n, edges)
-    place = np.argsort(order).astype(np.int32)
+    place = np.empty(n, dtype=np.int32)
+    place[order] = np.arange(n, dtype=np.int32)
     return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
 
 
@@ -352,9 +353,7 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
     _, _, gamma, failed = dgesv(gram, rhs)
     if failed or not np.isfinite(gamma).all():
         raise np.linalg.LinAlgError("the past residuals cannot be combined")
-    mixed = g.copy()
-    for past, share in zip(past_x[:kept], gamma, strict=True):
-        mixed -= share * (g - past)
+    mixed: Float64 = (1.0 - gamma.sum()) * g + gamma @ past_x[:kept]
     return mixed
 
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from numba import njit
 
 from flatcloth.core.types import Bool, Int32
 from flatcloth.flattening.sampling import Samples
@@ -39,6 +38,34 @@ def cut_necks(samples: Samples, least_core: int) -> Samples:
     return replace(samples, edges=samples.edges[inside], edge_length_m=samples.edge_length_m[inside])
 
 
+def graph_components(n: int, edges: Int32) -> Int32:
+    """Return the number (n,) of each point's connected component, in the order of their first points."""
+    return _components(n, np.ascontiguousarray(edges))
+
+
+@njit(cache=True, nogil=True)
+def _components(n: int, edges: Int32) -> Int32:
+    parent = np.arange(n).astype(np.int32)
+    for e in range(edges.shape[0]):
+        a, b = edges[e, 0], edges[e, 1]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    count = 0
+    for m in range(n):
+        # A parent has a smaller number than its child, and was replaced by its component's before.
+        if parent[m] == m:
+            parent[m] = count
+            count += 1
+        else:
+            parent[m] = parent[parent[m]]
+    return parent
+
+
 def _parts(n: int, edges: Int32, least_core: int) -> Int32:
     """Find the core nearest to each sample (N,) along the pairs; -1 if no core can be reached."""
     a, b = edges[:, 0], edges[:, 1]
@@ -59,7 +86,5 @@ def _parts(n: int, edges: Int32, least_core: int) -> Int32:
 
 
 def _cores(n: int, edges: Int32, whole: Bool) -> Int32:
-    ones = np.ones(len(edges), dtype=np.int8)
-    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n))
-    label: Int32 = np.where(whole, connected_components(graph, directed=False)[1], -1)
+    label: Int32 = np.where(whole, graph_components(n, edges), -1)
     return label

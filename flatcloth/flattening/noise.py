@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from flatcloth.core.types import Float64, Intrinsics
-from flatcloth.flattening.patches import find_steps, fit_patches
+from flatcloth.flattening.patches import find_steps, fit_patches, median
 from flatcloth.flattening.ramps import find_ramps
 
 _LAG_PX = 6
@@ -93,7 +93,7 @@ def smooth_noise(inverse_depth: Float64, intrinsics: Intrinsics, step_limit: flo
     rest = inverse_depth.copy()
     rest[find_ramps(fitted, intrinsics)] = 0.0
     width = min(round(_SMOOTHED_PX * noise / _DESIGNED), _WIDEST_PX)
-    return _planes(rest, lenient, width, 2), float(np.median(deviation)) if deviation.size else 0.0
+    return _planes(rest, lenient, width, 2), median(deviation) if deviation.size else 0.0
 
 
 def _planes(inverse_depth: Float64, step_limit: float, radius_px: int, stride: int) -> Float64:

@@ -12,12 +12,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, Float64, Int32, RgbdFrame
+from flatcloth.core.types import Bool, Float64, Floats, Int32, RgbdFrame
 
 STEP_RIGHT, STEP_DOWN = 1, 2
 """Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
 definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
+
+
+def median(values: Floats) -> float:
+    """Return the median of finite values (K,), at least one.
+
+    NumPy's asks for two places at once where K is even, which takes seven times as long.
+    """
+    middle = values.size // 2
+    parted = np.partition(values, middle)
+    return float(parted[middle] if values.size % 2 else (parted[:middle].max() + parted[middle]) / 2)
 
 
 @njit(cache=True, nogil=True)
@@ -64,48 +74,55 @@ def normals_from_fit(
 
 
 def fit_planes(
-    inverse_depth: Float64, steps: NDArray[np.uint8], item: Bool, radius: int, noisy_depth_m: float
+    inverse_depth: Float64, steps: NDArray[np.uint8], wanted: Bool, radius: int, noisy_depth_m: float
 ) -> tuple[Float64, float]:
-    """Fit a plane around every pixel of the item.
+    """Fit a plane around every pixel that is wanted.
 
     Where no depth jump touches the window, the weighted fit is three separable filters. All other
     pixels are fitted individually. Their windows are one-sided, so they are fitted by a quadratic,
     unless the depth deviates from its planes by more than ``noisy_depth_m``.
 
+    Parameters
+    ----------
+    inverse_depth : (H, W) float64
+        1/m, 0 off the item.
+    steps : (H, W) uint8
+        The bits ``STEP_RIGHT`` and ``STEP_DOWN``.
+    wanted : (H, W) bool
+        The pixels; all that no depth jump is near count for the noise.
+    radius : int
+        Half width of the window.
+    noisy_depth_m : float
+        See above.
+
     Returns
     -------
-    fit : (K, 6) float64
-        As :func:`fit_patches`, in the order of the item's pixels.
+    planes : (3, H, W) float64
+        Value, d/dcol and d/drow as of :func:`fit_patches` at the pixels that are wanted.
     noise_m : float
         Median deviation of the measured depth from its planes.
     """
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
     weight = _weight(offset / radius)
-    total, second = weight.sum(), (weight * offset**2).sum()
-    rows, cols = np.nonzero(item)
-    fit = np.zeros((rows.size, 6))
-    for n, (x, y, norm) in enumerate(
-        (
-            (weight, weight, total * total),
-            (weight * offset, weight, second * total),
-            (weight, weight * offset, second * total),
-        )
-    ):
-        filtered = cv2.sepFilter2D(inverse_depth, cv2.CV_64F, x, y, borderType=cv2.BORDER_CONSTANT)
-        fit[:, n] = filtered[rows, cols] / norm
+    mean, slope = weight / weight.sum(), weight * offset / (weight * offset**2).sum()
+    planes = np.empty((3, *inverse_depth.shape))
+    for plane, x, y in zip(planes, (mean, slope, mean), (mean, mean, slope), strict=True):
+        cv2.sepFilter2D(inverse_depth, cv2.CV_64F, x, y, plane, borderType=cv2.BORDER_CONSTANT)
     whole = cv2.erode(
         (steps == STEPS_BOTH).astype(np.uint8),
         np.ones((2 * radius + 1,) * 2, dtype=np.uint8),
         borderType=cv2.BORDER_CONSTANT,
         borderValue=0,
-    )
-    cut = whole[rows, cols] == 0
-    inner = fit[~cut, 0]
-    scatter = np.abs(inverse_depth[rows[~cut], cols[~cut]] - inner) / np.maximum(inner, 1e-9) ** 2
-    noise_m = float(np.median(scatter)) if scatter.size else 0.0
-    at = rows[cut].astype(np.int32), cols[cut].astype(np.int32)
-    fit[cut] = fit_patches(inverse_depth, steps, *at, radius, 1, noise_m <= noisy_depth_m)
-    return fit, noise_m
+    ).view(np.bool_)
+    inner = np.flatnonzero(whole & wanted)
+    smooth = planes[0].ravel()[inner]
+    scatter = np.abs(inverse_depth.ravel()[inner] - smooth) / np.maximum(smooth, 1e-9) ** 2
+    noise_m = median(scatter) if scatter.size else 0.0
+    cut = np.flatnonzero(wanted & ~whole)
+    rows, cols = (at.astype(np.int32) for at in np.divmod(cut, wanted.shape[1]))
+    fit = fit_patches(inverse_depth, steps, rows, cols, radius, 1, noise_m <= noisy_depth_m)
+    planes.reshape(3, -1)[:, cut] = fit[:, :3].T
+    return planes, noise_m
 
 
 def _weight(share: Float64) -> Float64:
@@ -134,61 +151,26 @@ def fit_patches(
     If the points do not determine a quadratic, a plane is fitted; if they do not determine a plane
     either, all six values are 0.
     """
-    n_rows, n_cols = inverse_depth.shape
-    size, m = 2 * radius + 1, 6 if quadratic else 3
-    plane = m // 2 if quadratic else m
     result = np.zeros((rows.size, 6))
-    connected = np.zeros((size, size), dtype=np.bool_)
-    products, weighed = _cells(radius, stride)
-    moments, a, b = np.zeros(15), np.zeros((6, 6)), np.zeros(6)
-    whole, low = np.zeros((6, 6)), np.zeros((6, 6))
-    # Loops in place of products.sum(axis=0) and of slices, and no literal numbers, which take seconds to
-    # compile.
-    for cell in range(products.shape[0]):
-        for k in range(15):
-            moments[k] += products[cell, k]
-    _fill_matrix(moments, a)
-    _cholesky(a, m, whole)
-    smooth = _count_smooth(steps)
+    terms = _terms(radius)
+    sums = _sums_of_cells(terms, stride)
+    right, down = _windows(steps, radius)
+    reached = np.zeros(2 * radius + 1, dtype=np.int32)
+    moments, a, b, low = np.zeros(15), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
     for n in range(rows.size):
         r0, c0 = rows[n], cols[n]
-        top, left = r0 - radius, c0 - radius
-        for k in range(15):
-            moments[k] = 0.0
-        for k in range(6):
-            b[k] = 0.0
-        q0, count, cell = inverse_depth[r0, c0], 0, 0
-        is_whole = top >= 0 and left >= 0 and top + size <= n_rows and left + size <= n_cols
-        if is_whole:
-            inside = smooth[top + size, left + size] - smooth[top, left + size]
-            is_whole = inside - smooth[top + size, left] + smooth[top, left] == size * size
-        if not is_whole:
-            _mark_connected(steps, r0, c0, radius, connected)
-        for i in range(radius % stride, size, stride):
-            for j in range(radius % stride, size, stride):
-                if is_whole or connected[i, j]:
-                    q = inverse_depth[top + i, left + j] - q0
-                    for k in range(m):
-                        b[k] += weighed[cell, k] * q
-                    if not is_whole:
-                        count += 1
-                        for k in range(15 if quadratic else 6):
-                            moments[k] += products[cell, k]
-                cell += 1
+        _reach(right, down, r0, c0, reached)
+        count = _sum_up(inverse_depth, r0, c0, reached, stride, terms, sums, moments, b)
+        _fill_matrix(moments, a)
         solved = 0
-        if is_whole:
-            solved = m
-            _substitute(whole, b, m)
-        else:
-            _fill_matrix(moments, a)
-            if quadratic and count >= 12 and _cholesky(a, m, low):
-                solved = 6
-            elif count >= 6 and _cholesky(a, plane, low):
-                solved = 3
-            if solved == 0:
-                continue
-            _substitute(low, b, solved)
-        result[n, 0] = b[0] + q0
+        if quadratic and count >= 12 and _cholesky(a, 6, low):
+            solved = 6
+        elif count >= 6 and _cholesky(a, 3, low):
+            solved = 3
+        if solved == 0:
+            continue
+        _substitute(low, b, solved)
+        result[n, 0] = b[0] + inverse_depth[r0, c0]
         result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
         if solved == 6:
             for k in range(3, 6):
@@ -197,30 +179,133 @@ def fit_patches(
 
 
 @njit(cache=True, nogil=True)
-def _cells(radius: int, stride: int) -> tuple[Float64, Float64]:
-    """Return for each used cell of the window the products (C, 15) of its terms, and the terms (C, 6).
+def _terms(radius: int) -> Float64:
+    """Return for each row or column of the window (size, 5) its powers 0 to 4 times its weight."""
+    terms = np.empty((2 * radius + 1, 5))
+    for j in range(2 * radius + 1):
+        x = float(j - radius) / radius
+        term = 1.0 - 0.8 * x * x
+        for degree in range(5):
+            terms[j, degree] = term
+            term *= x
+    return terms
 
-    Both times its weight. The terms are 1, x, y, x^2, xy, y^2; their products have degree 4 at most, those of
-    the first three come first.
+
+@njit(cache=True, nogil=True)
+def _sums_of_cells(terms: Float64, stride: int) -> Float64:
+    """Return the sums of the terms (K * 128, 5) over every set of 7 cells of a row, and of the next 7, ...
+
+    The bits of a number below 128 are the set. Cells between the strides add nothing.
     """
-    size = 2 * radius + 1
-    along = (size - radius % stride + stride - 1) // stride
-    products, terms = np.empty((along * along, 15)), np.empty((along * along, 6))
-    cell = 0
-    for i in range(radius % stride, size, stride):
-        for j in range(radius % stride, size, stride):
-            x, y = float(j - radius) / radius, float(i - radius) / radius
-            w = (1.0 - 0.8 * x * x) * (1.0 - 0.8 * y * y)
-            at = 0
-            for degree in range(5):
-                for of_y in range(degree + 1):
-                    term = w * x ** (degree - of_y) * y**of_y
-                    products[cell, at] = term
-                    if degree < 3:
-                        terms[cell, at] = term
-                    at += 1
-            cell += 1
-    return products, terms
+    size = terms.shape[0]
+    sums = np.zeros(((size + 6) // 7 * 128, 5))
+    for at in range(sums.shape[0]):
+        members, first = at % 128, at // 128 * 7
+        for j in range(first, min(first + 7, size)):
+            if (members >> (j - first)) & 1 and (j - size // 2) % stride == 0:
+                for degree in range(5):
+                    sums[at, degree] += terms[j, degree]
+    return sums
+
+
+@njit(cache=True, nogil=True)
+def _windows(steps: NDArray[np.uint8], radius: int) -> tuple[Int32, Int32]:
+    """Return the steps right and down (H, W) of the row of the window around each pixel, a bit a column."""
+    n_rows, n_cols = steps.shape
+    right, down = np.zeros((n_rows, n_cols), np.int32), np.zeros((n_rows, n_cols), np.int32)
+    last = 1 << (2 * radius)
+    for r in range(n_rows):
+        of_right, of_down = 0, 0
+        for c in range(-radius, n_cols):
+            of_right, of_down = of_right >> 1, of_down >> 1
+            if c + radius < n_cols:
+                step = steps[r, c + radius]
+                of_right |= last * (step & 1)
+                of_down |= last * (step >> 1)
+            if c >= 0:
+                right[r, c], down[r, c] = of_right, of_down
+    return right, down
+
+
+@njit(cache=True, nogil=True)
+def _reach(right: Int32, down: Int32, r0: int, c0: int, reached: Int32) -> None:
+    """Write for each row of the window the cells, as bits, that monotone paths reach from the centre."""
+    radius = reached.size // 2
+    reached[radius] = _spread(1 << radius, right[r0, c0], radius)
+    for side in (-1, 1):
+        of_row = int(reached[radius])
+        for i in range(1, radius + 1):
+            r = r0 + side * i
+            if of_row and 0 <= r < right.shape[0]:
+                of_row = _spread(of_row & down[min(r, r - side), c0], right[r, c0], radius)
+            else:
+                of_row = 0
+            reached[radius + side * i] = of_row
+
+
+@njit(cache=True, nogil=True)
+def _spread(cells: int, right: int, radius: int) -> int:
+    """Return the cells of a row, as bits, with those that steps outwards reach from them."""
+    half = (1 << radius) - 1
+    outwards, inwards = right & (half << radius), right & half
+    for _ in range(radius):
+        more = cells | (cells & outwards) << 1 | cells >> 1 & inwards
+        if more == cells:
+            break
+        cells = more
+    return cells
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(
+    inverse_depth: Float64,
+    r0: int,
+    c0: int,
+    reached: Int32,
+    stride: int,
+    terms: Float64,
+    sums: Float64,
+    moments: Float64,
+    b: Float64,
+) -> int:
+    """Write the sums (15,) of the products of terms and those (6,) with the values; return how many cells.
+
+    The terms are 1, x, y, x^2, xy, y^2; their products have degree 4 at most, those of the first three come
+    first. The values are relative to the centre's. A product is one along the row times one along the column.
+    """
+    radius = reached.size // 2
+    centre, count = inverse_depth[r0, c0], 0
+    for k in range(15):
+        moments[k] = 0.0
+    for k in range(6):
+        b[k] = 0.0
+    for i in range(radius % stride, reached.size, stride):
+        cells, at = reached[i], 0
+        if cells == 0:
+            continue
+        s0, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
+        while cells:
+            k = at + (cells & 127)
+            s0, s1, s2 = s0 + sums[k, 0], s1 + sums[k, 1], s2 + sums[k, 2]
+            s3, s4 = s3 + sums[k, 3], s4 + sums[k, 4]
+            cells, at = cells >> 7, at + 128
+        t0, t1, t2 = 0.0, 0.0, 0.0
+        cells = reached[i] >> radius % stride
+        for j in range(radius % stride, reached.size, stride):
+            if cells & 1:
+                value = inverse_depth[r0 - radius + i, c0 - radius + j] - centre
+                t0, t1, t2 = t0 + terms[j, 0] * value, t1 + terms[j, 1] * value, t2 + terms[j, 2] * value
+                count += 1
+            cells >>= stride
+        of_row, of_values = (s0, s1, s2, s3, s4), (t0, t1, t2)
+        k = 0
+        for degree in range(5):
+            for of_y in range(degree + 1):
+                moments[k] += of_row[degree - of_y] * terms[i, of_y]
+                if degree < 3:
+                    b[k] += of_values[degree - of_y] * terms[i, of_y]
+                k += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -231,54 +316,6 @@ def _fill_matrix(moments: Float64, a: Float64) -> None:
         for j in range(k + 1):
             d = degree[k] + degree[j]
             a[k, j] = moments[d * (d + 1) // 2 + of_y[k] + of_y[j]]
-
-
-@njit(cache=True, nogil=True)
-def _count_smooth(steps: NDArray[np.uint8]) -> Int32:
-    """Return how many pixels above and left of each corner (H + 1, W + 1) have both steps."""
-    n_rows, n_cols = steps.shape
-    counts = np.zeros((n_rows + 1, n_cols + 1), dtype=np.int32)
-    for r in range(n_rows):
-        in_row = 0
-        for c in range(n_cols):
-            in_row += steps[r, c] == 3
-            counts[r + 1, c + 1] = counts[r, c + 1] + in_row
-    return counts
-
-
-@njit(cache=True, nogil=True)
-def _mark_connected(steps: NDArray[np.uint8], r0: int, c0: int, radius: int, connected: Bool) -> None:
-    """Mark the window cells that monotone paths of connected steps reach from the centre."""
-    n_rows, n_cols = steps.shape
-    size = 2 * radius + 1
-    for i in range(size):
-        for j in range(size):
-            connected[i, j] = False
-    connected[radius, radius] = True
-    for ring_r in range(radius + 1):
-        for sign_r in (1, -1):
-            if ring_r == 0 and sign_r == -1:
-                continue
-            r = r0 + sign_r * ring_r
-            if r < 0 or r >= n_rows:
-                continue
-            i = radius + sign_r * ring_r
-            for ring_c in range(radius + 1):
-                for sign_c in (1, -1):
-                    if ring_c == 0 and (sign_c == -1 or ring_r == 0):
-                        continue
-                    c = c0 + sign_c * ring_c
-                    if c < 0 or c >= n_cols:
-                        continue
-                    j = radius + sign_c * ring_c
-                    good = False
-                    if ring_r > 0 and connected[i - sign_r, j]:
-                        upper = r - 1 if sign_r > 0 else r
-                        good = (steps[upper, c] & 2) > 0
-                    if not good and ring_c > 0 and connected[i, j - sign_c]:
-                        left = c - 1 if sign_c > 0 else c
-                        good = (steps[r, left] & 1) > 0
-                    connected[i, j] = good
 
 
 @njit(cache=True, nogil=True)

@@ -13,8 +13,9 @@ import math
 import cv2
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, Float32, Float64, Int64, Intrinsics
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Intrinsics
 
 _RAMP_HALF_WIDTH_PX = 4
 """Half the width of the slopes by which a stereo sensor joins two layers. Set by hand."""
@@ -45,22 +46,33 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     edge = long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
     if not edge.any():
         return edge
-    weak = strength >= _WEAK_RAMP_SHARE
-    _, label = cv2.connectedComponents((weak | edge).astype(np.uint8), connectivity=8)
-    joined = np.zeros(int(label.max()) + 1, dtype=np.bool_)
-    joined[label[edge]] = True
-    joined[0] = False
-    ramp: Bool = joined[label]
-    return ramp
+    weak = (strength >= _WEAK_RAMP_SHARE) | edge
+    rows, cols, label = _regions(weak)
+    joined = np.zeros(rows.size + 1, dtype=np.bool_)
+    joined[label[edge[rows, cols]]] = True
+    weak[rows, cols] = joined[label]
+    return weak
 
 
 def long_ones(found: Bool, length_px: int) -> Bool:
     """Return the regions of ``found`` (H, W) that are at least this high or wide."""
-    _, label, stats, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=8)
-    long = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length_px
-    long[0] = False
-    kept: Bool = long[label]
+    rows, cols, label = _regions(found)
+    long = np.zeros(rows.size + 1, dtype=np.bool_)
+    for at in (rows, cols):
+        first, last = np.full(long.size, found.size), np.zeros(long.size, dtype=np.int64)
+        np.minimum.at(first, label, at)
+        np.maximum.at(last, label, at)
+        long |= last - first + 1 >= length_px
+    kept = np.zeros(found.shape, dtype=np.bool_)
+    kept[rows, cols] = long[label]
     return kept
+
+
+def _regions(found: Bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Int32]:
+    """Return rows and columns (K,) of what was found, and the numbers (K,), from 1, of its regions."""
+    _, label = cv2.connectedComponents(found.astype(np.uint8), connectivity=8)
+    rows, cols = np.nonzero(found)
+    return rows, cols, label[rows, cols].astype(np.int32)
 
 
 def fill_dropouts(
@@ -82,28 +94,28 @@ def fill_dropouts(
         the rest may show the other side. A mask may have holes itself where nothing was measured.
     """
     hole = (inverse_depth == 0) & ~measured
-    _, label, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] <= max_area_px
+    _, label = cv2.connectedComponents(hole.view(np.uint8), connectivity=4)
+    small = np.bincount(label.ravel()) <= max_area_px
     small[0] = False
-    inside = small[label]
-    if mask is not None:
-        other = (measured & (inverse_depth == 0)).astype(np.uint8)
-        beside = cv2.dilate(other, np.ones((3, 3), np.uint8)).astype(np.bool_)
-        borders = np.zeros(len(stats), dtype=np.bool_)
-        borders[label[inside & beside]] = True
-        inside &= mask | ~borders[label]
+    at = np.flatnonzero(np.take(small, label))
+    if mask is not None and at.size:
+        other = (measured & (inverse_depth == 0)).view(np.uint8)
+        beside = cv2.dilate(other, np.ones((3, 3), np.uint8)).ravel()[at] > 0
+        own = label.ravel()[at]
+        small[own[beside]] = False
+        at = at[small[own] | mask.ravel()[at]]
     filled = inverse_depth.copy()
-    _relax(filled, np.ascontiguousarray(np.argwhere(inside)), 60)
+    _relax(filled, at, 60)
     return filled
 
 
 @njit(cache=True, nogil=True)
 def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
-    """Set each hole pixel to the mean of its known neighbours, repeatedly."""
+    """Set each hole pixel, given by its position in the flat image, to the mean of its known neighbours."""
     rows, cols = values.shape
     for _ in range(sweeps):
         for n in range(holes.shape[0]):
-            r, c = holes[n]
+            r, c = holes[n] // cols, holes[n] % cols
             total, count = 0.0, 0
             for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0)):
                 rr, cc = r + dr, c + dc
@@ -121,29 +133,34 @@ def _strength(
     """Ramp strength of each pixel (H, W): 1 where height and slope both reach their least values."""
     rows, cols = inverse_depth.shape
     strength = np.zeros((rows, cols), dtype=np.float32)
-    depth = np.zeros((rows, cols))
+    # With a rim as wide as is looked from a pixel, so that all positions in the flat array are inside.
+    rim = 2 * half
+    width = cols + 2 * rim
+    depth = np.zeros((rows + 2 * rim) * width)
     for r in range(rows):
         for c in range(cols):
             if inverse_depth[r, c] > 0.0:
-                depth[r, c] = 1.0 / inverse_depth[r, c]
+                depth[(r + rim) * width + c + rim] = 1.0 / inverse_depth[r, c]
     per_m = focal / (4.0 * least_slope)
     for r in range(2, rows - 2):
         for c in range(2, cols - 2):
             q = inverse_depth[r, c]
             if q <= 0:
                 continue
+            p = (r + rim) * width + c + rim
             best = np.float32(0.0)
             best_dr, best_dc = 0, 0
             for k in range(4):
                 dr, dc = (0, 1) if k == 0 else (1, 0) if k == 1 else (1, 1) if k == 2 else (1, -1)
-                before, after = depth[r - 2 * dr, c - 2 * dc], depth[r + 2 * dr, c + 2 * dc]
+                step = dr * width + dc
+                before, after = depth[p - 2 * step], depth[p + 2 * step]
                 if before <= 0 or after <= 0:
                     continue
                 steepness = abs(after - before) * q * (per_m / 1.4142 if k > 1 else per_m)
-                if steepness < 0.3:
+                if steepness < 0.3 or steepness <= best:
                     continue
-                height = _excess(depth, r, c, dr, dc, half) / least_height
-                found = np.float32(min(steepness, height))
+                height = _excess(depth, p, step, half, max(0.3, float(best)) * least_height)
+                found = np.float32(min(steepness, height / least_height))
                 if found > best:
                     best, best_dr, best_dc = found, dr, dc
             if best > 0.3:
@@ -156,37 +173,33 @@ def _strength(
 
 
 @njit(cache=True, nogil=True)
-def _excess(depth: Float64, r: int, c: int, dr: int, dc: int, half: int) -> float:
-    """Height gained over the middle in one direction, minus what the slopes beside it explain; metres."""
-    near_a, near_b = _at(depth, r, c, dr, dc, -half), _at(depth, r, c, dr, dc, half)
+def _excess(depth: Float64, p: int, step: int, half: int, least: float) -> float:
+    """Height gained over the middle in one direction, minus what the slopes beside it explain; metres.
+
+    0 if that is not more than ``least``.
+    """
+    near_a, near_b = depth[p - half * step], depth[p + half * step]
     if near_a <= 0 or near_b <= 0:
         return 0.0
     height = near_b - near_a
     sign = 1.0 if height > 0 else -1.0
+    # The slope of each side explains its half of the middle; where a side ends, use its last two steps.
+    side_a = sign * (near_a - _outer(depth, p, -step, half, near_a))
+    side_b = sign * (_outer(depth, p, step, half, near_b) - near_b)
+    excess: float = sign * height - max(side_a, 0.0) - max(side_b, 0.0)
+    if excess <= least:
+        return 0.0
     for k in range(-half, half):
-        a, b = _at(depth, r, c, dr, dc, k), _at(depth, r, c, dr, dc, k + 1)
+        a, b = depth[p + k * step], depth[p + (k + 1) * step]
         if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
             return 0.0  # a clean jump within one step: the layers are apart as measured
-    # The slope of each side explains its half of the middle; where a side ends, use its last two steps.
-    side_a = sign * (near_a - _outer(depth, r, c, dr, dc, -half, near_a))
-    side_b = sign * (_outer(depth, r, c, dr, dc, half, near_b) - near_b)
-    return sign * height - max(side_a, 0.0) - max(side_b, 0.0)
+    return excess
 
 
 @njit(cache=True, nogil=True)
-def _outer(depth: Float64, r: int, c: int, dr: int, dc: int, half: int, near: float) -> float:
+def _outer(depth: Float64, p: int, step: int, half: int, near: float) -> float:
     """Depth at twice the half width, extrapolated where the item ends earlier."""
-    far = _at(depth, r, c, dr, dc, 2 * half)
+    far, inner = depth[p + 2 * half * step], depth[p + half // 2 * step]
     if far > 0:
-        return far
-    inner = _at(depth, r, c, dr, dc, half // 2)
-    return near + 2.0 * (near - inner) if inner > 0 else near
-
-
-@njit(cache=True, nogil=True)
-def _at(depth: Float64, r: int, c: int, dr: int, dc: int, k: int) -> float:
-    rr, cc = r + k * dr, c + k * dc
-    if rr < 0 or cc < 0 or rr >= depth.shape[0] or cc >= depth.shape[1]:
-        return 0.0
-    found: float = depth[rr, cc]
-    return found
+        return float(far)
+    return near + 2.0 * float(near - inner) if inner > 0 else near

@@ -8,8 +8,10 @@ triangles of the samples. Its attributes are then read at that position of the i
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -71,7 +73,7 @@ def rasterise_triangles(
     pixel_size_m: float,
 ) -> FlattenedView:
     """Interpolate ``F(u, v)`` linearly over the triangles of the samples; at least one triangle."""
-    low, shape = _grid(uv_m[np.unique(triangles)], pixel_size_m)
+    low, shape = _grid(uv_m[np.unique(triangles)].T, pixel_size_m)
     points = uv_m / pixel_size_m - low
     source_rc = _fill_triangles(points, triangles, samples.points_rc.astype(np.float64), shape)
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low)
@@ -80,7 +82,6 @@ def rasterise_triangles(
 def rasterise_pixels(
     uv_m: Float64,
     part: Bool,
-    corner_rc: tuple[int, int],
     stretch: Float32,
     surface: Surface,
     axis: RotationAxis,
@@ -92,10 +93,8 @@ def rasterise_pixels(
     ----------
     uv_m : (H, W, 2) float64
         Position of each image pixel on the plane.
-    part : (h, w) bool
-        The pixels to draw, at least one, in a box of the image.
-    corner_rc : (int, int)
-        First row and column of the box.
+    part : (H, W) bool
+        The pixels to draw, at least one.
     stretch : (H, W) float32
         Relative change of length around each image pixel.
     surface : Surface
@@ -113,12 +112,11 @@ def rasterise_pixels(
     overlaps : int
         Pixels of the plane that two different places of the cloth cover.
     """
-    box = tuple(slice(start, start + size) for start, size in zip(corner_rc, part.shape, strict=True))
-    points = uv_m[box]
-    low, shape = _grid(points[part], pixel_size_m)
-    steps = np.ascontiguousarray(surface.steps[box])
+    left, top, cols, rows = cv2.boundingRect(part.view(np.uint8))
+    box = slice(top, top + rows), slice(left, left + cols)
+    low, shape = _grid([uv_m[box][..., k][part[box]] for k in range(2)], pixel_size_m)
     source_rc, flips, overlaps = _fill_pixels(
-        points / pixel_size_m - low, part, steps, shape, np.array(corner_rc, dtype=np.float32)
+        uv_m, part, surface.steps, (top, top + rows, left, left + cols), low, pixel_size_m, shape
     )
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 
@@ -140,12 +138,13 @@ def read_attributes(
     frame, k = surface.frame, surface.frame.intrinsics
     held = held or held_from_camera(axis, frame.angle_deg)
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    rgb, xyz, normal, quality, valid = _read(
+    rgb, xyz, normal, quality, cos, valid = _read(
         source_rc, frame.color, surface.xyz_m, surface.normal, stretch, camera, held.rotation,
         held.translation_m, *map(float, frame.offset_rc),
     )  # fmt: skip
-    angle = np.full(valid.shape, np.nan, dtype=np.float32)
-    angle[valid] = z_angle_deg(normal[valid], axis, frame.angle_deg)
+    angle, at = np.full(valid.shape, np.nan, dtype=np.float32), np.flatnonzero(valid)
+    angle.ravel()[at] = z_angle_deg(np.take(normal.reshape(-1, 3), at, axis=0), axis, frame.angle_deg)
+    quality.reshape(-1, 3)[at, 1] = np.degrees(np.arccos(np.clip(cos, -1.0, 1.0)))
     return FlattenedView(
         rgb=rgb,
         xyz_m=xyz,
@@ -160,11 +159,11 @@ def read_attributes(
     )
 
 
-def _grid(points_m: Float64, pixel_size_m: float) -> tuple[Float64, tuple[int, int]]:
-    """Lowest corner (in pixels) and shape of the grid around the points."""
-    low = np.floor(points_m.min(axis=0) / pixel_size_m) - 1
-    size = np.ceil(points_m.max(axis=0) / pixel_size_m) + 2 - low
-    return low, (int(size[1]), int(size[0]))
+def _grid(points_m: Sequence[Float64] | Float64, pixel_size_m: float) -> tuple[Float64, tuple[int, int]]:
+    """Lowest corner (in pixels) and shape of the grid around the points (2, K)."""
+    low = np.array([np.floor(along.min() / pixel_size_m) - 1 for along in points_m])
+    high = [np.ceil(along.max() / pixel_size_m) + 2 for along in points_m]
+    return low, (int(high[1] - low[1]), int(high[0] - low[0]))
 
 
 def _orientation(points: Float64, triangles: Int32) -> Float64:
@@ -230,35 +229,46 @@ def cloth_triangles(part: Bool, steps: NDArray[np.uint8], r: int, c: int) -> tup
 
 @njit(cache=True, nogil=True)
 def _fill_pixels(
-    points: Float64, part: Bool, steps: NDArray[np.uint8], shape: tuple[int, int], corner: Float32
+    uv_m: Float64,
+    part: Bool,
+    steps: NDArray[np.uint8],
+    box: tuple[int, int, int, int],
+    low: Float64,
+    pixel_size_m: float,
+    shape: tuple[int, int],
 ) -> tuple[Float32, int, int]:
     """Fill two triangles for every complete block of 2 x 2 neighbours, and one for three neighbours."""
     source = np.full((shape[0], shape[1], 2), np.nan, dtype=np.float32)
+    top, bottom, left, right = box
+    pixels_per_m = 1.0 / pixel_size_m
     flips, overlaps = 0, 0
-    for r in range(part.shape[0] - 1):
-        for c in range(part.shape[1] - 1):
+    for r in range(top, bottom - 1):
+        for c in range(left, right - 1):
             present = cloth_triangles(part, steps, r, c)
             for k in range(4):
-                if present[k]:
-                    f, o = _fill_corner(source, points, r, c, BLOCK_TRIANGLES[k])
-                    flips, overlaps = flips + f, overlaps + o
-    return source + corner, flips, overlaps
+                if not present[k]:
+                    continue
+                first = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][0], low, pixels_per_m)
+                second = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][1], low, pixels_per_m)
+                third = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][2], low, pixels_per_m)
+                if _doubled_area(first, second, third) > 0.0:
+                    overlaps += _fill(source, first, second, third)
+                else:
+                    flips += 1
+    return source, flips, overlaps
 
 
 @njit(cache=True, nogil=True)
-def _fill_corner(
-    source: Float32, points: Float64, row: int, col: int, corners: tuple[tuple[int, int], ...]
-) -> tuple[int, int]:
-    """Fill one triangle of the block at (row, col); return (1, 0) if it came out mirrored."""
-    (r0, c0), (r1, c1), (r2, c2) = corners
-    r0, r1, r2 = row + r0, row + r1, row + r2
-    c0, c1, c2 = col + c0, col + c1, col + c2
-    u0, v0 = points[r0, c0, 0], points[r0, c0, 1]
-    u1, v1 = points[r1, c1, 0], points[r1, c1, 1]
-    u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
-    if not (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0) > 0.0:
-        return 1, 0
-    return 0, _fill(source, _Corner(u0, v0, r0, c0), _Corner(u1, v1, r1, c1), _Corner(u2, v2, r2, c2))
+def _corner(uv_m: Float64, r: int, c: int, at: tuple[int, int], low: Float64, pixels_per_m: float) -> _Corner:
+    """Return the corner ``at`` of the block at (r, c)."""
+    r, c = r + at[0], c + at[1]
+    return _Corner(uv_m[r, c, 0] * pixels_per_m - low[0], uv_m[r, c, 1] * pixels_per_m - low[1], r, c)
+
+
+@njit(cache=True, nogil=True)
+def _doubled_area(first: _Corner, second: _Corner, third: _Corner) -> float:
+    """Twice the area of a triangle on the plane, positive where its corners lie clockwise as drawn."""
+    return (second.u - first.u) * (third.v - first.v) - (second.v - first.v) * (third.u - first.u)
 
 
 @njit(cache=True, nogil=True)
@@ -301,10 +311,12 @@ def _read(
     translation: Float64,
     top: float,
     left: float,
-) -> tuple[Uint8, Float32, Float32, Float32, Bool]:
+) -> tuple[Uint8, Float32, Float32, Float32, Float64, Bool]:
     """Read color, depth and normal bilinearly over finite neighbours; transform to the object frame.
 
-    Afterwards ``source`` holds places in the whole image, of which (top, left) is the first pixel given.
+    The incidence angles are left to NumPy, whose arc cosine is faster: the last but one are the cosines (K,)
+    of the valid pixels. Afterwards ``source`` holds places in the whole image, of which (top, left) is the
+    first pixel given.
     """
     rows, cols = source.shape[0], source.shape[1]
     out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
@@ -312,7 +324,8 @@ def _read(
     out_normal = np.full((rows, cols, 3), np.nan, dtype=np.float32)
     quality = np.full((rows, cols, 3), np.nan, dtype=np.float32)
     valid = np.zeros((rows, cols), dtype=np.bool_)
-    tint, n = np.empty(3), np.empty(3)
+    cosines, count = np.empty(rows * cols), 0
+    fx, fy, cx, cy = camera
     for row in range(rows):
         for col in range(cols):
             y, x = source[row, col, 0], source[row, col, 1]
@@ -320,44 +333,45 @@ def _read(
                 continue
             r0, c0 = min(int(y), xyz.shape[0] - 2), min(int(x), xyz.shape[1] - 2)
             weight, depth, change, known = 0.0, 0.0, 0.0, 0.0
-            tint[:] = 0.0
-            n[:] = 0.0
+            red, green, blue, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for i in range(2):
                 for j in range(2):
+                    r, c = r0 + i, c0 + j
                     w = abs(1 - i - (y - r0)) * abs(1 - j - (x - c0)) + 1e-9
-                    for k in range(3):
-                        tint[k] += w * color[r0 + i, c0 + j, k]
-                    z = xyz[r0 + i, c0 + j, 2]
+                    red, green = red + w * color[r, c, 0], green + w * color[r, c, 1]
+                    blue += w * color[r, c, 2]
+                    z = xyz[r, c, 2]
                     if np.isfinite(z):
                         weight += w
                         depth += w * z
-                        if np.isfinite(stretch[r0 + i, c0 + j]):
+                        if np.isfinite(stretch[r, c]):
                             known += w
-                            change += w * stretch[r0 + i, c0 + j]
-                        for k in range(3):
-                            n[k] += w * normal[r0 + i, c0 + j, k]
+                            change += w * stretch[r, c]
+                        nx, ny = nx + w * normal[r, c, 0], ny + w * normal[r, c, 1]
+                        nz += w * normal[r, c, 2]
             if weight < 1e-6:
                 source[row, col, 0] = source[row, col, 1] = np.nan
                 continue
             source[row, col, 0] = y + np.float32(top)
             source[row, col, 1] = x + np.float32(left)
             depth /= weight
-            length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            px, py = (x - camera[2]) / camera[0] * depth, (y - camera[3]) / camera[1] * depth
+            length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+            nx, ny, nz = nx * length, ny * length, nz * length
+            px, py = (x - cx) / fx * depth, (y - cy) / fy * depth
             valid[row, col] = True
-            range_m = np.sqrt(px * px + py * py + depth * depth)
-            cos = -(n[0] * px + n[1] * py + n[2] * depth) / (length * range_m)
+            range_m = math.sqrt(px * px + py * py + depth * depth)
+            cos = -(nx * px + ny * py + nz * depth) / range_m
+            cosines[count] = cos
+            count += 1
             # Image pixels per area: the solid angle of a pixel, spread by the incidence angle.
-            quality[row, col, 0] = 1e-4 * camera[0] * camera[1] * cos * range_m / depth**3
-            quality[row, col, 1] = math.degrees(math.acos(min(max(cos, -1.0), 1.0)))
+            quality[row, col, 0] = 1e-4 * fx * fy * cos * range_m / depth**3
             if known > 0.0:
                 quality[row, col, 2] = change / known
+            for k, tint in enumerate((red, green, blue)):
+                out_rgb[row, col, k] = np.uint8(min(max(tint + 0.5, 0.0), 255.0))
             for k in range(3):
-                out_rgb[row, col, k] = np.uint8(min(max(tint[k] + 0.5, 0.0), 255.0))
                 out_xyz[row, col, k] = (
                     rotation[k, 0] * px + rotation[k, 1] * py + rotation[k, 2] * depth + translation[k]
                 )
-                out_normal[row, col, k] = (
-                    rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
-                ) / length
-    return out_rgb, out_xyz, out_normal, quality, valid
+                out_normal[row, col, k] = rotation[k, 0] * nx + rotation[k, 1] * ny + rotation[k, 2] * nz
+    return out_rgb, out_xyz, out_normal, quality, cosines[:count], valid

@@ -72,9 +72,7 @@ def sample_surface(surface: Surface, sampling_interval_px: int) -> Samples:
         Depth and normal of each point come from a local quadratic fit of the inverse depth.
     """
     d = sampling_interval_px
-    grid = np.zeros_like(surface.usable)
-    grid[d // 2 :: d, d // 2 :: d] = True
-    rc = np.argwhere(grid & surface.usable).astype(np.int32)
+    rc = (np.argwhere(surface.usable[d // 2 :: d, d // 2 :: d]) * d + d // 2).astype(np.int32)
     points, normal, ok = fit_samples(surface, rc.astype(np.float64))
     rc, points, normal = rc[ok], points[ok], normal[ok]
     edges = pairs_on_surface(rc, 1.5 * d, surface)
@@ -138,11 +136,13 @@ def lengths_along_surface(
     ``(2 a^2 - a b + 2 b^2) / 30`` (departure from the paper, which uses the chord). Pairs whose
     chord leaves a tangent plane by more than ``max_chord_slope`` are dropped: they bridge a fold.
     """
-    chord = points[edges[:, 1]] - points[edges[:, 0]]
-    length = np.linalg.norm(chord, axis=1)
-    unit = chord / np.maximum(length, 1e-12)[:, None]
-    a = -(unit * normal[edges[:, 0]]).sum(axis=1)
-    b = -(unit * normal[edges[:, 1]]).sum(axis=1)
+    first, second = edges.T
+    chord = np.take(points, second, axis=0) - np.take(points, first, axis=0)
+    length = np.sqrt(np.einsum("ek,ek->e", chord, chord))
+    a, b = (
+        -np.einsum("ek,ek->e", chord, np.take(normal, end, axis=0)) / np.maximum(length, 1e-12)
+        for end in (first, second)
+    )
     keep = (length > 0) & (np.maximum(abs(a), abs(b)) <= max_chord_slope)
     arc = length * (1 + (2 * a * a - a * b + 2 * b * b) / 30)
     return edges[keep], arc[keep]

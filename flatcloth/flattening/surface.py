@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, z_angle_deg
+from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
-from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, normals_from_fit
+from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, median
 from flatcloth.flattening.ramps import fill_dropouts, find_ramps
 from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
@@ -47,17 +47,17 @@ class Surface:
     """The cloth surface in one view; all arrays (H, W, ...), camera frame of that view.
 
     ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
-    ``normal`` float32, unit, towards the camera (NaN off the surface); ``z_angle_deg`` float32;
-    ``usable`` bool, the surface; ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``;
-    ``inverse_depth`` float64, 1/m as measured (smoothed where that is noisier than a D435's), 0 where the
-    item was not measured; ``noise_m`` the median deviation of the measured depth from its local planes;
-    ``noisy`` whether it exceeds the limit.
+    ``normal`` float32, unit, towards the camera (NaN off the surface); ``usable`` bool, the surface;
+    ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``; ``inverse_depth`` float64, 1/m as measured
+    (smoothed where that is noisier than a D435's), 0 where the item was not measured; ``noise_m`` the
+    median deviation of the measured depth from its local planes; ``noisy`` whether it exceeds the limit.
+    ``axis`` is the recording's, camera frame.
     """
 
     frame: RgbdFrame
+    axis: RotationAxis
     xyz_m: Float32
     normal: Float32
-    z_angle_deg: Float32
     usable: Bool
     steps: NDArray[np.uint8]
     inverse_depth: Float64
@@ -65,9 +65,14 @@ class Surface:
     noisy: bool
 
     @cached_property
+    def z_angle_deg(self) -> Float32:
+        """Z-angle of the normals (H, W) float32, degrees; NaN off the surface."""
+        return z_angle_deg(self.normal, self.axis).astype(np.float32)
+
+    @cached_property
     def pixel_pitch_m(self) -> float:
         """Median size of an image pixel on the surface, seen frontally."""
-        depth = float(np.median(self.xyz_m[..., 2][self.usable]))
+        depth = median(self.xyz_m[..., 2][self.usable])
         return depth / math.sqrt(self.frame.intrinsics.fx * self.frame.intrinsics.fy)
 
 
@@ -175,39 +180,54 @@ def observe_surface(
     inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
-    item = inverse_depth > 0
-    rows, cols = np.nonzero(item)
-    fit, noise_m = fit_planes(inverse_depth, steps, item, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
+    wanted = off_edges(inverse_depth > 0, steps)
+    planes, noise_m = fit_planes(inverse_depth, steps, wanted, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     noise_m = max(noise_m, rough_m)
-    normal, cos_incidence = normals_from_fit(fit, rows, cols, frame)
-    kept = (cos_incidence > math.cos(math.radians(config.grazing_limit_deg))) & (fit[:, 0] > 0)
-    usable = np.zeros(item.shape, dtype=np.bool_)
-    usable[rows[kept], cols[kept]] = True
-    usable &= off_edges(item, steps)
+    least_cos = math.cos(math.radians(config.grazing_limit_deg))
+    xyz, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
     if not usable.any():
         raise SurfaceError(
             f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
             "removed; use another view, or check depth and mask."
         )
-    used = usable[rows, cols]
-    at = rows[used], cols[used]
-    depth = np.zeros(item.shape, dtype=np.float32)
-    depth[at] = 1.0 / fit[used, 0]
-    normals = np.full((*item.shape, 3), np.nan, dtype=np.float32)
-    normals[at] = normal[used]
-    angle = np.full(item.shape, np.nan, dtype=np.float32)
-    angle[at] = z_angle_deg(normal[used], axis)
     return Surface(
         frame=frame,
-        xyz_m=back_project(depth, k),
-        normal=normals,
-        z_angle_deg=angle,
+        axis=axis,
+        xyz_m=xyz,
+        normal=normal,
         usable=usable,
         steps=steps,
         inverse_depth=inverse_depth,
         noise_m=noise_m,
         noisy=noise_m > _NOISY_DEPTH_M,
     )
+
+
+@njit(cache=True, nogil=True)
+def _seen(planes: Float64, wanted: Bool, camera: Float64, least_cos: float) -> tuple[Float32, Float32, Bool]:
+    """Return points (H, W, 3), normals (H, W, 3) and which pixels are not seen too steeply; NaN off these.
+
+    A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
+    """
+    rows, cols = wanted.shape
+    fx, fy, cx, cy = camera
+    usable = np.zeros((rows, cols), np.bool_)
+    xyz, normal = np.full((rows, cols, 3), np.nan, np.float32), np.full((rows, cols, 3), np.nan, np.float32)
+    for r in range(rows):
+        for c in range(cols):
+            q = planes[0, r, c]
+            if not wanted[r, c] or q <= 0.0:
+                continue
+            x, y = (c - cx) / fx, (r - cy) / fy
+            nx, ny = planes[1, r, c] * fx, planes[2, r, c] * fy
+            nz = q - (nx * x + ny * y)
+            length = math.sqrt(nx * nx + ny * ny + nz * nz)
+            if q > least_cos * length * math.sqrt(x * x + y * y + 1.0):
+                usable[r, c] = True
+                depth = np.float32(1.0 / q)
+                xyz[r, c, 0], xyz[r, c, 1], xyz[r, c, 2] = depth * np.float32(x), depth * np.float32(y), depth
+                normal[r, c, 0], normal[r, c, 1], normal[r, c, 2] = -nx / length, -ny / length, -nz / length
+    return xyz, normal, usable
 
 
 def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:

@@ -9,32 +9,16 @@ short and straightens every curve.)
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.geometry import tangent_basis
-from flatcloth.core.types import Bool, Float32, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
-
-
-class _Placed(NamedTuple):
-    """The samples (N, ...) with their positions ``uv_m`` and the isometries ``frames`` to the plane.
-
-    ``first`` (N + 1,) is the index of each sample's first entry in ``neighbours``.
-    """
-
-    rc: Int32
-    points_m: Float64
-    normal: Float64
-    uv_m: Float64
-    frames: Float64
-    stretch: Float64
-    first: Int32
-    neighbours: Int32
 
 
 class Carrier:
@@ -56,18 +40,14 @@ class Carrier:
     """
 
     def __init__(self, uv_m: Float64, samples: Samples, surface: Surface) -> None:
-        first, neighbours = _adjacency(len(uv_m), samples.edges)
+        right, down = tangent_basis(samples.normal)
+        pairs = samples.edges, samples.edge_length_m
+        frames, stretch, first, neighbours = _of_pairs(uv_m, samples.points_m, right, down, *pairs)
         self._surface = surface
-        self._placed = _Placed(
-            rc=samples.points_rc,
-            points_m=samples.points_m,
-            normal=samples.normal,
-            uv_m=uv_m,
-            frames=_plane_from_space(uv_m, samples),
-            stretch=_stretch(uv_m, samples),
-            first=first,
-            neighbours=neighbours,
-        )
+        # Side by side, so that the samples around a pixel are soon read; _blend names the columns.
+        of_samples = samples.points_m, samples.normal, uv_m, frames.reshape(-1, 6), stretch[:, None]
+        self._of_samples = np.concatenate([*of_samples, samples.points_rc], axis=1)
+        self._first, self._neighbours = first, neighbours
         # Beyond the farthest pixel, so that its weight is not 0.
         self._radius_px = 2.0 * samples.sampling_interval_px + 1.0
         self.nearest = nearest_samples(
@@ -76,7 +56,7 @@ class Carrier:
 
     def place(self, rc: Int32) -> Float64:
         """Return the plane positions (K, 2) of pixels (K, 2); NaN for those that belong to no sample."""
-        return self._blended(rc)[:, :2]
+        return self._blended(rc[:, 0].astype(np.int64) * self.nearest.shape[1] + rc[:, 1])[:, :2]
 
     def place_all(self) -> tuple[Float64, Float32]:
         """Place all pixels of the surface.
@@ -88,138 +68,154 @@ class Carrier:
         stretch : (H, W) float32
             The largest relative change of length around each pixel.
         """
-        rc = np.argwhere(self.nearest >= 0).astype(np.int32)
-        blended = self._blended(rc)
+        at = np.flatnonzero(self.nearest >= 0)
+        blended = self._blended(at)
         uv = np.full((*self.nearest.shape, 2), np.nan)
         stretch = np.full(self.nearest.shape, np.nan, dtype=np.float32)
-        uv[rc[:, 0], rc[:, 1]] = blended[:, :2]
-        stretch[rc[:, 0], rc[:, 1]] = blended[:, 2]
+        for k in range(2):  # a column at a time: three times as fast as rows
+            uv.reshape(-1, 2)[at, k] = blended[:, k]
+        stretch.ravel()[at] = blended[:, 2]
         return uv, stretch
 
-    def _blended(self, rc: Int32) -> Float64:
-        surface, rc = self._surface, np.ascontiguousarray(rc)
-        return _blend(rc, self.nearest, surface.xyz_m, surface.normal, self._placed, self._radius_px)
+    def _blended(self, at: Int64) -> Float64:
+        points, normals = (of.reshape(-1, 3) for of in (self._surface.xyz_m, self._surface.normal))
+        of_samples, first, neighbours = self._of_samples, self._first, self._neighbours
+        return _blend(at, self.nearest, points, normals, of_samples, first, neighbours, self._radius_px)
 
 
-def _stretch(uv_m: Float64, samples: Samples) -> Float64:
-    """Largest relative change of length among each sample's pairs (N,)."""
-    a, b = samples.edges[:, 0], samples.edges[:, 1]
-    change = np.abs(np.linalg.norm(uv_m[a] - uv_m[b], axis=1) / samples.edge_length_m - 1.0)
-    largest = np.zeros(len(uv_m))
-    np.maximum.at(largest, a, change)
-    np.maximum.at(largest, b, change)
-    return largest
+@njit(cache=True, nogil=True)
+def _of_pairs(
+    uv_m: Float64, points_m: Float64, right: Float64, down: Float64, edges: Int32, edge_length_m: Float64
+) -> tuple[Float64, Float64, Int32, Int32]:
+    """Return what the pairs say about each sample.
 
-
-def _adjacency(n: int, edges: Int32) -> tuple[Int32, Int32]:
-    """Neighbours of all samples as one array, and the index of each sample's first neighbour (n + 1,)."""
-    both = np.concatenate([edges, edges[:, ::-1]])
-    order = np.argsort(both[:, 0], kind="stable")
-    first = np.zeros(n + 1, dtype=np.int32)
-    first[1:] = np.cumsum(np.bincount(both[:, 0], minlength=n))
-    return first, both[order, 1].astype(np.int32)
-
-
-def _plane_from_space(uv_m: Float64, samples: Samples) -> Float64:
-    """Isometries (N, 2, 3) from each sample's tangent plane to the flattened plane.
-
-    The rotation of each tangent basis on the plane is the one that fits the sample's own pairs best.
+    The isometries (N, 2, 3) from the tangent planes, spanned by ``right`` and ``down``, to the flattened
+    plane: their rotation fits the sample's own pairs best. The largest relative change of length among
+    them (N,). The neighbours of all samples in one array, and the index of the first of each (N + 1,).
     """
-    right, down = tangent_basis(samples.normal)
-    a, b = samples.edges[:, 0], samples.edges[:, 1]
-    offset, flat = samples.points_m[b] - samples.points_m[a], uv_m[b] - uv_m[a]
-    cos, sin = np.zeros(len(uv_m)), np.zeros(len(uv_m))
-    for end in (a, b):
-        x = (offset * right[end]).sum(axis=1)
-        y = (offset * down[end]).sum(axis=1)
-        cos += np.bincount(end, x * flat[:, 0] + y * flat[:, 1], len(uv_m))
-        sin += np.bincount(end, x * flat[:, 1] - y * flat[:, 0], len(uv_m))
-    length = np.hypot(cos, sin)
-    length[length == 0] = 1.0
-    cos, sin = cos / length, sin / length
-    frames: Float64 = np.stack(
-        [cos[:, None] * right - sin[:, None] * down, sin[:, None] * right + cos[:, None] * down], axis=1
-    )
-    return frames
+    n, count = len(uv_m), len(edges)
+    turn, stretch = np.zeros((n, 2)), np.zeros(n)
+    first = np.zeros(n + 2, dtype=np.int32)
+    for e in range(count):
+        a, b = edges[e, 0], edges[e, 1]
+        u, v = uv_m[b, 0] - uv_m[a, 0], uv_m[b, 1] - uv_m[a, 1]
+        change = abs(math.sqrt(u * u + v * v) / edge_length_m[e] - 1.0)
+        for end in (a, b):
+            x, y = 0.0, 0.0
+            for k in range(3):
+                along = points_m[b, k] - points_m[a, k]
+                x += along * right[end, k]
+                y += along * down[end, k]
+            turn[end, 0] += x * u + y * v
+            turn[end, 1] += x * v - y * u
+            stretch[end] = max(stretch[end], change)
+            first[end + 2] += 1
+    for m in range(n):
+        first[m + 2] += first[m + 1]
+    # Each sample's first entry moves behind its last while they are written, to where the next one's was.
+    neighbours = np.empty(2 * count, dtype=np.int32)
+    for one in range(2):
+        for e in range(count):
+            end = edges[e, one] + 1
+            neighbours[first[end]] = edges[e, 1 - one]
+            first[end] += 1
+    frames = np.empty((n, 2, 3))
+    for m in range(n):
+        length = math.sqrt(turn[m, 0] ** 2 + turn[m, 1] ** 2)
+        cos, sin = (turn[m, 0] / length, turn[m, 1] / length) if length > 0.0 else (0.0, 0.0)
+        for k in range(3):
+            frames[m, 0, k] = cos * right[m, k] - sin * down[m, k]
+            frames[m, 1, k] = sin * right[m, k] + cos * down[m, k]
+    return frames, stretch, first[:-1], neighbours
 
 
 @njit(cache=True, nogil=True)
 def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_steps: int) -> Int32:
     """Find the sample nearest to each pixel along the surface, breadth first; -1 beyond ``most_steps``."""
     rows, cols = usable.shape
-    nearest = np.full((rows, cols), -1, dtype=np.int32)
-    queue = np.empty((rows * cols, 2), dtype=np.int32)
+    on_surface, marked = usable.ravel(), steps.ravel()
+    nearest = np.full(rows * cols, -1, dtype=np.int32)
+    queue = np.empty(rows * cols, dtype=np.int32)
     tail = 0
     for n in range(rc.shape[0]):
-        r, c = rc[n]
-        if nearest[r, c] < 0:
-            nearest[r, c] = n
-            queue[tail, 0], queue[tail, 1] = r, c  # by number: compiling queue[tail] = r, c takes seconds
+        p = rc[n, 0] * cols + rc[n, 1]
+        if nearest[p] < 0:
+            nearest[p] = n
+            queue[tail] = p
             tail += 1
     head = 0
     for _ in range(most_steps):
         end = tail
         while head < end:
-            r, c = queue[head]
+            p = queue[head]
             head += 1
+            # The step between two pixels is marked at the left or upper one, and none leads out of the image.
             for k in range(4):
                 if k == 0:
-                    rr, cc, good = r, c + 1, (steps[r, c] & 1) > 0
+                    q, good = p + 1, marked[p] & 1
                 elif k == 1:
-                    rr, cc, good = r, c - 1, c > 0 and (steps[r, c - 1] & 1) > 0
+                    q, good = p - 1, p > 0 and marked[p - 1] & 1
                 elif k == 2:
-                    rr, cc, good = r + 1, c, (steps[r, c] & 2) > 0
+                    q, good = p + cols, marked[p] & 2
                 else:
-                    rr, cc, good = r - 1, c, r > 0 and (steps[r - 1, c] & 2) > 0
-                if good and usable[rr, cc] and nearest[rr, cc] < 0:
-                    nearest[rr, cc] = nearest[r, c]
-                    queue[tail, 0], queue[tail, 1] = rr, cc
+                    q, good = p - cols, p >= cols and marked[p - cols] & 2
+                if good and on_surface[q] and nearest[q] < 0:
+                    nearest[q] = nearest[p]
+                    queue[tail] = q
                     tail += 1
-    return nearest
+    return nearest.reshape((rows, cols))
 
 
 @njit(cache=True, nogil=True)
 def _blend(
-    pixels: Int32, nearest: Int32, xyz: Float32, normal: Float32, samples: _Placed, radius_px: float
+    at: Int64,
+    nearest: Int32,
+    xyz: Float32,
+    normal: Float32,
+    samples: Float64,
+    first: Int32,
+    neighbours: Int32,
+    radius_px: float,
 ) -> Float64:
-    """Return position and stretch (K, 3) of pixels (K, 2), from the samples within a radius."""
-    rc, points, normals, uv, frames, stretch, first, neighbours = samples
-    placed = np.full((pixels.shape[0], 3), np.nan)
-    for p in range(pixels.shape[0]):
-        r, c = pixels[p]
-        n = nearest[r, c]
+    """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius."""
+    cols, belongs = nearest.shape[1], nearest.ravel()
+    placed = np.full((at.size, 3), np.nan)
+    for i in range(at.size):
+        p = at[i]
+        n = belongs[p]
         if n < 0:
             continue
+        r, c = float(p // cols), float(p % cols)
         total, u, v, s = 0.0, 0.0, 0.0, 0.0
         for k in range(first[n] - 1, first[n + 1]):
-            m = n if k < first[n] else neighbours[k]
-            dr, dc = r - rc[m, 0], c - rc[m, 1]
+            # 0: position; 3: normal; 6: place on the plane; 8: isometry to it; 14: stretch; 15: pixel
+            of = samples[n if k < first[n] else neighbours[k]]
+            dr, dc = r - of[15], c - of[16]
             t = (dr * dr + dc * dc) / (radius_px * radius_px)
             if t >= 1.0:
                 continue
             w = (1.0 - t) * (1.0 - t)
             w *= w
-            dx = xyz[r, c, 0] - points[m, 0]
-            dy = xyz[r, c, 1] - points[m, 1]
-            dz = xyz[r, c, 2] - points[m, 2]
-            pu = frames[m, 0, 0] * dx + frames[m, 0, 1] * dy + frames[m, 0, 2] * dz
-            pv = frames[m, 1, 0] * dx + frames[m, 1, 1] * dy + frames[m, 1, 2] * dz
+            dx, dy, dz = xyz[p, 0] - of[0], xyz[p, 1] - of[1], xyz[p, 2] - of[2]
+            pu = of[8] * dx + of[9] * dy + of[10] * dz
+            pv = of[11] * dx + of[12] * dy + of[13] * dz
             flat2 = pu * pu + pv * pv
             if flat2 > 0.0:
                 chord2 = dx * dx + dy * dy + dz * dz
-                a = dx * normals[m, 0] + dy * normals[m, 1] + dz * normals[m, 2]
-                b = dx * normal[r, c, 0] + dy * normal[r, c, 1] + dz * normal[r, c, 2]
-                # Length of the cubic arc, limited to 15 % more than the straight line along the tangent.
-                longer = (2 * a * a - a * b + 2 * b * b) / (30.0 * chord2)
-                scale = min(np.sqrt(chord2 / flat2) * (1.0 + longer), 1.15)
+                a = dx * of[3] + dy * of[4] + dz * of[5]
+                b = dx * normal[p, 0] + dy * normal[p, 1] + dz * normal[p, 2]
+                # Length of the cubic arc, chord (1 + longer / chord^2), over the straight line along the
+                # tangent; limited to 15 % more.
+                longer = (2 * a * a - a * b + 2 * b * b) * (1.0 / 30.0)
+                scale = min((chord2 + longer) / math.sqrt(chord2 * flat2), 1.15)
                 pu *= scale
                 pv *= scale
-            u += w * (uv[m, 0] + pu)
-            v += w * (uv[m, 1] + pv)
-            s += w * stretch[m]
+            u += w * (of[6] + pu)
+            v += w * (of[7] + pv)
+            s += w * of[14]
             total += w
         if total > 0.0:
-            placed[p, 0] = u / total
-            placed[p, 1] = v / total
-            placed[p, 2] = s / total
+            placed[i, 0] = u / total
+            placed[i, 1] = v / total
+            placed[i, 2] = s / total
     return placed

@@ -51,7 +51,10 @@ def test_the_jump_is_measured_off_the_slopes_on_both_sides() -> None:
     column = np.arange(24.0)
     row = 0.85 + 0.001 * column + np.where(column > 11, 0.003 + 0.0005 * (column - 11.5), 0.0)
     depth = np.tile(row, (9, 1))
-    jump, slope = extrapolated_jumps(1.0 / depth, all_steps(depth))
+    at, *found = extrapolated_jumps(1.0 / depth, all_steps(depth))
+    jump, slope = np.full((2, 2, *depth.shape), np.nan)
+    for whole, one in zip((jump, slope), found, strict=True):
+        whole.ravel()[at] = one
     assert jump[0, 4, 11] == pytest.approx(0.003, abs=1e-6)
     assert slope[0, 4, 11] == pytest.approx(0.0025, abs=1e-6)
     assert np.nanmax(np.delete(jump[0], [9, 10, 11, 12, 13], axis=1)) < 1e-6
