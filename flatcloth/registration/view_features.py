@@ -313,10 +313,12 @@ def compare(
         blocks_per_px=1 / block_px,
         block_cols=cols,
     )
-    differences = []
-    for source, target, source_held, target_held, sign in (
-        (one, other, one_held, other_held, 1.0),
-        (other, one, other_held, one_held, -1.0),
+    ends = one.compared(), other.compared()
+    found = np.full((len(one.points_m) + len(other.points_m), TERMS), np.nan)
+    halves = found[: len(one.points_m)], found[len(one.points_m) :]
+    for source, target, source_held, target_held, sign, differences in (
+        (*ends, one_held, other_held, 1.0, halves[0]),
+        (*ends[::-1], other_held, one_held, -1.0, halves[1]),
     ):
         moved = target_held.inverse() @ source_held
         transforms = Transforms(
@@ -326,15 +328,12 @@ def compare(
             held_shift_m=target_held.translation_m - center_m,
             sign=sign,
         )
-        found = np.full((TERMS, len(source.points_m)), np.nan)
-        accumulate(source.compared(), target.compared(), transforms, limits, sums, found)
-        differences.append(found)
-    both = np.abs(np.concatenate(differences, axis=1))
-    kept = [term[np.isfinite(term)] for term in both]
+        accumulate(source, target, transforms, limits, sums, differences)
+    kept = [term[np.isfinite(term)] for term in np.abs(found.T)]
     energy = np.sqrt(sums.products[:, 0] * sums.products[:, 1])
     return Agreement(
         matrix=sums.matrix + np.tril(sums.matrix, -1).transpose(0, 2, 1),
-        gradient=sums.gradient,
+        gradient=sums.scores.sum(axis=1),
         scores=sums.scores,
         spread=np.array([_usual(term) for term in kept]),
         likeness=np.where(energy > 0, sums.products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
@@ -348,7 +347,6 @@ def compare(
 def _no_sums(blocks: int) -> Sums:
     return Sums(
         matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        gradient=np.zeros((TERMS, UNKNOWNS)),
         scores=np.zeros((TERMS, blocks, UNKNOWNS)),
         products=np.zeros((CHANNELS, 3)),
         parts=np.zeros(blocks),
