@@ -114,8 +114,12 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     to_camera /= np.linalg.norm(to_camera)
     to_right = np.cross(k, to_camera)
     n = np.asarray(normal, dtype=np.float64)
-    angle = np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg
-    wrapped: Float64 = 180.0 - (180.0 - angle) % 360.0
+    return wrapped_deg(np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg)
+
+
+def wrapped_deg(angles_deg: Float64) -> Float64:
+    """Return angles (...) in (-180, 180]."""
+    wrapped: Float64 = angles_deg - 360.0 * np.ceil((angles_deg - 180.0) / 360.0)
     return wrapped
 
 
