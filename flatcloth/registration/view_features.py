@@ -251,10 +251,14 @@ def _texture(surface: Surface, size_px: float) -> Float32:
     texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
     third, half = np.float32(1 / 3), np.float32(0.5)
     mixed: list[Float32] = [third * (red + green + blue), red - green, half * (red + green) - blue]
-    for n, image in enumerate(mixed):
-        near, around = cv2.GaussianBlur(image, (0, 0), 1.0), cv2.GaussianBlur(image, (0, 0), size_px)
-        texture[n] = near * fine - around * coarse
-        texture[n] *= inside
+    around = np.empty_like(inside)
+    for near, image in zip(texture, mixed, strict=True):  # in place: large new arrays take time
+        cv2.GaussianBlur(image, (0, 0), 1.0, dst=near)
+        cv2.GaussianBlur(image, (0, 0), size_px, dst=around)
+        near *= fine
+        around *= coarse
+        near -= around
+        near *= inside
     return texture
 
 
@@ -329,7 +333,8 @@ def compare(
             sign=sign,
         )
         accumulate(source, target, transforms, limits, sums, differences)
-    kept = [term[np.isfinite(term)] for term in np.abs(found.T)]
+    distances, shades = np.abs(found[:, 0]), np.abs(found[:, 1:])
+    kept = [distances[np.isfinite(distances)], *shades[np.isfinite(shades[:, 0])].T]
     energy = np.sqrt(sums.products[:, 0] * sums.products[:, 1])
     return Agreement(
         matrix=sums.matrix + np.tril(sums.matrix, -1).transpose(0, 2, 1),
@@ -363,10 +368,9 @@ def _usual(differences: Float64) -> float:
 
 def _inertia(moments: Float64) -> Float64:
     """Sum of J' J (6, 6), where J is the derivative of a point by its motion; moments of (x, 1)."""
-    x, count = moments[:3, 3], moments[3, 3]
-    cross = np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
-    inertia = np.zeros((6, 6))
-    inertia[:3, :3] = np.trace(moments[:3, :3]) * np.eye(3) - moments[:3, :3]
-    inertia[:3, 3:], inertia[3:, :3] = cross, cross.T
-    inertia[3:, 3:] = count * np.eye(3)
+    (x, y, z), count = moments[:3, 3], moments[3, 3]
+    inertia = np.diag([*np.full(3, moments[0, 0] + moments[1, 1] + moments[2, 2]), *np.full(3, count)])
+    inertia[:3, :3] -= moments[:3, :3]
+    inertia[:3, 3:] = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+    inertia[3:, :3] = inertia[:3, 3:].T
     return inertia

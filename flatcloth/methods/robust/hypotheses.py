@@ -171,10 +171,8 @@ def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float)
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
     covered, node, there = reference.surface_at((grid + low) * _COARSE_M)
     valid = covered.reshape(rows, cols)
-    xyz = np.where(covered[:, None], there, np.nan).reshape(rows, cols, 3).astype(np.float32)
-    normal = (
-        np.where(covered[:, None], reference.normal[node], np.nan).reshape(rows, cols, 3).astype(np.float32)
-    )
+    xyz, normal = np.full((2, rows, cols, 3), np.nan, dtype=np.float32)
+    xyz[valid], normal[valid] = there, reference.normal[node]
     angle = np.full(valid.shape, np.nan, dtype=np.float32)
     angle[valid] = z_angle_deg(normal[valid], axis, angle_deg)
     return FlattenedView(

@@ -146,11 +146,12 @@ class ReferenceShape:
         return np.where((at >= 0)[:, None], self.xyz_m[at], np.nan)
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
-        """Return which positions (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
+        """Return which positions (K, 2) of the plane are covered, and by which node (M,) and xyz (M, 3)."""
         nearest = self._near.nearest(uv_m)
-        at = np.maximum(nearest, 0)
-        offset = uv_m - self.uv_m[at]
-        return nearest >= 0, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
+        covered = nearest >= 0
+        at = nearest[covered]
+        offset = uv_m[covered] - self.uv_m[at]
+        return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
 
     def pull(self, uv_m: Float64, sampled: SampledComponent, radius_m: float) -> _Pull:
         """Return how the surface under samples, placed at (K, 2), pulls them in space; see :func:`refine`."""
@@ -292,13 +293,13 @@ def score_placement(
         "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
     }  # fmt: skip
     if at.size:
-        apart = np.linalg.norm(sampled.xyz_m[at] - there[at], axis=1)
-        facing = (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1)
+        apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
+        facing = (sampled.normal[at] * reference.normal[node]).sum(axis=1)
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
         parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
         parts["place_median_mm"] = 1e3 * float(np.median(apart))
-        up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there[at], reference._axis)
+        up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there, reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
         parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
     known = np.flatnonzero(sampled.node >= 0)
@@ -317,7 +318,7 @@ def _color_agreement(
     reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
 ) -> float:
     """Agreement of color relative to randomly paired samples; 0.5 without information."""
-    seen = reference.texture_at(node[at], there[at])
+    seen = reference.texture_at(node, there)
     own = sampled.texture[at]
     known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
     if known.sum() < 10:
