@@ -114,9 +114,11 @@ def from_correlation(
     f_values = [fft.rfft2(fixed[..., k], size) for k in range(fixed.shape[-1])]
     found: list[tuple[float, Rigid2]] = []
     least = 0.15 * float(new.valid.sum()) * (new.pixel_size_m / _COARSE_M) ** 2
+    uv = new.uv_from_rc(np.argwhere(new.valid))
+    values = _attributes(new, axis)[0][new.valid]
     for turn_deg in _TURNS_DEG:
         turn = Rigid2(around + math.radians(turn_deg))
-        moving, moving_mask, origin = _turned(new, turn, axis, extent)
+        moving, moving_mask, origin = _rasterised(turn.apply(uv), values, extent)
         g_mask = np.conj(fft.rfft2(moving_mask, size))
         overlap = fft.irfft2(f_mask * g_mask, size)
         square = f_square * g_mask + f_mask * np.conj(fft.rfft2(np.square(moving).sum(axis=-1), size))
@@ -144,18 +146,12 @@ def _attributes(view: FlattenedView, axis: RotationAxis) -> tuple[Float64, Bool]
     return values, view.valid
 
 
-def _turned(
-    view: FlattenedView, turn: Rigid2, axis: RotationAxis, extent: int
-) -> tuple[Float64, Bool, Float64]:
-    """Rasterise a view's pixels, rotated, on a coarse square grid; also return its origin (2,)."""
-    rc = np.argwhere(view.valid)
-    uv = turn.apply(view.uv_from_rc(rc))
+def _rasterised(uv: Float64, values: Float64, extent: int) -> tuple[Float64, Bool, Float64]:
+    """Return the mean values (E, E, 4) of places (K, 2) on a coarse grid, where any are, its origin."""
     origin = np.floor(uv.min(axis=0) / _COARSE_M) * _COARSE_M
     cell = np.rint((uv - origin) / _COARSE_M).astype(np.int64)
     flat = np.minimum(cell[:, 1], extent - 1) * extent + np.minimum(cell[:, 0], extent - 1)
     count = np.bincount(flat, minlength=extent * extent)
-    values, _ = _attributes(view, axis)
-    values = values[rc[:, 0], rc[:, 1]]
     sums = [np.bincount(flat, values[:, k], extent * extent).astype(np.float64) for k in range(4)]
     grid: Float64 = np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None]
     mask: Bool = (count > 0).reshape(extent, extent)
