@@ -51,6 +51,17 @@ def rotation_about(direction: Floats, angle_rad: float) -> Float64:
     return rotation
 
 
+def rotations_by(vectors: Float64) -> Float64:
+    """Return the rotations (N, 3, 3) by rotation vectors (N, 3): about their direction, by their length."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = vectors
+    cross -= cross.transpose(0, 2, 1)
+    rotation: Float64 = np.eye(3) + np.sinc(angle / np.pi) * cross
+    rotation += 0.5 * np.square(np.sinc(0.5 * angle / np.pi)) * (cross @ cross)
+    return rotation
+
+
 def camera_from_held(axis: RotationAxis, angle_deg: float) -> Rigid3:
     """Return the motion from the object frame to the camera frame of a view at ``angle_deg``."""
     rotation = rotation_about(axis.direction, math.radians(angle_deg))
@@ -103,11 +114,12 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     to_camera /= np.linalg.norm(to_camera)
     to_right = np.cross(k, to_camera)
     n = np.asarray(normal, dtype=np.float64)
-    # The angle seen is wrapped first, so that the sum is at most one turn off.
-    angle = np.asarray(
-        np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + (180.0 - (180.0 - angle_deg) % 360.0)
-    )
-    wrapped: Float64 = angle - 360.0 * (angle > 180.0) + 360.0 * (angle <= -180.0)
+    return wrapped_deg(np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg)
+
+
+def wrapped_deg(angles_deg: Float64) -> Float64:
+    """Return angles (...) in (-180, 180]."""
+    wrapped: Float64 = angles_deg - 360.0 * np.ceil((angles_deg - 180.0) / 360.0)
     return wrapped
 
 

@@ -30,9 +30,10 @@ class NearPoints:
     """
 
     def __init__(self, uv_m: Float64, within_m: float) -> None:
-        self._uv_m, self._within_m = np.ascontiguousarray(uv_m), within_m
+        self._within_m = within_m
         bits = max(4, math.ceil(math.log2(_CELLS_PER_POINT * max(len(uv_m), 1))))
-        self._first, self._points = _table(self._uv_m, within_m, 1 << bits)
+        self._first, self._points = _table(np.ascontiguousarray(uv_m), within_m, 1 << bits)
+        self._uv_m = np.take(uv_m, self._points, axis=0)  # those of a cell lie together in memory
 
     def nearest(self, uv_m: Float64) -> Int32:
         """Return the index (K,) of the point nearest to each of the places (K, 2); -1 if none is near."""
@@ -65,7 +66,7 @@ def _table(uv: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
 
 @njit(cache=True, nogil=True)
 def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: float) -> Int32:
-    """See :meth:`NearPoints.nearest`."""
+    """See :meth:`NearPoints.nearest`; ``uv`` (N, 2) in the order of ``points``."""
     found = np.full(at.shape[0], -1, dtype=np.int32)
     cells = first.size - 1
     for k in range(at.shape[0]):
@@ -73,15 +74,19 @@ def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: floa
         if not (math.isfinite(u) and math.isfinite(v)):
             continue
         column, row = math.floor(u / within), math.floor(v / within)
+        right, down = u - column * within, v - row * within
         least = within * within
-        for c in range(column - 1, column + 2):
-            for r in range(row - 1, row + 2):
-                cell = _cell(c, r, cells)
+        for c in (0, -1, 1):  # the own square first: it often leaves nothing to be found in the others
+            beside = within - right if c > 0 else -c * right
+            for r in (0, -1, 1):
+                below = within - down if r > 0 else -r * down
+                if beside * beside + below * below >= least:
+                    continue
+                cell = _cell(column + c, row + r, cells)
                 for p in range(first[cell], first[cell + 1]):
-                    n = points[p]
-                    du, dv = uv[n, 0] - u, uv[n, 1] - v
+                    du, dv = uv[p, 0] - u, uv[p, 1] - v
                     apart = du * du + dv * dv
                     if apart < least:
                         least = apart
-                        found[k] = n
+                        found[k] = points[p]
     return found

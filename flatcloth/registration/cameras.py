@@ -19,12 +19,12 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3, held_from_camera
 from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.registration.adjustment import middle_m, relative_stds, solved
 from flatcloth.registration.pairwise import PairFit, fit_pair
 from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
     PosePrior,
-    at_center,
     chances,
     expected_displacement_m,
     grades,
@@ -33,10 +33,9 @@ from flatcloth.registration.pose_prior import (
     pair_covariance,
     poses,
     twist_of,
-    twists_between,
     variances,
 )
-from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
+from flatcloth.registration.view_features import ViewFeatures
 
 _LOOSE_TURN_DEG = 0.4
 """The recorded rotation is kept unless the estimated errors of angles, ..."""
@@ -62,15 +61,6 @@ __all__ = [
     "register_all",
     "register_together",
 ]
-
-_LEAST_CHANCE = 1e-3
-"""Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
-_STEPS = 3
-"""Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
-_FREEDOM = 6.0
-"""Degrees of freedom of Student's t, which limits the weight of contradicting pairs. Set by hand."""
-_RIDGE = 1e-6 * np.eye(UNKNOWNS)
-"""Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,6 +153,11 @@ class Registered:
         return poses(self.axis, self.held_point_m, angles_deg, self.common, self.own)
 
     @cached_property
+    def stds(self) -> Float64:
+        """(N, 6) standard deviations of rotation (rad) and position (m); see :class:`Registration`."""
+        return relative_stds(self)
+
+    @cached_property
     def views(self) -> tuple[Registration, ...]:
         """The report of each view, in order of acceptance."""
         return tuple(_report(self, n) for n in range(len(self.features)))
@@ -172,11 +167,12 @@ def describe(registered: Registered) -> str:
     """Summarise the registration and its uncertainty in one line."""
     if not registered.pairs:
         return "No two views share enough cloth for registration; the recorded poses are used."
-    sure_mm = 1e3 * float(np.median([np.linalg.norm(view.std_m) for view in registered.views if view.views]))
+    paired = np.unique([end for pair in registered.pairs for end in (pair.first, pair.second)])
+    sure_mm = 1e3 * float(np.median(np.linalg.norm(registered.stds[paired, 3:], axis=1)))
     if not registered.is_loose:
         return f"Recorded angles and axis are confirmed; neighbouring views agree to about {sure_mm:.1f} mm."
-    turned = max(abs(view.turned_deg) for view in registered.views)
-    swung = max(view.swung_deg for view in registered.views)
+    turned = math.degrees(np.abs(registered.own[:, 0]).max())
+    swung = math.degrees(np.hypot(registered.own[:, 1], registered.own[:, 2]).max())
     return (
         f"Cameras registered: the axis moved by {1e3 * registered.axis_moved_m:.1f} mm "
         f"(+-{1e3 * registered.axis_std_m:.1f}), angles by up to {turned:.1f} degrees, swing up to "
@@ -251,7 +247,7 @@ def register_together(
     with ThreadPoolExecutor(threads) as pool:
         fits = list(pool.map(lambda pair: _fitted(registered, pair[0], pair[1], None), pairs))
     fitted = tuple(fit for fit in fits if fit is not None)
-    return _refitted(_solved(replace(registered, pairs=fitted)), threads)
+    return _refitted(solved(replace(registered, pairs=fitted)), threads)
 
 
 def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
@@ -283,7 +279,7 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
         own=np.concatenate([registered.own, np.zeros((1, OWN))]),
     )
     fits = [_fitted(grown, n, partner, None) for partner in _partners(grown, n)]
-    return _refitted(_solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
+    return _refitted(solved(replace(grown, pairs=(*grown.pairs, *(fit for fit in fits if fit is not None)))))
 
 
 def _refitted(registered: Registered, threads: int = 1) -> Registered:
@@ -293,7 +289,7 @@ def _refitted(registered: Registered, threads: int = 1) -> Registered:
             break
         with ThreadPoolExecutor(threads) as pool:
             fits = list(pool.map(partial(_fresh, registered), registered.pairs))
-        registered = _solved(replace(registered, pairs=tuple(p for p in fits if p is not None)))
+        registered = solved(replace(registered, pairs=tuple(p for p in fits if p is not None)))
     return registered
 
 
@@ -309,7 +305,7 @@ def _partners(registered: Registered, n: int) -> list[int]:
 def _fitted(registered: Registered, first: int, second: int, before: PairFit | None) -> PairFit | None:
     one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
-    middle: Float64 = 0.5 * (_middle(one, held[0]) + _middle(other, held[1]))
+    middle: Float64 = 0.5 * (middle_m(one, held[0]) + middle_m(other, held[1]))
     center = middle if before is None else before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
     moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
@@ -326,10 +322,6 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     )
 
 
-def _middle(seen: ViewFeatures, held: Rigid3) -> Float64:
-    return held.apply(seen.middle_m)
-
-
 def _is_outdated(registered: Registered, pair: PairFit) -> bool:
     return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
 
@@ -338,101 +330,12 @@ def _fresh(registered: Registered, pair: PairFit) -> PairFit | None:
     return _fitted(registered, pair.first, pair.second, pair) if _is_outdated(registered, pair) else pair
 
 
-def _solved(registered: Registered) -> Registered:
-    """Find the unknowns that explain all pairs, averaged over the grades of the pose prior."""
-    prior, n = registered.prior, len(registered.features)
-    grid, chance = grades(prior), chances(prior)
-    shares = _shares(registered)
-    posterior = registered.posterior
-    for step in range(_STEPS):  # Gauss-Newton; all grades are averaged only in the last step
-        last = step == _STEPS - 1
-        used = np.arange(len(grid)) if last else np.flatnonzero(posterior)
-        root = np.sqrt([variances(n, grid[k], prior) for k in used])
-        x = np.concatenate([registered.common, registered.own.ravel()])
-        matrix, right = _assembled(registered, shares, trusting=step == 0)
-        right = right + matrix @ x
-        # Evidence of a linear Gaussian model: with D the prior's variances, M = I + D^1/2 A D^1/2,
-        # log p = (b' D^1/2 M^-1 D^1/2 b - log det M) / 2.
-        scaled = root[:, :, None] * matrix * root[:, None, :] + np.eye(len(x))
-        solved = np.linalg.solve(scaled, (root * right)[..., None])[..., 0]
-        log = 0.5 * ((root * right * solved).sum(axis=1) - np.linalg.slogdet(scaled)[1]) + np.log(
-            chance[used]
-        )
-        own = np.exp(log - log.max())
-        own[own < _LEAST_CHANCE * own.sum()] = 0.0
-        posterior = np.zeros(len(grid))
-        posterior[used] = own / own.sum()
-        means = root * solved
-        x = posterior[used] @ means
-        registered = replace(
-            registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
-        )
-    covariance = np.zeros_like(matrix)
-    for k in np.flatnonzero(posterior):
-        inside = root[k][:, None] * np.linalg.inv(scaled[k]) * root[k]
-        off = means[k] - x
-        covariance += posterior[k] * (inside + np.outer(off, off))
-    return replace(registered, covariance=covariance)
-
-
-def _shares(registered: Registered) -> Float64:
-    """Weights (P,) of the pairs: k views of the same cloth make k (k - 1) / 2 pairs, but k measurements."""
-    sees = np.ones(len(registered.features))
-    for p in registered.pairs:
-        for view in (p.first, p.second):
-            sees[view] += min(1.0, 0.5 * p.count / len(registered.features[view].points_m))
-    return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in registered.pairs])
-
-
-def _assembled(registered: Registered, shares: Float64, *, trusting: bool) -> tuple[Float64, Float64]:
-    """Matrix (M, M) and right side (M,) of a step from the present state, from all pairs.
-
-    Unless ``trusting``, a pair that contradicts the others loses its weight (Student's t).
-    """
-    size = COMMON + OWN * len(registered.features)
-    matrix, right, pairs = np.zeros((size, size)), np.zeros(size), registered.pairs
-    if not pairs:
-        return matrix, right
-    moved = zip(registered.held_from_camera, registered.known, strict=True)
-    corrections = [now @ known.inverse() for now, known in moved]
-    ends = np.array([(p.first, p.second) for p in pairs]).T
-    centers, form = np.stack([p.center_m for p in pairs]), np.stack([p.matrix for p in pairs])
-    moves, against = ([corrections[i] for i in end] for end in ends)
-    twists = twists_between(moves, against, centers)
-    off = np.empty((len(pairs), UNKNOWNS))
-    off[:, :6] = twists - [p.twist for p in pairs]
-    off[:, 6] = registered.fattening_px - np.array([p.fattening_px for p in pairs])
-    one, other = (at_center(np.stack([registered.jacobians[i] for i in end]), centers) for end in ends)
-    rows = np.zeros((len(pairs), UNKNOWNS, COMMON + 2 * OWN))
-    rows[:, 6, 4] = 1.0
-    rows[:, :6, :4] = one[..., OWN:] - other[..., OWN:]
-    rows[:, :6, COMMON : COMMON + OWN] = one[..., :OWN]
-    rows[:, :6, COMMON + OWN :] = -other[..., :OWN]
-    own = [COMMON + OWN * end[:, None] + np.arange(OWN) for end in ends]
-    at = np.concatenate([np.broadcast_to(np.arange(COMMON), (len(pairs), COMMON)), *own], axis=1)
-    pull = np.stack([p.gradient for p in pairs]) + np.einsum("pij,pj->pi", form, off)
-    if not trusting:
-        surprise = shares * (pull * np.linalg.solve(form + _RIDGE, pull[..., None])[..., 0]).sum(axis=1)
-        shares = shares * np.minimum(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
-    weighed = shares[:, None, None] * rows.transpose(0, 2, 1)
-    np.add.at(matrix, (at[:, :, None], at[:, None, :]), weighed @ form @ rows)
-    np.subtract.at(right, at, np.einsum("pij,pj->pi", weighed, pull))
-    return matrix, right
-
-
 def _report(registered: Registered, n: int) -> Registration:
     seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
-    own, middle = registered.own[n], _middle(registered.features[n], registered.known[n])
+    own, middle = registered.own[n], middle_m(seen, known)
     pairs = [p for p in registered.pairs if n in (p.first, p.second)]
     partners = [p.second if p.first == n else p.first for p in pairs]
     counts = np.array([float(p.count) for p in pairs])
-    rows = np.zeros((6, len(registered.covariance)))
-    for view, share in [(n, 1.0), *zip(partners, -counts / max(counts.sum(), 1.0), strict=True)]:
-        jacobian = at_center(registered.jacobians[view], middle)
-        rows[:, :4] += share * jacobian[:, OWN:]
-        at = COMMON + OWN * view
-        rows[:, at : at + OWN] += share * jacobian[:, :OWN]
-    std = np.sqrt(np.maximum(np.diag(rows @ registered.covariance @ rows.T), 0.0))
     typical = [math.nan, math.nan]
     if pairs:
         typical = [float(counts @ [p.distance_m[i] for p in pairs] / counts.sum()) for i in (0, 1)]
@@ -442,8 +345,8 @@ def _report(registered: Registered, n: int) -> Registration:
         turned_deg=math.degrees(own[0]),
         swung_deg=math.degrees(math.hypot(own[1], own[2])),
         moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
-        std_deg=np.degrees(std[:3]),
-        std_m=std[3:],
+        std_deg=np.degrees(registered.stds[n, :3]),
+        std_m=registered.stds[n, 3:],
         views=tuple(registered.features[i].view_index for i in partners),
         points=int(counts.sum()),
         distance_m=(typical[0], typical[1]),

@@ -69,13 +69,13 @@ class Limits(NamedTuple):
 class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
-    ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the
-    points (x, 1). ``tally`` (3,) is the number of points that fall on the other image, the sum of their
-    robust weights by distance, and of the squared distances with these weights.
+    Of ``matrix`` only the lower triangle is summed. ``products`` (3, 3) are those of the texture values
+    (own, other, mixed); ``moments`` (4, 4) of the points (x, 1). ``tally`` (3,) is the number of points that
+    fall on the other image, the sum of their robust weights by distance, and of the squared distances with
+    these weights.
     """
 
     matrix: Float64
-    gradient: Float64
     scores: Float64
     products: Float64
     parts: Float64
@@ -83,25 +83,12 @@ class Sums(NamedTuple):
     tally: Float64
 
 
-class _MovedPoint(NamedTuple):
-    """A source point in the target's camera.
-
-    ``place_m`` (3,) its position there, ``by_fattening`` its derivative by the fattening, ``centered_m``
-    its position in the object frame relative to the centre, ``row`` and ``col`` where it is projected
-    to, ``block`` the block of the image, ``derivative`` (7,) work space for a term's derivatives.
-    """
-
-    place_m: Float64
-    by_fattening: Float64
-    centered_m: Float64
-    row: float
-    col: float
-    block: int
-    derivative: Float64
+_Vector = tuple[float, float, float]
+"""A point or a direction: a compiled loop keeps its numbers in registers, those of an array in memory."""
 
 
-@njit(cache=True, nogil=True)
-def _facing(x: float, y: float, z: float, n: Float64, least: float, full: float) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _facing(x: float, y: float, z: float, n: _Vector, least: float, full: float) -> float:
     """Weight of a surface at (x, y, z) with normal ``n``, seen from the origin: 0 grazing, 1 frontally."""
     cos: float = -(x * n[0] + y * n[1] + z * n[2]) / np.sqrt(x * x + y * y + z * z)
     weight: float = min(1.0, max(0.0, (cos - least) / (full - least)))
@@ -112,8 +99,8 @@ _LEAST_FACING_M = 1e-3
 """Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
 
 
-@njit(cache=True, nogil=True)
-def _fattening(x: float, y: float, z: float, n: Float64, fx: float, fy: float) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fattening(x: float, y: float, z: float, n: _Vector, fx: float, fy: float) -> float:
     """Relative change of depth of a surface at (x, y, z) with normal ``n`` per pixel, up the slope.
 
     The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
@@ -123,32 +110,50 @@ def _fattening(x: float, y: float, z: float, n: Float64, fx: float, fy: float) -
     return share
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _rotate(rotation: Float64, vector: Float64, out: Float64) -> None:
-    for a in range(3):
-        out[a] = rotation[a, 0] * vector[0] + rotation[a, 1] * vector[1] + rotation[a, 2] * vector[2]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _three(image: Float32, row: int, col: int) -> _Vector:
+    return np.float64(image[row, col, 0]), np.float64(image[row, col, 1]), np.float64(image[row, col, 2])
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _add(term: int, block: int, row: Float64, weight: float, residual: float, sums: Sums) -> None:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rotate(rotation: Float64, v: _Vector) -> _Vector:
+    return (
+        rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
+        rotation[1, 0] * v[0] + rotation[1, 1] * v[1] + rotation[1, 2] * v[2],
+        rotation[2, 0] * v[0] + rotation[2, 1] * v[1] + rotation[2, 2] * v[2],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(
+    at: tuple[int, int],
+    x: _Vector,
+    h: _Vector,
+    by_fattening: float,
+    weight: float,
+    off: float,
+    matrix: Float64,
+    scores: Float64,
+) -> None:
+    """Add to a term and block a residual ``off``, the displacement along ``h`` of a point at ``x``."""
+    term, block = at
+    row = (
+        x[1] * h[2] - x[2] * h[1],
+        x[2] * h[0] - x[0] * h[2],
+        x[0] * h[1] - x[1] * h[0],
+        h[0],
+        h[1],
+        h[2],
+        by_fattening,
+    )
     for a in range(7):
         weighted = weight * row[a]
-        sums.gradient[term, a] += weighted * residual
-        sums.scores[term, block, a] += weighted * residual
+        scores[term, block, a] += weighted * off
         for b in range(a + 1):
-            sums.matrix[term, a, b] += weighted * row[b]
+            matrix[term, a, b] += weighted * row[b]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _add_moments(x: Float64, moments: Float64) -> None:
-    for a in range(3):
-        for b in range(3):
-            moments[a, b] += x[a] * x[b]
-        moments[a, 3] += x[a]
-    moments[3, 3] += 1.0
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def accumulate(
     source: ComparedView,
     target: ComparedView,
@@ -159,129 +164,99 @@ def accumulate(
 ) -> None:
     """Add the contributions of the source's points to ``sums``.
 
-    ``found`` (4, N) receives the differences; its values stay as they are where a point has no
+    ``found`` (N, 4) receives the differences; its values stay as they are where a point has no
     corresponding one. Blocks of the image are always those of the view that moves.
     """
-    rotation, translation = transforms.rotation, transforms.translation_m
-    held, held_shift = transforms.held_rotation, transforms.held_shift_m
-    least, full = limits.least_facing_cos, limits.full_facing_cos
-    points, normal, camera, spread = source.points_m, source.normal, target.camera, limits.spread
-    p, m, q, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3)  # m, n: normals in the target
-    x, g, by_fattening, row = np.empty(3), np.empty(3), np.empty(3), np.empty(7)
-    for i in range(0, points.shape[0], limits.every):
-        r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
-        s = points[i]
-        own_fat = _fattening(s[0], s[1], s[2], normal[i], source.camera[0], source.camera[1])
-        alike = 0.0
-        _rotate(rotation, points[i], g)
-        _rotate(rotation, normal[i], m)
-        for a in range(3):
-            # Without fattening each point lies deeper along its ray, by the slope.
-            p[a] = translation[a] + (1.0 + limits.fattening_px * own_fat) * g[a]
-            by_fattening[a] = own_fat * g[a]
-        if p[2] <= 0.0:
-            continue
-        col = p[0] / p[2] * camera[0] + camera[2]
-        r_at = p[1] / p[2] * camera[1] + camera[3]
-        if not (1.0 < r_at < target.usable.shape[0] - 2 and 1.0 < col < target.usable.shape[1] - 2):
+    shift, held, back = transforms.translation_m, transforms.held_rotation, transforms.held_shift_m
+    least, full, fattening_px = limits.least_facing_cos, limits.full_facing_cos, limits.fattening_px
+    fx, fy, cx, cy = target.camera
+    spread, sign, rows, cols = limits.spread, transforms.sign, target.usable.shape[0], target.usable.shape[1]
+    for i in range(0, source.points_m.shape[0], limits.every):
+        s = (source.points_m[i, 0], source.points_m[i, 1], source.points_m[i, 2])
+        s_n = (source.normal[i, 0], source.normal[i, 1], source.normal[i, 2])
+        own_fat = _fattening(s[0], s[1], s[2], s_n, source.camera[0], source.camera[1])
+        g, m = _rotate(transforms.rotation, s), _rotate(transforms.rotation, s_n)
+        # Without fattening each point lies deeper along its ray, by the slope.
+        deeper = 1.0 + fattening_px * own_fat
+        p = (shift[0] + deeper * g[0], shift[1] + deeper * g[1], shift[2] + deeper * g[2])
+        r_at, c_at = p[1] / p[2] * fy + cy, p[0] / p[2] * fx + cx
+        if not (p[2] > 0.0 and 1.0 < r_at < rows - 2 and 1.0 < c_at < cols - 2):
             continue
         sums.tally[0] += 1.0
-        r, c = int(r_at + 0.5), int(col + 0.5)
+        r, c = int(r_at + 0.5), int(c_at + 0.5)
         if not target.usable[r, c]:
             continue
-        distance, by_fat = 0.0, 0.0
+        n, q = _three(target.normals, r, c), _three(target.xyz_m, r, c)
+        fat = _fattening(q[0], q[1], q[2], n, fx, fy)
+        distance, by_fat, alike = 0.0, 0.0, 0.0
         for a in range(3):
-            n[a] = target.normals[r, c, a]
-            q[a] = target.xyz_m[r, c, a]
-        fat = _fattening(q[0], q[1], q[2], n, camera[0], camera[1])
-        for a in range(3):
-            distance += (p[a] - (1.0 + limits.fattening_px * fat) * q[a]) * n[a]
-            by_fat += (by_fattening[a] - fat * q[a]) * n[a]
+            distance += (p[a] - (1.0 + fattening_px * fat) * q[a]) * n[a]
+            by_fat += (own_fat * g[a] - fat * q[a]) * n[a]
             alike += m[a] * n[a]
         if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
         unlikely = 1.0
         if spread[0] > 0.0:
             unlikely = (1.0 + (distance / (3.0 * spread[0])) ** 2) ** 2
-            likely = 1.0 / unlikely
-            sums.tally[1] += likely
-            sums.tally[2] += likely * distance**2
-        # Weights by the incidence of both cameras on both surfaces; the source's camera is at `translation`.
-        weight = _facing(s[0], s[1], s[2], normal[i], least, full) * _facing(q[0], q[1], q[2], n, least, full)
+            sums.tally[1] += 1.0 / unlikely
+            sums.tally[2] += distance**2 / unlikely
+        # Weights by the incidence of both cameras on both surfaces; the source's camera is at `shift`.
+        weight = _facing(s[0], s[1], s[2], s_n, least, full) * _facing(q[0], q[1], q[2], n, least, full)
         weight *= _facing(p[0], p[1], p[2], m, least, full)
-        weight *= _facing(q[0] - translation[0], q[1] - translation[1], q[2] - translation[2], n, least, full)
+        weight *= _facing(q[0] - shift[0], q[1] - shift[1], q[2] - shift[2], n, least, full)
         if weight <= 0.0:
             continue
-        found[0, i] = distance
-        block = int(r_own * limits.blocks_per_px) * limits.block_cols + int(c_own * limits.blocks_per_px)
-        if transforms.sign < 0:
-            block = int(r * limits.blocks_per_px) * limits.block_cols + int(c * limits.blocks_per_px)
-        for a in range(3):
-            x[a] = held_shift[a] + held[a, 0] * p[0] + held[a, 1] * p[1] + held[a, 2] * p[2]
+        found[i, 0] = distance
+        r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
+        of = (r_own, c_own) if sign > 0 else (r, c)
+        block = int(of[0] * limits.blocks_per_px) * limits.block_cols + int(of[1] * limits.blocks_per_px)
+        turned = _rotate(held, p)
+        x = (back[0] + turned[0], back[1] + turned[1], back[2] + turned[2])
         sums.parts[block] += 1.0
         _add_moments(x, sums.moments)
         if spread[0] > 0.0:
-            _row(x, (n[0], n[1], n[2]), transforms, row)
-            row[6] = by_fat
-            _add(0, block, row, weight / unlikely, distance, sums)
-        if source.inner[r_own, c_own] and target.inner[r, c]:
-            point = _MovedPoint(p, by_fattening, x, r_at, col, block, row)
-            own = source.texture[:, r_own, c_own]
-            _add_texture(point, own, target, transforms, spread, sums, found[:, i])
-
-
-@njit(cache=True, nogil=True)
-def _add_texture(
-    point: _MovedPoint,
-    own: Float32,
-    target: ComparedView,
-    transforms: Transforms,
-    spread: Float64,
-    sums: Sums,
-    found: Float64,
-) -> None:
-    """Add the contribution of a point's texture ``own`` (3,); ``found`` (4,) receives the differences."""
-    p, by_fattening, camera, row = point.place_m, point.by_fattening, target.camera, point.derivative
-    r0, c0 = int(point.row), int(point.col)
-    fr, fc = point.row - r0, point.col - c0
-    # The texture between four pixels, and its derivatives by Sobel's filter there, from 4 x 4 pixels.
-    value_r, value_c = (0.0, 1.0 - fr, fr, 0.0), (0.0, 1.0 - fc, fc, 0.0)
-    step_r, step_c = (fr - 1.0, -fr, 1.0 - fr, fr), (fc - 1.0, -fc, 1.0 - fc, fc)
-    even_r, even_c = (1.0 - fr, 2.0 - fr, 1.0 + fr, fr), (1.0 - fc, 2.0 - fc, 1.0 + fc, fc)
-    for h in range(3):
-        value, down, right = 0.0, 0.0, 0.0
-        for j in range(4):
-            for k in range(4):
-                t = target.texture[h, r0 + j - 1, c0 + k - 1]
-                value += value_r[j] * value_c[k] * t
-                down += step_r[j] * even_c[k] * t
-                right += even_r[j] * step_c[k] * t
-        down, right = 0.125 * down, 0.125 * right
-        difference = value - own[h]
-        found[1 + h] = difference
-        if spread[1 + h] <= 0.0:
+            h = _rotate(held, (sign * n[0], sign * n[1], sign * n[2]))
+            _add((0, block), x, h, by_fat, weight / unlikely, distance, sums.matrix, sums.scores)
+        if not (source.inner[r_own, c_own] and target.inner[r, c]):
             continue
-        gx = right * camera[0] / p[2]
-        gy = down * camera[1] / p[2]
-        gz = -(gx * p[0] + gy * p[1]) / p[2]
-        _row(point.centered_m, (gx, gy, gz), transforms, row)
-        row[6] = gx * by_fattening[0] + gy * by_fattening[1] + gz * by_fattening[2]
-        robust = 1.0 / (1.0 + (difference / (2.0 * spread[1 + h])) ** 2) ** 2
-        _add(1 + h, point.block, row, robust, difference, sums)
-        sums.products[h, 0] += robust * value * value
-        sums.products[h, 1] += robust * own[h] * own[h]
-        sums.products[h, 2] += robust * value * own[h]
+        for k in range(3):
+            own = np.float64(source.texture[k, r_own, c_own])
+            value, right, down = _read(target.texture, k, r_at, c_at)
+            found[i, 1 + k] = value - own
+            if spread[1 + k] <= 0.0:
+                continue
+            d = (right * fx / p[2], down * fy / p[2], 0.0)
+            d = (d[0], d[1], -(d[0] * p[0] + d[1] * p[1]) / p[2])
+            by_fat = own_fat * (d[0] * g[0] + d[1] * g[1] + d[2] * g[2])
+            h = _rotate(held, (sign * d[0], sign * d[1], sign * d[2]))
+            robust = 1.0 / (1.0 + ((value - own) / (2.0 * spread[1 + k])) ** 2) ** 2
+            _add((1 + k, block), x, h, by_fat, robust, value - own, sums.matrix, sums.scores)
+            sums.products[k, 0] += robust * value * value
+            sums.products[k, 1] += robust * own * own
+            sums.products[k, 2] += robust * value * own
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _row(x: Float64, direction: tuple[float, float, float], transforms: Transforms, row: Float64) -> None:
-    """Write the derivative of a displacement along a direction of the target's camera by the motion."""
-    held, sign = transforms.held_rotation, transforms.sign
-    d0, d1, d2 = direction
-    h0 = held[0, 0] * d0 + held[0, 1] * d1 + held[0, 2] * d2
-    h1 = held[1, 0] * d0 + held[1, 1] * d1 + held[1, 2] * d2
-    h2 = held[2, 0] * d0 + held[2, 1] * d1 + held[2, 2] * d2
-    row[0] = sign * (x[1] * h2 - x[2] * h1)
-    row[1] = sign * (x[2] * h0 - x[0] * h2)
-    row[2] = sign * (x[0] * h1 - x[1] * h0)
-    row[3], row[4], row[5] = sign * h0, sign * h1, sign * h2
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_moments(x: _Vector, moments: Float64) -> None:
+    for a in range(3):
+        for b in range(3):
+            moments[a, b] += x[a] * x[b]
+        moments[a, 3] += x[a]
+    moments[3, 3] += 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _read(texture: Float32, k: int, row: float, col: float) -> _Vector:
+    """Return the texture between four pixels, and its slopes to the right and down by Sobel's filter."""
+    top, left = int(row) - 1, int(col) - 1
+    fr, fc = row - int(row), col - int(col)
+    value, right, down = 0.0, 0.0, 0.0
+    for j in range(4):
+        a, b = np.float64(texture[k, top + j, left]), np.float64(texture[k, top + j, left + 1])
+        c, d = np.float64(texture[k, top + j, left + 2]), np.float64(texture[k, top + j, left + 3])
+        even = (1.0 - fc) * (a + 2.0 * b + c) + fc * (b + 2.0 * c + d)
+        step = (1.0 - fc) * (c - a) + fc * (d - b)
+        value += (0.0, 1.0 - fr, fr, 0.0)[j] * ((1.0 - fc) * b + fc * c)
+        right += (1.0 - fr, 2.0 - fr, 1.0 + fr, fr)[j] * step
+        down += (fr - 1.0, -fr, 1.0 - fr, fr)[j] * even
+    return value, 0.125 * right, 0.125 * down

@@ -189,17 +189,17 @@ def _weighed(found: Agreement, spread: Float64, noise_m: float) -> tuple[Float64
     """
     parts = float(found.parts.sum()) ** 2 / float(np.square(found.parts).sum())
     used = np.flatnonzero(spread > 0)
-    share = np.append(1.0, np.maximum(found.likeness, 0.0))[used]
+    share = np.array([1.0, *np.maximum(found.likeness, 0.0)])[used]
     precision = 1.0 / np.square(spread[used])
     inflation = _inflation(found.matrix[used, :6, :6], found.scores[used, :, :6], precision)
     # The scores of 6 unknowns fitted to few blocks scatter too little.
     inflation *= _NOISE_INFLATION * parts / max(parts - 6.0, 1.0)
-    matrix = np.tensordot(share**2 * precision / inflation, found.matrix[used], axes=1)
+    matrix = np.einsum("t,tij->ij", share**2 * precision / inflation, found.matrix[used])
     gradient = share * precision / inflation @ found.gradient[used]
     off_m = _PART_STD_M + _PART_NOISE * noise_m
     limit = parts / found.count / off_m**2 * found.inertia
     # The motion may have an error of precision L: the form is minimised over it.
-    gain = np.linalg.solve(matrix[:6, :6] + limit, np.column_stack([matrix[:6], gradient[:6]]))
+    gain = np.linalg.solve(matrix[:6, :6] + limit, np.concatenate([matrix[:6], gradient[:6, None]], axis=1))
     return matrix - matrix[:, :6] @ gain[:, :-1], gradient - matrix[:, :6] @ gain[:, -1]
 
 

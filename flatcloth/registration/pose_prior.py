@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about
+from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about, rotations_by
 from flatcloth.core.types import Float64, RotationAxis
 
 COMMON, OWN = 5, 3
@@ -68,11 +68,15 @@ def twist_of(moved: Rigid3, center_m: Float64) -> Float64:
     return np.concatenate([turn, moved.apply(center_m) - center_m])
 
 
-def twists_between(one: Sequence[Rigid3], other: Sequence[Rigid3], centers_m: Float64) -> Float64:
-    """Return :func:`twist_of` of ``other^-1 one`` (P, 6) about centers (P, 3), for P pairs of motions."""
-    back = np.stack([motion.rotation for motion in other]).transpose(0, 2, 1)
-    r = back @ np.stack([motion.rotation for motion in one])
-    apart = np.stack([a.translation_m - b.translation_m for a, b in zip(one, other, strict=True)])
+def twists_between(
+    one: tuple[Float64, Float64], other: tuple[Float64, Float64], centers_m: Float64
+) -> Float64:
+    """Return :func:`twist_of` of ``other^-1 one`` (P, 6) about centers (P, 3), for P pairs of motions.
+
+    ``one``, ``other`` are rotations (P, 3, 3) and translations (P, 3).
+    """
+    back, apart = other[0].transpose(0, 2, 1), one[1] - other[1]
+    r = back @ one[0]
     axis = 0.5 * np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
     sine = np.linalg.norm(axis, axis=1)
     scale = np.where(sine > 1e-12, np.arcsin(np.minimum(1.0, sine)) / np.maximum(sine, 1e-12), 1.0)
@@ -97,11 +101,11 @@ def poses(
     """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
     side, front = across(axis)
     turned = moved_axis(axis, common)
-    found = []
-    for angle, (turn, aside, ahead) in zip(angles_deg, own, strict=True):
-        swing = motion(np.concatenate([aside * side + ahead * front, np.zeros(3)]), held_point_m)
-        found.append(swing @ held_from_camera(turned, angle + math.degrees(turn)))
-    return tuple(found)
+    swings = rotations_by(own[:, 1:2] * side + own[:, 2:] * front)
+    turns = rotations_by((np.radians(angles_deg) + own[:, 0])[:, None] * -turned.direction)
+    there = turned.point_m - turns @ turned.point_m - held_point_m
+    shifts = held_point_m + np.einsum("nij,nj->ni", swings, there)
+    return tuple(Rigid3(rotation, shift) for rotation, shift in zip(swings @ turns, shifts, strict=True))
 
 
 def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
@@ -109,11 +113,11 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 
     Columns: its turn and swing (two directions), shift and tilt of the axis (two directions).
     """
-    back = held_from_camera(axis, angle_deg).rotation
+    back, ways = held_from_camera(axis, angle_deg).rotation, across(axis)
     columns = [_about(-axis.direction, axis.point_m)]
-    columns += [_about(way, held_point_m) for way in across(axis)]
-    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in across(axis)]
-    for way in across(axis):
+    columns += [_about(way, held_point_m) for way in ways]
+    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in ways]
+    for way in ways:
         tilt = _cross(axis.direction) @ way
         columns.append(_about(tilt - back @ tilt, axis.point_m))
     return np.stack(columns, axis=1)
@@ -122,11 +126,11 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 def at_center(derivative: Float64, center_m: Float64) -> Float64:
     """Transform derivatives (..., 6, N) of twists about the origin to those about centers (..., 3)."""
     there = derivative.copy()
-    cross = _cross(center_m) if center_m.ndim == 1 else np.stack([_cross(center) for center in center_m])
-    there[..., 3:, :] -= cross @ derivative[..., :3, :]
+    there[..., 3:, :] -= _cross(center_m) @ derivative[..., :3, :]
     return there
 
 
+@lru_cache(maxsize=4)
 def grades(prior: PosePrior) -> Float64:
     """Return the grades of error (G, 3): standard deviations of turn (rad), axis (m) and swing (rad).
 
@@ -150,11 +154,10 @@ def chances(prior: PosePrior) -> Float64:
 
 
 def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
-    """Return the prior variances (5 + 3 n,) of the unknowns at a grade (3,)."""
-    turn, axis, swing = np.square(grade)
-    tilt = axis / prior.axis_length_m**2
-    common = [axis, axis, tilt, tilt, prior.fattening_std_px**2]
-    return np.concatenate([common, np.tile([turn, swing, swing], n)])
+    """Return the prior variances (..., 5 + 3 n) of the unknowns at grades (..., 3)."""
+    turn, axis, swing = np.moveaxis(np.square(grade), -1, 0)
+    tilt, fattening = axis / prior.axis_length_m**2, np.full_like(axis, prior.fattening_std_px**2)
+    return np.stack([axis, axis, tilt, tilt, fattening, *[turn, swing, swing] * n], axis=-1)
 
 
 def pair_covariance(
@@ -194,9 +197,11 @@ def across(axis: RotationAxis) -> tuple[Float64, Float64]:
 
 
 def _cross(a: Float64) -> Float64:
-    """Return the matrix (3, 3) of the cross product with a vector."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
+    cross = np.zeros((*a.shape, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
+    cross[..., 1, 0], cross[..., 2, 0], cross[..., 2, 1] = a[..., 2], -a[..., 1], a[..., 0]
+    return cross
 
 
 def _about(turn: Float64, point_m: Float64) -> Float64:

@@ -251,10 +251,14 @@ def _texture(surface: Surface, size_px: float) -> Float32:
     texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
     third, half = np.float32(1 / 3), np.float32(0.5)
     mixed: list[Float32] = [third * (red + green + blue), red - green, half * (red + green) - blue]
-    for n, image in enumerate(mixed):
-        near, around = cv2.GaussianBlur(image, (0, 0), 1.0), cv2.GaussianBlur(image, (0, 0), size_px)
-        texture[n] = near * fine - around * coarse
-        texture[n] *= inside
+    around = np.empty_like(inside)
+    for near, image in zip(texture, mixed, strict=True):  # in place: large new arrays take time
+        cv2.GaussianBlur(image, (0, 0), 1.0, dst=near)
+        cv2.GaussianBlur(image, (0, 0), size_px, dst=around)
+        near *= fine
+        around *= coarse
+        near -= around
+        near *= inside
     return texture
 
 
@@ -313,10 +317,12 @@ def compare(
         blocks_per_px=1 / block_px,
         block_cols=cols,
     )
-    differences = []
-    for source, target, source_held, target_held, sign in (
-        (one, other, one_held, other_held, 1.0),
-        (other, one, other_held, one_held, -1.0),
+    ends = one.compared(), other.compared()
+    found = np.full((len(one.points_m) + len(other.points_m), TERMS), np.nan)
+    halves = found[: len(one.points_m)], found[len(one.points_m) :]
+    for source, target, source_held, target_held, sign, differences in (
+        (*ends, one_held, other_held, 1.0, halves[0]),
+        (*ends[::-1], other_held, one_held, -1.0, halves[1]),
     ):
         moved = target_held.inverse() @ source_held
         transforms = Transforms(
@@ -326,15 +332,13 @@ def compare(
             held_shift_m=target_held.translation_m - center_m,
             sign=sign,
         )
-        found = np.full((TERMS, len(source.points_m)), np.nan)
-        accumulate(source.compared(), target.compared(), transforms, limits, sums, found)
-        differences.append(found)
-    both = np.abs(np.concatenate(differences, axis=1))
-    kept = [term[np.isfinite(term)] for term in both]
+        accumulate(source, target, transforms, limits, sums, differences)
+    distances, shades = np.abs(found[:, 0]), np.abs(found[:, 1:])
+    kept = [distances[np.isfinite(distances)], *shades[np.isfinite(shades[:, 0])].T]
     energy = np.sqrt(sums.products[:, 0] * sums.products[:, 1])
     return Agreement(
         matrix=sums.matrix + np.tril(sums.matrix, -1).transpose(0, 2, 1),
-        gradient=sums.gradient,
+        gradient=sums.scores.sum(axis=1),
         scores=sums.scores,
         spread=np.array([_usual(term) for term in kept]),
         likeness=np.where(energy > 0, sums.products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
@@ -348,7 +352,6 @@ def compare(
 def _no_sums(blocks: int) -> Sums:
     return Sums(
         matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        gradient=np.zeros((TERMS, UNKNOWNS)),
         scores=np.zeros((TERMS, blocks, UNKNOWNS)),
         products=np.zeros((CHANNELS, 3)),
         parts=np.zeros(blocks),
@@ -365,10 +368,9 @@ def _usual(differences: Float64) -> float:
 
 def _inertia(moments: Float64) -> Float64:
     """Sum of J' J (6, 6), where J is the derivative of a point by its motion; moments of (x, 1)."""
-    x, count = moments[:3, 3], moments[3, 3]
-    cross = np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
-    inertia = np.zeros((6, 6))
-    inertia[:3, :3] = np.trace(moments[:3, :3]) * np.eye(3) - moments[:3, :3]
-    inertia[:3, 3:], inertia[3:, :3] = cross, cross.T
-    inertia[3:, 3:] = count * np.eye(3)
+    (x, y, z), count = moments[:3, 3], moments[3, 3]
+    inertia = np.diag([*np.full(3, moments[0, 0] + moments[1, 1] + moments[2, 2]), *np.full(3, count)])
+    inertia[:3, :3] -= moments[:3, :3]
+    inertia[:3, 3:] = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+    inertia[3:, :3] = inertia[:3, 3:].T
     return inertia

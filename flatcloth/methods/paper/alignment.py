@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.geometry import height_m
+from flatcloth.core.geometry import height_m, wrapped_deg, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
 from flatcloth.methods.paper.matching import Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
@@ -123,13 +123,16 @@ def correspond(
     """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
     before_deg, after_deg = angles_deg
     rotation_deg = after_deg - before_deg
-    curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current)
-    new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg)
+    angles = [z_angle_deg(view.normal[view.valid], axis, before_deg) for view in (current, new)]
+    curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current, angles[0])
+    after = wrapped_deg(angles[1] + rotation_deg)
+    new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg, seen_deg=after)
     low, high = _common_range(curves, new_curves, rotation_deg)
     a_m = 0.5 * (low + high)
-    current_angle = mean_z_angle_deg(current, axis, before_deg, z_angle_smoothing_m)
-    new_angle = mean_z_angle_deg(new, axis, before_deg, z_angle_smoothing_m)
-    pixels = [_pixels_at(angle, view, a_m) for angle, view in ((current_angle, current), (new_angle, new))]
+    if z_angle_smoothing_m > 0.0:
+        means = [mean_z_angle_deg(view, axis, before_deg, z_angle_smoothing_m) for view in (current, new)]
+        angles = [mean[view.valid] for mean, view in zip(means, (current, new), strict=True)]
+    pixels = [_pixels_at(angle, view, a_m) for angle, view in zip(angles, (current, new), strict=True)]
     axes = [
         _principal_axis(view.uv_from_rc(rc), height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis))
         for view, rc in zip((current, new), pixels, strict=True)
@@ -188,9 +191,12 @@ def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float)
 
 
 def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
-    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that contains enough of them."""
+    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that contains enough of them.
+
+    ``angle`` are those of the valid pixels.
+    """
     inside = np.flatnonzero(view.valid)
-    off = np.abs((angle.ravel()[inside] - a_m + 180.0) % 360.0 - 180.0)
+    off = np.abs(wrapped_deg(angle - a_m))
     for band in _LINE_BANDS_DEG:
         found = inside[off <= band]
         if len(found) * view.pixel_size_m**2 >= _LINE_MIN_AREA_M2:
@@ -211,8 +217,8 @@ def _principal_axis(uv: Float64, height: Float64) -> tuple[Float64, Float64]:
 
 
 def _common_height(current: Float64, new: Float64) -> float:
-    low = max(np.percentile(current, 2), np.percentile(new, 2))
-    high = min(np.percentile(current, 98), np.percentile(new, 98))
+    ends = [np.percentile(heights, (2, 98)) for heights in (current, new)]
+    low, high = max(lowest for lowest, _ in ends), min(highest for _, highest in ends)
     if low > high:
         raise AlignmentError("The corresponding lines have no height in common; choose another view.")
     return float(0.5 * (low + high))

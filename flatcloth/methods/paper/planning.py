@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.core.config import PlanningConfig
 from flatcloth.core.geometry import z_angle_deg
-from flatcloth.core.types import FlattenedView, Rigid2, RotationAxis
+from flatcloth.core.types import FlattenedView, Float64, Rigid2, RotationAxis
 from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
 from flatcloth.session.machine import Side
 
@@ -22,6 +22,7 @@ def column_curves(
     angle_deg: float,
     z_angle_limit_deg: float,
     frame_from_view: Rigid2 | None = None,
+    seen_deg: Float64 | None = None,
 ) -> ColumnCurves:
     """Return h(u) and A_z(u) (paper, 4.1, steps 1 and 2).
 
@@ -37,13 +38,15 @@ def column_curves(
         A_w; pixels beyond it are ignored.
     frame_from_view : Rigid2, optional
         Motion to the plane of the columns; by default the view's own plane.
+    seen_deg : (K,) float64, optional
+        The Z-angles of the valid pixels at this rotation, if they are known.
     """
-    angle = z_angle_deg(view.normal[view.valid], axis, angle_deg)
-    uv = view.uv_from_rc(np.argwhere(view.valid))
+    angle = z_angle_deg(view.normal[view.valid], axis, angle_deg) if seen_deg is None else seen_deg
+    within = np.abs(angle) < z_angle_limit_deg
+    uv = view.uv_from_rc(np.argwhere(view.valid)[within])
     if frame_from_view is not None:
         uv = frame_from_view.apply(uv)
-    within = np.abs(angle) < z_angle_limit_deg
-    column = np.rint(uv[within, 0] / view.pixel_size_m).astype(np.int64)
+    column = np.rint(uv[:, 0] / view.pixel_size_m).astype(np.int64)
     if column.size == 0:
         none = np.zeros(0)
         return ColumnCurves(

@@ -28,6 +28,8 @@ pieces."""
 _TURNS_DEG = tuple(range(-40, 41, 10))
 """Turns that are searched. Chosen: components are upright on the plane, so that larger turns are rare."""
 
+_TRIALS = 23
+"""Motions of two random points that are tried. Set by hand."""
 _ALL_AGREE = 0.9
 """Where more than this share of the associated nodes agrees, no further motion is tried. Set by hand."""
 
@@ -40,29 +42,46 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
     points, target = sampled.uv_m[at][placed], target[placed]
     if len(points) < 3:
         return []
-    best, most = fit_rigid2(points, target), -1.0
-    random = np.random.default_rng(0)
-    for n in range(24):
-        if n:
-            i, j = random.integers(0, len(points), 2)
-            if math.dist(points[i], points[j]) < 0.02:
-                continue
-            trial = fit_rigid2(points[[i, j]], target[[i, j]])
-        else:
-            trial = best
-        off = np.linalg.norm(trial.apply(points) - target, axis=1)
-        agreed = float((1.0 / (1.0 + np.square(off / 0.01))).sum())
-        if agreed > most:
-            best, most = trial, agreed
-        if most > _ALL_AGREE * len(points):
-            break
+    best = fit_rigid2(points, target)
+    if _agreed(np.linalg.norm(best.apply(points) - target, axis=1)) <= _ALL_AGREE * len(points):
+        best = _best_of_two(points, target, best)
+    before = None
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
         near = off < max(0.012, float(np.median(off)))
-        if near.sum() < 3:
+        if near.sum() < 3 or (before is not None and np.array_equal(near, before)):
             break
-        best = fit_rigid2(points[near], target[near])
+        best, before = fit_rigid2(points[near], target[near]), near
     return [best]
+
+
+def _best_of_two(points: Float64, target: Float64, given: Rigid2) -> Rigid2:
+    """Return the first motion of random pairs of points on which nearly all agree, or that of most agreement.
+
+    ``given`` is tried first.
+    """
+    i, j = np.random.default_rng(0).integers(0, len(points), (_TRIALS, 2)).T
+    one, other = points[j] - points[i], target[j] - target[i]
+    apart = np.linalg.norm(one, axis=1) >= 0.02
+    turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
+    cos, sin = np.cos(turn), np.sin(turn)
+    rotation = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+    turned = points @ rotation
+    middle = 0.5 * (turned[np.arange(_TRIALS), i] + turned[np.arange(_TRIALS), j])
+    shift = 0.5 * (target[i] + target[j]) - middle
+    agreed = _agreed(np.linalg.norm(turned + shift[:, None] - target, axis=2))
+    agreed[~apart] = -1.0
+    enough = np.flatnonzero(agreed > _ALL_AGREE * len(points))
+    n = int(enough[0]) if enough.size else int(np.argmax(agreed))
+    if agreed[n] <= _agreed(np.linalg.norm(given.apply(points) - target, axis=1)):
+        return given
+    return Rigid2(float(turn[n]), float(shift[n, 0]), float(shift[n, 1]))
+
+
+def _agreed(off_m: Float64) -> Float64:
+    """Return how many points (..., N) agree that are so far off."""
+    agreed: Float64 = (1.0 / (1.0 + np.square(off_m / 0.01))).sum(axis=-1)
+    return agreed
 
 
 def from_z_angle_lines(
@@ -95,9 +114,11 @@ def from_correlation(
     f_values = [fft.rfft2(fixed[..., k], size) for k in range(fixed.shape[-1])]
     found: list[tuple[float, Rigid2]] = []
     least = 0.15 * float(new.valid.sum()) * (new.pixel_size_m / _COARSE_M) ** 2
+    uv = new.uv_from_rc(np.argwhere(new.valid))
+    values = _attributes(new, axis)[0][new.valid]
     for turn_deg in _TURNS_DEG:
         turn = Rigid2(around + math.radians(turn_deg))
-        moving, moving_mask, origin = _turned(new, turn, axis, extent)
+        moving, moving_mask, origin = _rasterised(turn.apply(uv), values, extent)
         g_mask = np.conj(fft.rfft2(moving_mask, size))
         overlap = fft.irfft2(f_mask * g_mask, size)
         square = f_square * g_mask + f_mask * np.conj(fft.rfft2(np.square(moving).sum(axis=-1), size))
@@ -125,18 +146,12 @@ def _attributes(view: FlattenedView, axis: RotationAxis) -> tuple[Float64, Bool]
     return values, view.valid
 
 
-def _turned(
-    view: FlattenedView, turn: Rigid2, axis: RotationAxis, extent: int
-) -> tuple[Float64, Bool, Float64]:
-    """Rasterise a view's pixels, rotated, on a coarse square grid; also return its origin (2,)."""
-    rc = np.argwhere(view.valid)
-    uv = turn.apply(view.uv_from_rc(rc))
+def _rasterised(uv: Float64, values: Float64, extent: int) -> tuple[Float64, Bool, Float64]:
+    """Return the mean values (E, E, 4) of places (K, 2) on a coarse grid, where any are, its origin."""
     origin = np.floor(uv.min(axis=0) / _COARSE_M) * _COARSE_M
     cell = np.rint((uv - origin) / _COARSE_M).astype(np.int64)
     flat = np.minimum(cell[:, 1], extent - 1) * extent + np.minimum(cell[:, 0], extent - 1)
     count = np.bincount(flat, minlength=extent * extent)
-    values, _ = _attributes(view, axis)
-    values = values[rc[:, 0], rc[:, 1]]
     sums = [np.bincount(flat, values[:, k], extent * extent).astype(np.float64) for k in range(4)]
     grid: Float64 = np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None]
     mask: Bool = (count > 0).reshape(extent, extent)
@@ -152,10 +167,8 @@ def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float)
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
     covered, node, there = reference.surface_at((grid + low) * _COARSE_M)
     valid = covered.reshape(rows, cols)
-    xyz = np.where(covered[:, None], there, np.nan).reshape(rows, cols, 3).astype(np.float32)
-    normal = (
-        np.where(covered[:, None], reference.normal[node], np.nan).reshape(rows, cols, 3).astype(np.float32)
-    )
+    xyz, normal = np.full((2, rows, cols, 3), np.nan, dtype=np.float32)
+    xyz[valid], normal[valid] = there, reference.normal[node]
     angle = np.full(valid.shape, np.nan, dtype=np.float32)
     angle[valid] = z_angle_deg(normal[valid], axis, angle_deg)
     return FlattenedView(

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import camera_from_held
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
-from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.neighbours import neighbourhoods
 from flatcloth.methods.robust.joint import JointShape
 
 LEAST_OVERLAP_M2 = 0.03
@@ -74,7 +74,7 @@ def rate_candidates(
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
     best = _best_incidence_deg(shape)[placed]
     area = _node_area_m2(shape)
-    rim = _rim(shape)
+    rim = _rim(shape, area)
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= _POOR_INCIDENCE_DEG
@@ -110,6 +110,8 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
+    if not (piece > 0).any():
+        return []
     main = np.flatnonzero(piece == 0)
     tree = cKDTree(xyz[main])
     found = []
@@ -151,42 +153,21 @@ class _Rim:
     promise_m2: Float64
 
 
-def _rim(shape: JointShape) -> _Rim:
-    """Find the outline nodes of the shape, the expected normals beyond them, and the expected areas."""
-    placed = np.flatnonzero(shape.has_place)
-    number = np.full(len(shape.nodes), -1)
-    number[placed] = np.arange(placed.size)
-    links = shape.links
-    used = both_ends(shape.has_place, links.once)
-    i, j = number[links.once[used]].T
-    seen = links.views_of_once[used].astype(np.float64)
-    n = placed.size
-    uv = shape.all_uv_m[placed]
-    along = uv[j] - uv[i]
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-    unit = along / length[:, None]
-    degree = np.bincount(i, seen, n) + np.bincount(j, seen, n)
-    pull = _sums_out_of(i, j, seen[:, None] * unit, n)
-    lopsided = np.linalg.norm(pull, axis=1) / np.maximum(degree, 1)
-    at = np.flatnonzero((lopsided > 0.35) & (degree >= 3))
+def _rim(shape: JointShape, area_m2: float) -> _Rim:
+    """Find the outline nodes, the expected normals and areas beyond them; ``area_m2`` is that of a node."""
+    has_place, links = shape.has_place, shape.links
+    around = neighbourhoods(links.once, links.views_of_once, has_place, shape.all_uv_m, shape.nodes.xyz_m)
+    lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
+    rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
-    xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
-    inwards = _sums_out_of(i, j, (seen / length)[:, None] * (xyz[j] - xyz[i]), n)[at]
+    normal, inwards = shape.nodes.normal[rim], around.inwards[rim]
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
-    beyond = math.cos(math.radians(40.0)) * normal[at] + math.sin(math.radians(40.0)) * outwards
-    spacing = math.sqrt(_node_area_m2(shape))
+    beyond = math.cos(math.radians(40.0)) * normal + math.sin(math.radians(40.0)) * outwards
     # An outline that is the same in several views is the border of the cloth.
-    observations = np.zeros(len(shape.nodes))
-    for observation in shape.observations:
-        np.add.at(observations, observation.node, observation.incidence_deg < 60.0)
-    promise = spacing * 0.03 * 0.4 ** np.maximum(observations[placed][at] - 1.0, 0.0)
-    return _Rim(at, beyond, promise)
-
-
-def _sums_out_of(i: NDArray[np.intp], j: NDArray[np.intp], vectors: Float64, n: int) -> Float64:
-    """Return for each of n nodes the sum of the vectors (P, k) from it to its neighbours (n, k)."""
-    columns = [np.bincount(i, vector, n) - np.bincount(j, vector, n) for vector in vectors.T]
-    return np.stack(columns, axis=1)
+    shown = [seen.node[seen.incidence_deg < 60.0] for seen in shape.observations]
+    often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
+    promise = math.sqrt(area_m2) * 0.03 * 0.4 ** np.maximum(often - 1.0, 0.0)
+    return _Rim((np.cumsum(has_place) - 1)[rim], beyond, promise)
 
 
 @njit(cache=True, nogil=True)

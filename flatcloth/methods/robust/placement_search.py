@@ -139,8 +139,9 @@ class PlacementSearch:
         component_of_node = component_of_pixel[pixel[:, 0], pixel[:, 1]]
         sampled = {}
         for n, component in enumerate(flattening.components):
-            rc = np.argwhere(component_of_pixel == n).astype(np.int32)
-            rc = rc[:: max(1, len(rc) // _SAMPLES)]
+            inside = np.flatnonzero(component_of_pixel == n)
+            inside = inside[:: max(1, len(inside) // _SAMPLES)]
+            rc = np.stack(np.unravel_index(inside, component_of_pixel.shape), axis=1).astype(np.int32)
             uv = flattening.carrier.place(rc)
             known = np.isfinite(uv[:, 0])
             own = np.flatnonzero(component_of_node == n)

@@ -16,14 +16,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries, project
+from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.robust.connectivity import both_ends
+from flatcloth.methods.neighbours import neighbourhoods
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
@@ -67,18 +66,15 @@ def texture_features(surface: Surface) -> TextureFeatures:
     def mean(image: Float32, sigma: float) -> Float32:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
 
-    known = np.maximum(mean(inside, 1.5), 0.05)
+    known, off = np.maximum(mean(inside, 1.5), 0.05), ~surface.usable
     fine = mean(np.asarray(surface.frame.color * inside[..., None], dtype=np.float32), 1.5)
-    red, green, blue = (fine[..., k] / known for k in range(3))
+    red, green, blue = (plane / known for plane in cv2.split(fine))
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
     brightness = np.maximum(gray, 8.0)
-    texture = np.empty_like(fine)
-    texture[..., 0] = gray - coarse
-    texture[..., 1] = 64.0 * red / brightness - 64.0
-    texture[..., 2] = 64.0 * blue / brightness - 64.0
-    texture[~surface.usable] = np.nan
-    return TextureFeatures(texture=texture)
+    coarse[off] = brightness[off] = np.nan
+    texture = cv2.merge([gray - coarse, 64.0 * red / brightness - 64.0, 64.0 * blue / brightness - 64.0])
+    return TextureFeatures(texture=np.asarray(texture, dtype=np.float32))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,10 +123,14 @@ class ReferenceShape:
         self.normal = shape.nodes.normal[self.number]
         self.frames = _space_from_plane(shape)[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
-        self._best_view, self.texture = _best_textures(shape, textures, self.number)
-        self._poses = [held.inverse() for held in shape.held_from_camera]
-        self._surfaces = [surfaces[v] for v in shape.views]
         self._textures = [textures[v].texture for v in shape.views]
+        self._best_view, rc = _best_observed(shape, self.number)
+        self.texture = _read_nearest(self._textures, self._best_view, rc)
+        self._turns = np.stack([held.rotation for held in shape.held_from_camera])
+        self._shifts_m = np.stack([held.translation_m for held in shape.held_from_camera])
+        cameras = [surfaces[v].frame.intrinsics for v in shape.views]
+        self._focal_px = np.array([(k.fy, k.fx) for k in cameras])
+        self._center_px = np.array([(k.cy, k.cx) for k in cameras])
         self._near = NearPoints(self.uv_m, _COVER_M)
         self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
         self._place[self.number] = np.arange(self.number.size)
@@ -146,11 +146,12 @@ class ReferenceShape:
         return np.where((at >= 0)[:, None], self.xyz_m[at], np.nan)
 
     def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
-        """Return which positions (K, 2) of the plane are covered, by which node, and their xyz (K, 3)."""
+        """Return which positions (K, 2) of the plane are covered, and by which node (M,) and xyz (M, 3)."""
         nearest = self._near.nearest(uv_m)
-        at = np.maximum(nearest, 0)
-        offset = uv_m - self.uv_m[at]
-        return nearest >= 0, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
+        covered = nearest >= 0
+        at = nearest[covered]
+        offset = uv_m[covered] - self.uv_m[at]
+        return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
 
     def pull(self, uv_m: Float64, sampled: SampledComponent, radius_m: float) -> _Pull:
         """Return how the surface under samples, placed at (K, 2), pulls them in space; see :func:`refine`."""
@@ -164,13 +165,11 @@ class ReferenceShape:
 
     def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
         """Return the features (K, 3) of points in the accepted view that observed the node best."""
-        found = np.full((len(node), 3), np.nan)
         view = self._best_view[node]
-        for n in np.unique(view):
-            own = np.flatnonzero(view == n)
-            rc = project(self._poses[n].apply(xyz_m[own]), self._surfaces[n].frame.intrinsics)
-            found[own] = _read_nearest(self._textures[n], rc)
-        return found
+        seen = np.einsum("nji,nj->ni", self._turns[view], xyz_m - self._shifts_m[view])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rc = seen[:, 1::-1] / seen[:, 2:] * self._focal_px[view] + self._center_px[view]
+        return _read_nearest(self._textures, view, rc)
 
 
 class _Pull(NamedTuple):
@@ -231,44 +230,42 @@ def _pulled(
     return center, total, hessian, right, covered
 
 
-def _read_nearest(image: Float32, rc: Float64) -> Float64:
-    shape = np.array(image.shape[:2])
-    inside: Bool = np.asarray(((rc > -0.5) & (rc < shape - 0.5)).all(axis=1))
-    at = np.rint(np.where(inside[:, None], rc, 0.0)).astype(np.int64)
-    values = image[at[:, 0], at[:, 1]].astype(np.float64)
-    return np.where(inside[:, None], values, np.nan)
+def _read_nearest(images: Sequence[Float32], image: Int32, rc: Float64) -> Float64:
+    """Return the values (K, 3) of places ``rc`` (K, 2), each in one of the images (K,); NaN outside it."""
+    sizes = np.array([one.shape[:2] for one in images])
+    inside = np.flatnonzero(((rc > -0.5) & (rc < sizes[image] - 0.5)).all(axis=1))
+    inside = inside[np.argsort(image[inside], kind="stable")]
+    row, col = np.rint(rc[inside]).astype(np.int64).T
+    found, first = np.full((len(rc), 3), np.nan), 0
+    for n, count in enumerate(np.bincount(image[inside])):
+        own = slice(first, first + count)
+        found[inside[own]] = images[n][row[own], col[own]]
+        first += count
+    return found
 
 
 def _space_from_plane(shape: JointShape) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
-    links, n = shape.links, len(shape.nodes)
-    used = both_ends(shape.has_place, links.once)
-    i, j = links.once[used].T
-    flat = links.views_of_once[used][:, None] * (shape.all_uv_m[j] - shape.all_uv_m[i])
-    space = shape.nodes.xyz_m[j] - shape.nodes.xyz_m[i]
-    frames = np.zeros((n, 3, 2))
-    for row in range(3):
-        for col in range(2):
-            product = space[:, row] * flat[:, col]
-            frames[:, row, col] = np.bincount(i, product, n) + np.bincount(j, product, n)
+    links = shape.links
+    frames = neighbourhoods(
+        links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m
+    ).turned
     normal = shape.nodes.normal
-    frames -= normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
-    return nearest_isometries(frames)
+    return nearest_isometries(
+        frames - normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
+    )
 
 
-def _best_textures(
-    shape: JointShape, textures: Mapping[int, TextureFeatures], number: Int32
-) -> tuple[Int32, Float64]:
-    """Return for each placed node the observation with the smallest incidence, and its features (N, 3)."""
+def _best_observed(shape: JointShape, number: Int32) -> tuple[Int32, Float64]:
+    """Return the observation (N,) with the smallest incidence of each placed node, and its place in it."""
     incidence = np.full(len(shape.nodes), np.inf)
     view = np.zeros(len(shape.nodes), dtype=np.int32)
-    texture = np.full((len(shape.nodes), 3), np.nan)
+    rc = np.full((len(shape.nodes), 2), np.nan)
     for n, observation in enumerate(shape.observations):
         better = observation.incidence_deg < incidence[observation.node]
         node = observation.node[better]
-        incidence[node], view[node] = observation.incidence_deg[better], n
-        texture[node] = _read_nearest(textures[observation.view_index].texture, observation.rc[better])
-    return view[number], texture[number]
+        incidence[node], view[node], rc[node] = observation.incidence_deg[better], n, observation.rc[better]
+    return view[number], rc[number]
 
 
 def score_placement(
@@ -296,13 +293,13 @@ def score_placement(
         "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
     }  # fmt: skip
     if at.size:
-        apart = np.linalg.norm(sampled.xyz_m[at] - there[at], axis=1)
-        facing = (sampled.normal[at] * reference.normal[node[at]]).sum(axis=1)
+        apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
+        facing = (sampled.normal[at] * reference.normal[node]).sum(axis=1)
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
         parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
         parts["place_median_mm"] = 1e3 * float(np.median(apart))
-        up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there[at], reference._axis)
+        up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there, reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
         parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
     known = np.flatnonzero(sampled.node >= 0)
@@ -321,7 +318,7 @@ def _color_agreement(
     reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
 ) -> float:
     """Agreement of color relative to randomly paired samples; 0.5 without information."""
-    seen = reference.texture_at(node[at], there[at])
+    seen = reference.texture_at(node, there)
     own = sampled.texture[at]
     known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
     if known.sum() < 10:
@@ -436,9 +433,8 @@ def sample_component(
     )
     node = np.full(len(rc), -1, dtype=np.int32)
     if len(associated_rc):
-        distance, nearest = cKDTree(associated_rc).query(rc, distance_upper_bound=2.0)
-        near = np.isfinite(distance)
-        node[near] = associated_node[nearest[near]]
+        nearest = NearPoints(associated_rc, 2.0).nearest(rc.astype(np.float64))
+        node[nearest >= 0] = associated_node[nearest[nearest >= 0]]
     return SampledComponent(
         uv_m=uv_m,
         rc=rc,

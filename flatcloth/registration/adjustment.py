@@ -1,0 +1,211 @@
+"""The adjustment: the axis, turns and swings that explain the motions of all pairs of views together.
+
+Input: what each pair of views tells about its motion. Output: the unknowns, their covariance, and how
+probable each grade of the recording's errors is. See :mod:`.cameras`, of which this is the numerical part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Float64, Int64
+from flatcloth.registration.pairwise import PairFit
+from flatcloth.registration.pose_prior import (
+    COMMON,
+    OWN,
+    at_center,
+    chances,
+    grades,
+    twists_between,
+    variances,
+)
+from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
+
+if TYPE_CHECKING:
+    from flatcloth.registration.cameras import Registered
+
+_LEAST_CHANCE = 1e-3
+"""Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
+_STEPS = 3
+"""Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
+_FREEDOM = 6.0
+"""Degrees of freedom of Student's t, which limits the weight of contradicting pairs. Set by hand."""
+_RIDGE = 1e-6 * np.eye(UNKNOWNS)
+"""Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
+
+
+def solved(registered: Registered) -> Registered:
+    """Find the unknowns that explain all pairs, averaged over the grades of the pose prior."""
+    prior, n = registered.prior, len(registered.features)
+    grid, chance = grades(prior), chances(prior)
+    pairs = _linear(registered)
+    posterior = registered.posterior
+    for step in range(_STEPS):  # Gauss-Newton; all grades are averaged only in the last step
+        last = step == _STEPS - 1
+        used = np.arange(len(grid)) if last else np.flatnonzero(posterior)
+        root = np.sqrt(variances(n, grid[used], prior))
+        x = np.concatenate([registered.common, registered.own.ravel()])
+        matrix, right = _assembled(registered, pairs, trusting=step == 0)
+        pull = root * (right + matrix @ x)
+        own = np.exp(_log_evidence(root, matrix, pull) + np.log(chance[used]))
+        own[own < _LEAST_CHANCE * own.sum()] = 0.0
+        posterior = np.zeros(len(grid))
+        posterior[used] = own / own.sum()
+        likely = np.flatnonzero(own)
+        root = root[likely]
+        inverse = np.linalg.inv(_scaled(root, matrix))
+        means = root * (inverse @ pull[likely, :, None])[..., 0]
+        chance_of = posterior[used[likely]]
+        x = chance_of @ means
+        registered = replace(
+            registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
+        )
+    off = means - x
+    covariance = (chance_of[:, None] * off).T @ off
+    for share, wide, inside in zip(chance_of, root, inverse, strict=True):
+        covariance += share * wide[:, None] * inside * wide
+    return replace(registered, covariance=covariance)
+
+
+def _scaled(root: Float64, matrix: Float64) -> Float64:
+    """Return M = 1 + D^1/2 A D^1/2 (G, M, M) for the roots (G, M) of the prior's variances D."""
+    scaled = root[:, :, None] * matrix * root[:, None, :]
+    np.einsum("gii->gi", scaled)[:] += 1.0
+    return scaled
+
+
+def _log_evidence(root: Float64, matrix: Float64, pull: Float64) -> Float64:
+    """Return the logarithm (G,) of how well each grade explains the pairs, the largest as 0.
+
+    The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` = D^1/2 b, it is
+    (b' D^1/2 M^-1 D^1/2 b - log det M) / 2. Both follow from Cholesky's factor of M, bordered by ``pull``.
+    """
+    n = root.shape[1]
+    bordered = np.empty((len(root), n + 1, n + 1))
+    bordered[:, :n, :n] = _scaled(root, matrix)
+    bordered[:, n, :n] = pull
+    bordered[:, n, n] = 1.0 + 2.0 * np.square(pull).sum(axis=1)  # any value that leaves it definite
+    factor = np.linalg.cholesky(bordered)
+    log = 0.5 * np.square(factor[:, n, :n]).sum(axis=1)
+    log -= np.log(np.einsum("gii->gi", factor)[:, :n]).sum(axis=1)
+    return np.asarray(log - log.max())
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Linear:
+    """What stays the same in all steps, of P pairs.
+
+    ``ends`` (2, P) the views of each; ``centers_m`` (P, 3); ``form`` (P, 7, 7), ``gradient`` (P, 7) and
+    ``solution`` (P, 7), where they hold, of its likelihood; ``rows`` (P, 7, 11) the derivative of its
+    motion and fattening by the unknowns ``at`` (P, 11); ``share`` (P,) its weight. ``known_turns`` (N, 3, 3)
+    and ``known_shifts_m`` (N, 3) are the known poses of the views.
+    """
+
+    ends: Int64
+    centers_m: Float64
+    form: Float64
+    gradient: Float64
+    solution: Float64
+    rows: Float64
+    at: Int64
+    share: Float64
+    known_turns: Float64
+    known_shifts_m: Float64
+
+
+def _linear(registered: Registered) -> _Linear | None:
+    """Return the pairs as arrays; None without any."""
+    pairs = registered.pairs
+    if not pairs:
+        return None
+    ends = np.array([(p.first, p.second) for p in pairs]).T
+    centers_m, jacobians = np.array([p.center_m for p in pairs]), np.stack(registered.jacobians)
+    one, other = (at_center(jacobians[end], centers_m) for end in ends)
+    rows = np.zeros((len(pairs), UNKNOWNS, COMMON + 2 * OWN))
+    rows[:, 6, 4] = 1.0
+    rows[:, :6, :4] = one[..., OWN:] - other[..., OWN:]
+    rows[:, :6, COMMON : COMMON + OWN] = one[..., :OWN]
+    rows[:, :6, COMMON + OWN :] = -other[..., :OWN]
+    own = [COMMON + OWN * end[:, None] + np.arange(OWN) for end in ends]
+    at = np.concatenate([np.broadcast_to(np.arange(COMMON), (len(pairs), COMMON)), *own], axis=1)
+    return _Linear(
+        ends=ends,
+        centers_m=centers_m,
+        form=np.array([p.matrix for p in pairs]),
+        gradient=np.array([p.gradient for p in pairs]),
+        solution=np.array([(*p.twist, p.fattening_px) for p in pairs]),
+        rows=rows,
+        at=at,
+        share=_shares(registered.features, pairs),
+        known_turns=np.array([held.rotation for held in registered.known]),
+        known_shifts_m=np.array([held.translation_m for held in registered.known]),
+    )
+
+
+def _shares(features: tuple[ViewFeatures, ...], pairs: tuple[PairFit, ...]) -> Float64:
+    """Weights (P,) of the pairs: k views of the same cloth make k (k - 1) / 2 pairs, but k measurements."""
+    sees = np.ones(len(features))
+    for p in pairs:
+        for view in (p.first, p.second):
+            sees[view] += min(1.0, 0.5 * p.count / len(features[view].points_m))
+    return np.array([min(1.0, 4.0 / (sees[p.first] + sees[p.second])) for p in pairs])
+
+
+def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool) -> tuple[Float64, Float64]:
+    """Matrix (M, M) and right side (M,) of a step from the present state, from all pairs.
+
+    Unless ``trusting``, a pair that contradicts the others loses its weight (Student's t).
+    """
+    size = COMMON + OWN * len(registered.features)
+    if pairs is None:
+        return np.zeros((size, size)), np.zeros(size)
+    now = np.array([held.rotation for held in registered.held_from_camera])
+    turns = now @ pairs.known_turns.transpose(0, 2, 1)
+    shifts = np.array([held.translation_m for held in registered.held_from_camera])
+    shifts -= np.einsum("nij,nj->ni", turns, pairs.known_shifts_m)
+    moves, against = ((turns[end], shifts[end]) for end in pairs.ends)
+    off = np.empty((len(pairs.at), UNKNOWNS))
+    off[:, :6] = twists_between(moves, against, pairs.centers_m)
+    off[:, 6] = registered.fattening_px
+    off -= pairs.solution
+    pull, shares = pairs.gradient + np.einsum("pij,pj->pi", pairs.form, off), pairs.share
+    if not trusting:
+        surprise = shares * (pull * np.linalg.solve(pairs.form + _RIDGE, pull[..., None])[..., 0]).sum(axis=1)
+        shares = shares * np.minimum(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
+    weighed = shares[:, None, None] * pairs.rows.transpose(0, 2, 1)
+    where = (size * pairs.at[:, :, None] + pairs.at[:, None, :]).ravel()
+    matrix, right = np.zeros(size * size), np.zeros(size)
+    matrix += np.bincount(where, (weighed @ pairs.form @ pairs.rows).ravel(), size * size)
+    right -= np.bincount(pairs.at.ravel(), np.einsum("pij,pj->pi", weighed, pull).ravel(), size)
+    return matrix.reshape(size, size), right
+
+
+def middle_m(seen: ViewFeatures, held_from_camera: Rigid3) -> Float64:
+    """Return the middle (3,) of what a view shows, object frame."""
+    return held_from_camera.apply(seen.middle_m)
+
+
+def relative_stds(registered: Registered) -> Float64:
+    """Return the standard deviations (N, 6) of each view's twist about its middle, relative to its partners.
+
+    Views without partners: relative to the recorded motion. Rotation (rad), then position (m).
+    """
+    views = len(registered.features)
+    points = np.zeros((views, views))  # that two views share
+    for p in registered.pairs:
+        points[p.first, p.second] = points[p.second, p.first] = p.count
+    share = np.eye(views) - points / np.maximum(points.sum(axis=1, keepdims=True), 1.0)
+    middles = [middle_m(seen, held) for seen, held in zip(registered.features, registered.known, strict=True)]
+    of, by = np.nonzero(share)
+    change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]
+    common, own = np.zeros((views, 6, COMMON)), np.zeros((views, 6, views, OWN))
+    np.add.at(common[:, :, :4], of, change[:, :, OWN:])
+    own[of, :, by] = change[:, :, :OWN]
+    rows = np.concatenate([common, own.reshape(views, 6, -1)], axis=2)
+    spread: Float64 = rows.reshape(6 * views, -1) @ registered.covariance
+    variance = (spread.reshape(rows.shape) * rows).sum(axis=2)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
