@@ -61,7 +61,7 @@ from flatcloth.methods.robust.observations import (
 OUTGROWN = 1.3
 """A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
 
-_MOST_GROWTH = 1.2
+_MOST_GROWTH = 1.35
 """With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
 _MOST_NEW = 0.2
 """... as is a piece of which the last view adds more than this share of nodes ..."""
