@@ -10,9 +10,8 @@ minimisation. These steps are not damped: bending a thin part is so much softer 
 that would keep a step safe. Instead, two majorisations after each step remove the stretching that
 a linearised rotation leaves.
 
-Samples come in image order and garments hang long and narrow. All matrices are therefore narrow
-bands and are factored in place by LAPACK. Where the band is wide, conjugate gradients with the last
-factor as preconditioner are tried first.
+All matrices are narrow bands (:mod:`flatcloth.flattening.banded`). Where a band is wide, conjugate
+gradients with the last factor as preconditioner are tried first.
 """
 
 from __future__ import annotations
@@ -23,12 +22,18 @@ from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
-from scipy.linalg.lapack import dgesv, dpbtrf, dpbtrs
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.linalg.lapack import dgesv
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.banded import (
+    Banding,
+    banded_factor,
+    banded_solution,
+    banding,
+    bandwidth_of,
+    laplacian_band,
+)
 
 T = TypeVar("T")
 _ANDERSON_DEPTH = 6
@@ -61,60 +66,12 @@ class Minimum:
     state_iterations: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Banding:
-    """A numbering of the points that makes the matrices of a graph narrow bands.
-
-    ``order`` (N,) lists the points in the new order; ``place`` (N,) is the position of each point in
-    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first; if they are the
-    different ones of a longer list, ``pair`` (L,) int32 is the place of each of that list among them.
-    """
-
-    order: Int32
-    place: Int32
-    pairs: Int32
-    pair: Int32 | None = None
-
-
 class _Limits(NamedTuple):
     """What ends a minimisation: a small relative gain, much damping, or many steps."""
 
     tolerance: float
     damping: float
     steps: int
-
-
-def banding(n: int, edges: Int32) -> Banding:
-    """Find an order with a narrow band for ``n`` points with pairs ``edges`` (M, 2) int32."""
-    order = _narrow_order(n, edges)
-    place = np.empty(n, dtype=np.int32)
-    place[order] = np.arange(n, dtype=np.int32)
-    return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
-
-
-class BandedLaplacian:
-    """A graph's Laplacian plus a diagonal matrix, factored once and solved many times.
-
-    Parameters
-    ----------
-    narrow : Banding
-        The order of the points, and the pairs.
-    weight : (M,) float64
-        Weights of the pairs, not negative.
-    held : float or (N,) float64
-        What is added to the diagonal; it makes the matrix definite.
-    """
-
-    def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
-        self._narrow = narrow
-        band = _laplacian_band(len(narrow.order), _bandwidth(narrow.pairs), narrow.pairs, weight)
-        band[0] += held if isinstance(held, float) else held[narrow.order]
-        self._factor = cast("Float64", _factor(band))
-
-    def solve(self, rhs: Float64) -> Float64:
-        """Return the solution (N, 2) for a right-hand side (N, 2)."""
-        solved: Float64 = _solved(self._factor, rhs[self._narrow.order].T).T[self._narrow.place]
-        return solved
 
 
 def minimise(
@@ -175,9 +132,9 @@ def minimise(
     weights = np.ones(len(edges)) if weight is None else weight
     x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
     trace = [x] if record else None
-    band = _laplacian_band(x.shape[1], _bandwidth(pairs), pairs, weights)
+    band = laplacian_band(x.shape[1], bandwidth_of(pairs), pairs, weights)
     band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
-    laplacian = _factor(band)
+    laplacian = banded_factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
     limits = _Limits(tolerance, _LEAST_DAMPING if is_near else _MOST_DAMPING, most_steps)
@@ -207,32 +164,6 @@ def _thinned(items: list[T], most: int = 20) -> list[T]:
     return [items[round(i)] for i in picked]
 
 
-def _bandwidth(edges: Int32) -> int:
-    return int(np.abs(edges[:, 0] - edges[:, 1]).max())
-
-
-def _narrow_order(n: int, edges: Int32) -> Int32:
-    """Order of the points that brings pairs close together: the given order (image rows) if it does."""
-    if _bandwidth(edges) <= 3.0 * math.sqrt(n) + 8:
-        return np.arange(n, dtype=np.int32)
-    ones = np.ones(len(edges), dtype=np.int8)
-    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
-    order: Int32 = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)
-    return order
-
-
-def _factor(band: Float64) -> Float64 | None:
-    """Cholesky factor of a lower band, which is overwritten; None if it is not definite."""
-    factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
-    return None if failed else factor
-
-
-def _solved(factor: Float64, rhs: Float64) -> Float64:
-    """Solve for (2, N): u and v separately with the Laplacian, interleaved with the Hessian."""
-    x, _ = dpbtrs(factor, rhs.T if factor.shape[1] == rhs.shape[1] else rhs.T.ravel(), lower=1)
-    return np.ascontiguousarray(x.reshape(-1, 2).T)
-
-
 def _majorise(
     x: Float64,
     edges: Int32,
@@ -249,7 +180,7 @@ def _majorise(
     past_x, past_f = np.empty((_ANDERSON_DEPTH, x.size)), np.empty((_ANDERSON_DEPTH, x.size))
     kept = 0
     for iteration in range(iterations if laplacian is not None else 0):
-        plain = _solved(cast("Float64", laplacian), rhs)
+        plain = banded_solution(cast("Float64", laplacian), rhs)
         plain -= plain.mean(axis=1, keepdims=True)
         g, f = plain.ravel(), (plain - x).ravel()
         candidate = _anderson(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
@@ -278,7 +209,7 @@ def _gauss_newton(
     trace: list[Float64] | None,
 ) -> tuple[Float64, list[float]]:
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
-    n, bandwidth = x.shape[1], _bandwidth(edges)
+    n, bandwidth = x.shape[1], bandwidth_of(edges)
     gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
     damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
     tolerance = limits.tolerance
@@ -290,17 +221,17 @@ def _gauss_newton(
         if bandwidth > _WIDE_BAND and damping <= _LEAST_DAMPING and last_factor is not None:
             found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
         if found is None:
-            factor = _factor(_hessian_band(n, bandwidth, edges, unit, damping))
+            factor = banded_factor(_hessian_band(n, bandwidth, edges, unit, damping))
             if factor is not None:
                 last_factor = factor
-                step = _solved(factor, gradient)
+                step = banded_solution(factor, gradient)
                 found = step, float(np.vdot(gradient, step))
         step, gain = found if found is not None else (np.zeros_like(x), 0.0)
         candidate = x - step
         h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if laplacian is not None and (gain > tolerance * h or h_new >= h):
             for _ in range(_REPAIRS):
-                candidate = _solved(laplacian, rhs)
+                candidate = banded_solution(laplacian, rhs)
                 h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
@@ -326,7 +257,7 @@ def _conjugate_gradients(
     """
     step, curved = np.zeros_like(gradient), np.empty_like(gradient)
     rest = gradient.copy()
-    toward = _solved(factor, rest)
+    toward = banded_solution(factor, rest)
     direction, power, gain = toward, float(np.vdot(rest, toward)), 0.0
     for iteration in range(_MOST_CG_STEPS):
         _hessian_times(direction, edges, unit, curved)
@@ -335,7 +266,7 @@ def _conjugate_gradients(
         rest -= length * curved
         added = length * power
         gain += added
-        toward = _solved(factor, rest)
+        toward = banded_solution(factor, rest)
         new_power = float(np.vdot(rest, toward))
         rate = min(new_power / power, 0.95) if power > 0 else 0.0
         forecast = added * rate / (1.0 - rate)
@@ -378,18 +309,6 @@ def _normal_equations(past_f: Float64, kept: int, f: Float64) -> tuple[Float64, 
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
     return gram, rhs
-
-
-@njit(cache=True, nogil=True)
-def _laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
-    """Lower band of the graph Laplacian; it is definite only after a point has been fixed."""
-    band = np.zeros((bandwidth + 1, n))
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
-        band[0, a] += weight[e]
-        band[0, b] += weight[e]
-        band[b - a, a] -= weight[e]
-    return band
 
 
 @njit(cache=True, nogil=True)

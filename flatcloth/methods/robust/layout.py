@@ -16,7 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import MOST_STEPS, Banding, banding, minimise
+from flatcloth.flattening.banded import Banding, banding
+from flatcloth.flattening.minimisation import MOST_STEPS, minimise
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
 from flatcloth.methods.robust.observations import Complex128

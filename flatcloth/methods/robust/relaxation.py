@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.minimisation import BandedLaplacian, Banding
+from flatcloth.flattening.banded import BandedLaplacian, Banding
 
 Complex128 = NDArray[np.complex128]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.flattening.minimisation import BandedLaplacian, banding
+from flatcloth.flattening.banded import BandedLaplacian, banding
 from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 ROWS, COLS, SPACING_M = 7, 9, 0.01
