@@ -52,8 +52,8 @@ T = TypeVar("T")
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
 _FRAMES_BYTES = 128 * _MIB
-"""Of the frames that are kept. Chosen: holds a turn of 36 views of 480 x 848 pixels, each of which is asked for
-about four times; a frame is decoded in 4 ms."""
+"""Of the frames that are kept. Chosen: holds a turn of 36 views of 480 x 848 pixels; each is asked for about
+four times, and decoded in 4 ms."""
 _EDGES_IN_VIEWS = 2
 """Views in which widths of edges are counted together. Chosen: both sides of the item; each takes 50 ms."""
 _NEAREST_M = 0.1
