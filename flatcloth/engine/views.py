@@ -246,6 +246,8 @@ class RecordedViews:
     def begin_beside(self) -> None:
         """From now on flatten ahead in a copy of this process, if it can be copied, and not on a thread."""
         self._forked = self.copied(lambda view: (self._mask_key(view), self._flatten(view)))
+        if self._forked is not None:
+            self._forked.want([0])  # any view: its compiled code loads while the start view is looked for
 
     def end_beside(self) -> None:
         """End the copy of this process, if there is one."""
