@@ -32,7 +32,7 @@ from flatcloth.session.machine import Command, Event, MemorySession, Propose, Se
 
 REPEATS = 3
 GRID = 110
-_RUN = "import sys; from flatcloth.cli import main; sys.exit(main())"
+_RUN = "from flatcloth.cli import run_and_exit; run_and_exit()"
 
 
 @dataclass

@@ -51,10 +51,11 @@ def run_and_exit() -> NoReturn:
 
     A background thread may still compute. If Python ended it as usual, in the middle of compiled code,
     the C++ library would abort the process; all decisions are on disk, so the process ends at once. Before,
-    child processes are ended as usual.
+    child processes are ended as usual. It also spares taking all modules and compiled kernels apart, 0.2 s.
     """
     status = main()
-    if any(thread.daemon for thread in threading.enumerate()):
+    threads = threading.enumerate()
+    if len(threads) == 1 or any(thread.daemon for thread in threads):
         atexit._run_exitfuncs()
         with contextlib.suppress(BrokenPipeError):
             sys.stdout.flush()

@@ -6,13 +6,13 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.strokes import Decision
-from flatcloth.core.types import Progress, no_progress
+from flatcloth.core.types import Progress, Uint8, no_progress
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -113,19 +113,21 @@ def integrate(
             integration.canonical(document)
         frames = frames_of(integration, document, read_grips(out), base_from_camera)
         scores = {**earlier_scores(out), **_scores_of(unattended)}
-        counting = integration.copied(lambda _: pixel_counts(integration, document)) if cores > 1 else None
-        if counting is not None:
-            counting.want([0])
+        service = GarmentService(integration)
+        data = SessionData(integration, document, folder.picks, frames, scores, service)
+        beside = integration.copied(lambda _: _made_beside(data)) if cores > 1 else None
+        if beside is not None:
+            beside.want([0])
         with stages.stage("garment"):
-            service = GarmentService(integration)
             garment = place_sure_pieces(service, folder)
         decided = folder.state.document
-        is_as_counted = decided.garment.parts == document.garment.parts
-        pixels = None
-        if counting is not None:
-            pixels = counting.take(0) if is_as_counted else None
-            counting.close()
-        data = SessionData(integration, decided, folder.picks, frames, scores, service, pixels)
+        is_same_shape = decided.garment.parts == document.garment.parts
+        with stages.stage("writing"):
+            made = beside.take(0) if beside is not None and is_same_shape else None
+            pixels, files_made = made or (None, {})
+            data = replace(data, document=decided, pixels=pixels, made=files_made)
+            if beside is not None:
+                beside.close()
         progress(1.0, "writing")
         with stages.stage("writing"):
             files = data.write(out, min(cores, _MOST_WRITERS))
@@ -133,6 +135,11 @@ def integrate(
         integration.end_beside()
         folder.close()
     return Integrated(outcome=data.outcome, canonical=data.canonical, garment=garment, files=files)
+
+
+def _made_beside(data: SessionData) -> tuple[dict[str, int], dict[str, Uint8]]:
+    """Return the counts of pixels and the files of the shape: no decision about the garment matters."""
+    return pixel_counts(data.integration, data.document), data.made_of_shape()
 
 
 def _scores_of(run: Run) -> dict[int, float]:

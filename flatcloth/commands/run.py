@@ -6,7 +6,14 @@ import argparse
 import os
 from pathlib import Path
 
-from flatcloth.commands.common import ProgressBar, add_method, add_source, integration_of, source_options_of
+from flatcloth.commands.common import (
+    ProgressBar,
+    add_method,
+    add_source,
+    integration_of,
+    loading,
+    source_options_of,
+)
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
 from flatcloth.commands.segment import add_strokes, strokes_of
 
@@ -30,10 +37,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
-    from flatcloth.batch.integrate import integrate
-    from flatcloth.engine.outcome import told
-    from flatcloth.export.garment import told as garment_told
-    from flatcloth.session.header import kept_config
+    with loading():
+        from flatcloth.batch.integrate import integrate
+        from flatcloth.engine.outcome import told
+        from flatcloth.export.garment import told as garment_told
+        from flatcloth.session.header import kept_config
 
     base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
     kept = kept_config(options.out, options.method)

@@ -28,7 +28,7 @@ from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, pixel_of_poin
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.recordings.files.text import shortened
 
-GARMENT = "garment.json"
+GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
 
@@ -102,7 +102,7 @@ def shape_files(
         "flattened.npz": lambda file: _write_npz(view, file),
         "flattened.png": lambda file: file.write(png_bytes(view)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
-        "grasps.json": lambda file: file.write(grasps_text(view, picks, frames, named(), floating).encode()),
+        GRASPS: lambda file: file.write(grasps_text(view, picks, frames, named(), floating).encode()),
     }
     for n, piece in enumerate(floating, start=1):
         files[floating_file(n)] = functools.partial(_write_npz, piece)
@@ -307,10 +307,10 @@ def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames
         "source_rc": _numbers(np.asarray(pick.source_rc), 3),
     }
     found = [(n, *pixel_of_point(view, position)) for n, view in enumerate(views) if view.valid.any()]
-    view = views[0]
+    view, pixel = views[0], None
     if found:
         number, (row, col), distance_m = min(found, key=lambda place: place[2])
-        view = views[number]
+        view, pixel = views[number], ((row, col), distance_m)
         grasp["flattened"] = {
             "file": floating_file(number) if number else "flattened.npz",
             "row": row,
@@ -318,7 +318,7 @@ def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames
             "uv_m": _numbers(view.uv_from_rc(np.array([row, col]))),
             "distance_m": _number(distance_m),
         }
-    pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id))
+    pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id), pixel)
     return {**grasp, **({"grip": None, "poses": None} if pose is None else _posed(pose, frames))}
 
 

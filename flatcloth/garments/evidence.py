@@ -350,31 +350,38 @@ def _tangents(
     size = piece.pixel_size_m
     half_px = max(2, round(_PATCH_M / size))
     rows, cols = piece.shape
+    seen_normal = np.nan_to_num(piece.normal)
+    found, grams, rights, means = [], [], [], []
     for k in range(count):
         r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
-        box = np.s_[
-            max(r - half_px, 0) : min(r + half_px + 1, rows), max(c - half_px, 0) : min(c + half_px + 1, cols)
-        ]
+        top, left = max(r - half_px, 0), max(c - half_px, 0)
+        box = np.s_[top : min(r + half_px + 1, rows), left : min(c + half_px + 1, cols)]
         valid = piece.valid[box]
         if valid.sum() < 12:
             continue
-        rc = np.argwhere(valid) + np.array([max(r - half_px, 0), max(c - half_px, 0)])
+        rc = np.argwhere(valid) + np.array([top, left])
         xyz = piece.xyz_m[box][valid].astype(np.float64)
-        middle = np.median(xyz, axis=0)
+        ordered = np.sort(xyz, axis=0)
+        middle = 0.5 * (ordered[(len(xyz) - 1) // 2] + ordered[len(xyz) // 2])
         near = np.linalg.norm(xyz - middle, axis=1) < 2.5 * _PATCH_M
+        if near.sum() < 12:
+            continue
         offset = (rc[near] - border_rc[k])[:, ::-1] * size
         matrix = np.concatenate([np.ones((len(offset), 1)), offset], axis=1)
-        gram = matrix.T @ matrix
-        if near.sum() < 12 or np.linalg.cond(gram) > 1e9:
-            continue
-        fitted = np.linalg.solve(gram, matrix.T @ xyz[near])
-        direction = outward[k] @ fitted[1:]
-        length = float(np.linalg.norm(direction))
-        if not 0.6 < length < 1.5:
-            continue
-        mean = np.nanmean(piece.normal[box][valid][near], axis=0)
-        start[k], along[k], fine[k] = fitted[0], direction / length, True
-        normal[k] = mean / max(float(np.linalg.norm(mean)), 1e-9)
+        found.append(k)
+        grams.append(matrix.T @ matrix)
+        rights.append(matrix.T @ xyz[near])
+        means.append(seen_normal[box][valid][near].mean(axis=0))
+    at, gram = np.array(found, dtype=int), np.array(grams).reshape(-1, 3, 3)
+    regular = np.linalg.cond(gram) <= 1e9
+    at, mean = at[regular], np.array(means).reshape(-1, 3)[regular]
+    fitted = np.linalg.solve(gram[regular], np.array(rights).reshape(-1, 3, 3)[regular])
+    direction = (outward[at][:, None] @ fitted[:, 1:])[:, 0]
+    length = np.linalg.norm(direction, axis=1)
+    plausible = (length > 0.6) & (length < 1.5)
+    at = at[plausible]
+    start[at], along[at], fine[at] = fitted[plausible, 0], (direction / length[:, None])[plausible], True
+    normal[at] = (mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None])[plausible]
     return start, normal, along, fine
 
 

@@ -90,6 +90,7 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
     edges = _thinned(len(piece.edge_uv_m), _COARSE_POINTS)
     insides = piece.inside_uv_m[_thinned(len(piece.inside_uv_m), _COARSE_POINTS)]
     middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
+    extents = _extents(piece.inside_uv_m - middle)
     found: list[tuple[float, Float64, Float64]] = []
     for scale in _SCALES:
         parameters = kind.mean.copy()
@@ -97,7 +98,7 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
         parameters[lengths] *= scale
         parameters = np.clip(parameters, kind.low, kind.high)
         outline = kind.outline(parameters[:, None])[:, :, 0]
-        poses = _poses(outline, piece.inside_uv_m - middle)
+        poses = _poses(outline, extents)
         wanted = 4 * count
         places = piece.edge_uv_m[edges] - middle
         normals = piece.edge_normal[edges]
@@ -122,14 +123,21 @@ def _thinned(count: int, most: int) -> Int64:
     return every if count <= most else np.unique(np.linspace(0, count - 1, most).astype(int))
 
 
-def _poses(outline: Float64, insides: Float64) -> Float64:
-    """Return poses (K, 3) that spread a piece, centred at 0, over an outline in all turns."""
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    rows = []
+def _extents(insides: Float64) -> list[tuple[float, Float64, Float64]]:
+    """Return the turns (rad) that are tried, each with the least and greatest u and v of a turned piece."""
+    found = []
     for turn in np.arange(_TURNS) * 2 * np.pi / _TURNS:
         cos, sin = np.cos(turn), np.sin(turn)
         turned = insides @ np.array([[cos, sin], [-sin, cos]])
-        own_low, own_high = turned.min(axis=0), turned.max(axis=0)
+        found.append((float(turn), turned.min(axis=0), turned.max(axis=0)))
+    return found
+
+
+def _poses(outline: Float64, extents: list[tuple[float, Float64, Float64]]) -> Float64:
+    """Return poses (K, 3) that spread a piece, centred at 0, over an outline in all turns."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    rows = []
+    for turn, own_low, own_high in extents:
         first, last = low - own_low, high - own_high
         axes = [
             np.linspace(min(a, b), max(a, b), _SHIFTS) if abs(a - b) > 0.04 else np.array([(a + b) / 2])

@@ -105,12 +105,13 @@ def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int],
     FlatclothError
         If the view has no valid pixel.
     """
-    rows, cols = np.nonzero(view.valid)
-    if rows.size == 0:
+    points = view.xyz_m[view.valid]
+    if not len(points):
         raise FlatclothError("Nothing is flattened yet; step first, then pick.")
-    distance_m = np.linalg.norm(view.xyz_m[rows, cols] - np.asarray(xyz_m), axis=1)
+    distance_m = np.linalg.norm(points - np.asarray(xyz_m), axis=1)
     best = int(np.argmin(distance_m))
-    return (int(rows[best]), int(cols[best])), float(distance_m[best])
+    row, col = divmod(int(np.flatnonzero(view.valid)[best]), view.shape[1])
+    return (row, col), float(distance_m[best])
 
 
 def point_on_ray(
@@ -205,6 +206,7 @@ def grasp_pose(
     normal_held: Floats,
     axis: RotationAxis,
     grip: Grip | None = None,
+    found: tuple[tuple[int, int], float] | None = None,
 ) -> GraspPose | None:
     """Return the grasp pose of a pick, or None if its normal is unknown.
 
@@ -218,6 +220,8 @@ def grasp_pose(
         The turning axis, object frame; it gives the vertical.
     grip : Grip, optional
         The operator's choices; by default along the outline, ``OPENING_M`` open.
+    found : ((int, int), float), optional
+        :func:`pixel_of_point` of the position, if it is known.
     """
     grip = grip or Grip()
     position = np.asarray(position_held_m, dtype=np.float64)
@@ -226,7 +230,7 @@ def grasp_pose(
     if not (math.isfinite(length) and length > 1e-6 and bool(np.isfinite(position).all())):
         return None
     approach = -outward / length
-    rc, tangent = _patch_of(view, position)
+    rc, tangent = _patch_of(view, position, found)
     outline = None if rc is None else nearest_outline(view, rc)
     source, x, direction = "hand", None, None
     if grip.axis_held is not None:
@@ -285,11 +289,13 @@ def quaternion_wxyz(rotation: Floats) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def _patch_of(view: FlattenedView, position_m: Float64) -> tuple[tuple[int, int] | None, TangentMap | None]:
+def _patch_of(
+    view: FlattenedView, position_m: Float64, found: tuple[tuple[int, int], float] | None = None
+) -> tuple[tuple[int, int] | None, TangentMap | None]:
     """Return the pixel of a point and its tangent map; None where the shape has none."""
     if not view.valid.any():
         return None, None
-    rc, distance_m = pixel_of_point(view, position_m)
+    rc, distance_m = found or pixel_of_point(view, position_m)
     if distance_m > LOST_AT_M:
         return None, None
     return rc, tangent_map(view, rc)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from flatcloth.core.types import Bool, FlattenedView, Float64
 
@@ -14,6 +14,8 @@ _OUTLINE_REACH_M = 0.015
 """The outline's direction is fitted to its part within this distance. Set by hand."""
 _PATCH_RADIUS_M = 0.008
 """Radius of the patch that gives the normal at a grasp. Chosen: about a finger's width."""
+_INSIDE, _OUTSIDE = 2, 3
+"""Marks of the pixels of a piece, and of those around it. Chosen."""
 _LAYER_GAP_M = 0.010
 """Cloth farther than this along the normal is another layer. Chosen: folds of one layer are flatter in the
 patch."""
@@ -55,7 +57,9 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
     either.
     """
     piece = _piece_around(view, rc)
-    edge = piece & ndimage.binary_dilation(~np.pad(piece, 1))[1:-1, 1:-1]
+    padded = np.pad(piece, 1)
+    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    edge = piece & ~inner
     uv = view.uv_from_rc(np.argwhere(edge))
     at = view.uv_from_rc(np.array(rc))
     offset = np.linalg.norm(uv - at, axis=1)
@@ -71,7 +75,12 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
     if not spread[1] > 0:
         return None
     direction = axes[:, 1]
-    cloth = view.uv_from_rc(np.argwhere(piece))
+    around = view.rc_from_uv(nearest)
+    reach_px = _OUTLINE_REACH_M / view.pixel_size_m + 1.0
+    first = np.maximum(np.floor(around - reach_px).astype(int), 0)
+    last = np.ceil(around + reach_px).astype(int)
+    window = piece[first[0] : last[0] + 1, first[1] : last[1] + 1]
+    cloth = view.uv_from_rc(np.argwhere(window) + first)
     inside = cloth[np.linalg.norm(cloth - nearest, axis=1) <= _OUTLINE_REACH_M].mean(axis=0) - center
     if direction[0] * inside[1] - direction[1] * inside[0] < 0:
         direction = -direction
@@ -123,6 +132,10 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
 
 def _piece_around(view: FlattenedView, rc: tuple[int, int]) -> Bool:
     """Return the piece of cloth (H, W) that contains a pixel, with its holes filled."""
-    labels, _ = ndimage.label(view.valid, structure=np.ones((3, 3), dtype=int))
-    piece: Bool = ndimage.binary_fill_holes(labels == labels[rc])
+    row, col = rc
+    marks = np.pad(view.valid.astype(np.uint8), 1)
+    cv2.floodFill(marks, None, (col + 1, row + 1), _INSIDE, flags=8)
+    outside = np.where(marks == _INSIDE, np.uint8(_INSIDE), np.uint8(0))
+    cv2.floodFill(outside, None, (0, 0), _OUTSIDE, flags=4)
+    piece: Bool = outside[1:-1, 1:-1] != _OUTSIDE
     return piece

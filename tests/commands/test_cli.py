@@ -200,6 +200,20 @@ def test_what_is_to_be_ended_with_the_program_is_ended_though_a_thread_still_com
     assert (done.returncode, done.stdout) == (3, "ended\n")
 
 
+def test_at_its_end_the_process_does_not_take_apart_what_it_loaded() -> None:
+    script = (
+        "import atexit, flatcloth.cli as cli\n"
+        "class Loaded:\n"
+        "    def __del__(self): print('apart', flush=True)\n"
+        "loaded = Loaded()\n"
+        "atexit.register(lambda: print('ended'))\n"
+        "cli.main = lambda: 3\n"
+        "cli.run_and_exit()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "ended\n")
+
+
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
     command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
     running = subprocess.Popen(
