@@ -111,6 +111,7 @@ class Run:
             If no start view can be flattened.
         """
         self.integration.algorithm.is_unattended = not self.is_limited
+        self.integration.keep_frames()
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:

@@ -356,7 +356,7 @@ class Integration(RecordedViews):
 
     def _read_ahead_of(self, view_index: int) -> None:
         """Decode the views that a rotation from this one may lead to next, the likeliest first."""
-        if self.is_beside:
+        if self.is_beside or self.keeps_frames:
             return
         turn = self._turns_from(view_index)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))

@@ -51,9 +51,9 @@ T = TypeVar("T")
 
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
-_FRAMES_BYTES = 128 * _MIB
-"""Of the frames that are kept. Chosen: holds a turn of 36 views of 480 x 848 pixels; each is asked for about
-four times, and decoded in 4 ms."""
+_FRAMES_BYTES, _ALL_FRAMES_BYTES = 16 * _MIB, 128 * _MIB
+"""Of the frames that are kept: for an operator, who looks at a few, and unattended. Chosen: the latter holds
+a turn of 36 views of 480 x 848 pixels, of which each is asked for three times, and decoded in 4 ms."""
 _EDGES_IN_VIEWS = 2
 """Views in which widths of edges are counted together. Chosen: both sides of the item; each takes 50 ms."""
 _NEAREST_M = 0.1
@@ -113,6 +113,7 @@ class RecordedViews:
         self.recording, self.config = recording, config
         self._segmenter = None if recording.has_masks else segmenter
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, _FRAMES_BYTES)
+        self.keeps_frames = False
         self._ahead = ReadAhead(self.recorded)
         self._flattening_ahead = ReadAhead(self._flatten_ahead)
         self._forked: Forked[tuple[int, Flattening]] | None = None
@@ -183,6 +184,11 @@ class RecordedViews:
         return -1 if self.masks is None else self.masks.keys[view_index]
 
     # ---------------------------------------------------------------- single views
+
+    def keep_frames(self) -> None:
+        """From now on keep more frames, and decode none ahead: nobody waits for their pictures."""
+        self._frames = Cache(MAX_VIEWS, _ALL_FRAMES_BYTES)
+        self.keeps_frames = True
 
     def frame(self, view_index: int) -> RgbdFrame:
         """Read a view, with the mask in force; those read last are kept."""
