@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
+from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
@@ -22,7 +23,6 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
     DIRECTION_WEIGHT,
     STRIP_NOISE_M,
-    factor,
     flexible,
     nearest_rigid_part,
     rigid_parts,
@@ -335,7 +335,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     weighted = diags_array(np.square(np.concatenate(root))) @ matrix
     normal_matrix = csc_matrix(matrix.T @ weighted)
     held = _HELD * normal_matrix.diagonal().mean()
-    solve = factor(normal_matrix + held * eye_array(size, format="csc"))
+    solve = _factored(normal_matrix + held * eye_array(size, format="csc"))
     displaced: Float64 = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n].reshape(n, 2, -1)
     return displaced
 
@@ -356,3 +356,8 @@ def _without_rigid(moved: Float64, uv: Float64, anchor: NDArray[np.int64]) -> Fl
     turned = float(turning / np.square(own).sum()) * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
     rest: Float64 = moved - shift - turned
     return rest
+
+
+def _factored(matrix: csc_matrix) -> SuperLU:
+    """Factor a sparse symmetric positive definite matrix."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
