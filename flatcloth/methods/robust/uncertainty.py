@@ -241,12 +241,16 @@ def with_placement_std(
 def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Bool:
     """Return the pixels (R, C) that a noisy view shows at an outline of its surface beside another layer."""
     result = np.zeros(view.shape, dtype=np.bool_)
+    pixels = np.flatnonzero(view.valid)
+    seen_by = view.view_index.ravel()[pixels]
+    order = np.argsort(seen_by, kind="stable")
+    pixels, seen_by = pixels[order], seen_by[order]
     for number, surface in surfaces.items():
-        own = view.valid & (view.view_index == number)
-        if surface.noisy and own.any():
-            rc = np.rint(view.source_rc[own] - np.asarray(surface.frame.offset_rc)).astype(int)
+        own = pixels[slice(*np.searchsorted(seen_by, (number, number + 1)))]
+        if surface.noisy and own.size:
+            rc = np.rint(view.source_rc.reshape(-1, 2)[own] - np.asarray(surface.frame.offset_rc)).astype(int)
             rc = np.clip(rc, 0, np.array(surface.usable.shape) - 1)
-            result[own] = _layer_rims(surface)[rc[:, 0], rc[:, 1]]
+            result.ravel()[own] = _layer_rims(surface)[rc[:, 0], rc[:, 1]]
     return result
 
 
@@ -256,13 +260,11 @@ def _layer_rims(surface: Surface) -> Bool:
     depth = surface.xyz_m[..., 2]
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
-    inside = cv2.distanceTransform(
-        np.pad(surface.usable.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    )[1:-1, 1:-1]
+    reach = np.arange(-math.floor(_BESIDE_RIM_PX), math.floor(_BESIDE_RIM_PX) + 1)
+    disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_RIM_PX).astype(np.uint8)
+    inside = cv2.erode(surface.usable.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     step = _BESIDE_STEP_M
-    rims: Bool = (
-        surface.usable & (inside <= _BESIDE_RIM_PX) & ((farthest - depth > step) | (depth - nearest > step))
-    )
+    rims: Bool = surface.usable & (inside == 0) & ((farthest - depth > step) | (depth - nearest > step))
     return rims
 
 
