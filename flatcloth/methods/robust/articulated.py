@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags_array
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import dijkstra, reverse_cuthill_mckee
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.methods.robust.relaxation import local_rotations
+from flatcloth.methods.robust.connectivity import renumbered
+from flatcloth.methods.robust.relaxation import BorderedBand, add_products
 
 LEAST_RIGID_PART_NODES = 40
 """A wide part needs at least this many nodes to be a rigid part. Set by hand."""
@@ -82,19 +83,14 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     Widths are measured along the pairs, so parts that overlap on the plane stay separate. Nodes far
     from the outline, and nodes near to those, are wide (a morphological opening).
     """
-    n = len(uv_m)
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
-    graph = _graph(uv_m, edges)
-    pair = float(np.median(graph.data))
-    half = 0.5 * _STRIP_WIDTH * pair
-    rim = np.flatnonzero(_at_rim(along, edges, n))
-    deep = np.flatnonzero(_distance(graph, rim, half) >= half)
-    wide = np.isfinite(_distance(graph, deep, half + _OVER * pair))
-    label = connected_components(graph[wide][:, wide], directed=False)[1]
-    size = np.bincount(label)
-    rigid_part = np.full(n, -1, dtype=np.int32)
-    large = size[label] >= LEAST_RIGID_PART_NODES
-    rigid_part[np.flatnonzero(wide)[large]] = np.unique(label[large], return_inverse=True)[1]
+    length = _lengths(along)
+    pair_m = float(np.median(length))
+    half_m = 0.5 * _STRIP_WIDTH * pair_m
+    label = _wide_parts(len(uv_m), edges, along, length, half_m, half_m + _OVER * pair_m)
+    large = np.bincount(label + 1)[1:] >= LEAST_RIGID_PART_NODES
+    number = np.append(np.where(large, np.cumsum(large) - 1, -1), -1)
+    rigid_part: Int32 = number[label].astype(np.int32)
     return rigid_part
 
 
@@ -113,52 +109,101 @@ def nearest_rigid_part(uv_m: Float64, edges: Int32, rigid_part: Int32) -> Int32:
 
 def _graph(uv_m: Float64, edges: Int32) -> csr_matrix:
     """Return the lengths of pairs, each of which occurs once."""
-    length = np.linalg.norm(uv_m[edges[:, 1]] - uv_m[edges[:, 0]], axis=1)
     shape = (len(uv_m), len(uv_m))
-    return coo_matrix((np.maximum(length, 1e-6), tuple(edges.T)), shape=shape).tocsr()
+    along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
+    return coo_matrix((_lengths(along), tuple(edges.T)), shape=shape).tocsr()
 
 
-def _distance(graph: csr_matrix, sources: Int64, limit_m: float) -> Float64:
-    """Return the distance (N,) from each node to the nearest source along the pairs, up to the limit."""
-    if not sources.size:
-        return np.full(graph.shape[0], np.inf)
-    distance: Float64 = dijkstra(
-        graph, directed=False, indices=sources, min_only=True, limit=limit_m * (1.0 + 1e-9)
-    )
-    return distance
+def _lengths(along: Float64) -> Float64:
+    """Return the lengths (M,) of pairs (M, 2), none of them 0."""
+    result: Float64 = np.maximum(np.linalg.norm(along, axis=1), 1e-6)
+    return result
 
 
 @njit(cache=True, nogil=True)
-def _at_rim(along: Float64, edges: Int32, n: int) -> Bool:
-    """Return which nodes (N,) have no neighbour within a wide angle."""
+def _wide_parts(n: int, edges: Int32, along: Float64, length: Float64, half_m: float, over_m: float) -> Int32:
+    """Return the connected part of each node (n,) that is at most ``over_m`` from one deeper than ``half_m``.
+
+    It is -1 for all others; parts are numbered by their first nodes. ``along`` (M, 2) are the pairs on the
+    plane, ``length`` (M,) their lengths.
+    """
     first = np.zeros(n + 1, dtype=np.int64)
     for e in range(edges.shape[0]):
         first[edges[e, 0] + 1] += 1
         first[edges[e, 1] + 1] += 1
-    first = np.cumsum(first)
+    for node in range(n):
+        first[node + 1] += first[node]
+    other, far = np.empty(2 * edges.shape[0], dtype=np.int32), np.empty(2 * edges.shape[0])
     angle, filled = np.empty(2 * edges.shape[0]), first[:-1].copy()
     for e in range(edges.shape[0]):
-        i, j = edges[e, 0], edges[e, 1]
-        angle[filled[i]] = math.atan2(along[e, 1], along[e, 0])
-        angle[filled[j]] = math.atan2(-along[e, 1], -along[e, 0])
-        filled[i] += 1
-        filled[j] += 1
-    rim = np.ones(n, dtype=np.bool_)
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            at = filled[edges[e, end]]
+            other[at], far[at] = edges[e, 1 - end], length[e]
+            angle[at] = math.atan2(sign * along[e, 1], sign * along[e, 0])
+            filled[edges[e, end]] += 1
+    distance, label = np.full(n, np.inf), np.full(n, -1, dtype=np.int32)
     for node in range(n):
-        own = angle[first[node] : first[node + 1]]
-        # A few neighbours are sorted by insertion: compiling np.sort takes longer than the rest of this.
-        for k in range(1, own.size):
-            inserted, at = own[k], k
-            while at > 0 and own[at - 1] > inserted:
-                own[at] = own[at - 1]
-                at -= 1
-            own[at] = inserted
-        if own.size:
-            widest = own[0] + 2.0 * math.pi - own[-1]
-            for k in range(own.size - 1):
-                widest = max(widest, own[k + 1] - own[k])
-            rim[node] = widest > _RIM_RAD
-    return rim
+        if _is_at_rim(angle[first[node] : first[node + 1]]):
+            distance[node] = 0.0
+    _spread(distance, first, other, far, half_m * (1.0 + 1e-9))
+    for node in range(n):
+        distance[node] = 0.0 if distance[node] >= half_m else np.inf
+    _spread(distance, first, other, far, over_m * (1.0 + 1e-9))
+    parts = 0
+    waiting = np.empty(n, dtype=np.int32)
+    for seed in range(n):
+        if label[seed] < 0 and math.isfinite(distance[seed]):
+            label[seed], waiting[0], count = parts, seed, 1
+            while count:
+                count -= 1
+                node = waiting[count]
+                for k in range(first[node], first[node + 1]):
+                    if label[other[k]] < 0 and math.isfinite(distance[other[k]]):
+                        label[other[k]], waiting[count] = parts, other[k]
+                        count += 1
+            parts += 1
+    return label
+
+
+@njit(cache=True, nogil=True)
+def _spread(distance: Float64, first: Int64, other: Int32, far: Float64, limit_m: float) -> None:
+    """Write the distance (N,) of each node along the pairs from those where it is 0, up to the limit."""
+    n = distance.size
+    waiting, is_waiting = np.empty(n, dtype=np.int32), np.zeros(n, dtype=np.bool_)
+    begin, count = 0, 0
+    for node in range(n):
+        if distance[node] == 0.0:
+            is_waiting[node], waiting[count] = True, node
+            count += 1
+    while count:
+        node = waiting[begin]
+        is_waiting[node], begin, count = False, (begin + 1) % n, count - 1
+        for k in range(first[node], first[node + 1]):
+            reached_m = distance[node] + far[k]
+            if reached_m <= limit_m and reached_m < distance[other[k]]:
+                distance[other[k]] = reached_m
+                if not is_waiting[other[k]]:
+                    is_waiting[other[k]], waiting[(begin + count) % n] = True, other[k]
+                    count += 1
+
+
+@njit(cache=True, nogil=True)
+def _is_at_rim(angle: Float64) -> bool:
+    """Return whether a node has no neighbour within a wide angle; the angles of all are sorted in place."""
+    # A few neighbours are sorted by insertion: compiling np.sort takes longer than the rest of this.
+    for k in range(1, angle.size):
+        inserted, at = angle[k], k
+        while at > 0 and angle[at - 1] > inserted:
+            angle[at] = angle[at - 1]
+            at -= 1
+        angle[at] = inserted
+    if not angle.size:
+        return True
+    widest = angle[0] + 2.0 * math.pi - angle[-1]
+    for k in range(angle.size - 1):
+        widest = max(widest, angle[k + 1] - angle[k])
+    is_wide: bool = widest > _RIM_RAD
+    return is_wide
 
 
 def flexible(rigid_part: Int32, edges: Int32) -> Bool:
@@ -184,7 +229,7 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     stars = np.zeros(sheet.n_members, dtype=np.bool_)
     stars[sheet.member[is_flexible]] = True
     near = np.flatnonzero(is_flexible | stars[sheet.member].any(axis=1))
-    system = _System(rigid_part, sheet, near, is_flexible[near], stars, DIRECTION_WEIGHT)
+    system = _System(rigid_part, sheet, near, is_flexible[near], stars)
     place = uv_m
     for _ in range(_STEPS):
         place, farthest_m = system.step(place)
@@ -193,133 +238,199 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     return place
 
 
+class _Pairs(NamedTuple):
+    """The K pairs near strips: ``ends`` (K, 2), ``offset`` (K, 2), ``length_m`` and two ``weight`` (K,).
+
+    ``of_length`` is 0 for pairs within a rigid part. The ends at which directions are observed are ``star``,
+    2 k + end for pair k, those of one membership (a star) from ``first[s]`` to ``first[s + 1]``.
+    """
+
+    ends: Int32
+    offset: Complex128
+    length_m: Float64
+    of_length: Float64
+    of_direction: Float64
+    star: Int64
+    first: Int64
+
+
 class _System:
-    """Residuals of lengths and directions; the unknowns are rigid parts, free nodes and local rotations."""
+    """Residuals of lengths and directions; the unknowns are free nodes, rigid parts and local rotations.
+
+    Each local rotation occurs in its own star only, so it is eliminated at once (a Schur complement), and at
+    the best rotation it has no gradient. What is left is a band for the free nodes, which are renumbered, and
+    few more rows for the rigid parts, three each, of which the largest has none.
+    """
 
     def __init__(
-        self,
-        rigid_part: Int32,
-        sheet: FlexibleSheet,
-        near: Int64,
-        is_flexible: Bool,
-        stars: Bool,
-        direction_weight: float,
+        self, rigid_part: Int32, sheet: FlexibleSheet, near: Int64, is_flexible: Bool, stars: Bool
     ) -> None:
-        self._rigid_part, self._edges, self._member = rigid_part, sheet.edges[near], sheet.member[near]
-        self._length, self._offset = sheet.length_m[near], sheet.offset[near]
-        self._n_members = sheet.n_members
-        weight = sheet.weight[near]
-        self._root = np.sqrt(weight * is_flexible)
-        self._turn_weight = weight
-        self._turn_root = np.sqrt(direction_weight * weight[:, None] * stars[self._member])
-        self._n_rigid_parts = int(rigid_part.max()) + 1
-        self._free = np.unique(self._edges[rigid_part[self._edges] < 0])
+        ends, member, weight = sheet.edges[near], sheet.member[near], sheet.weight[near]
+        star = np.flatnonzero(stars[member].ravel())
+        star = star[np.argsort(member.ravel()[star], kind="stable")]
+        of_star = member.ravel()[star]
+        first = np.flatnonzero(np.diff(of_star, prepend=-1, append=-1))
+        self._pairs = _Pairs(
+            ends=ends,
+            offset=sheet.offset[near],
+            length_m=sheet.length_m[near],
+            of_length=weight * is_flexible,
+            of_direction=DIRECTION_WEIGHT * weight,
+            star=star,
+            first=first,
+        )
+        self._free = _in_narrow_order(rigid_part, ends)
+        sizes = np.bincount(rigid_part[rigid_part >= 0])
+        self._moving = np.delete(np.arange(sizes.size), sizes.argmax())
+        self._nodes_of = [np.flatnonzero(rigid_part == b) for b in self._moving]
+        # The first unknown of each node; -1 if it has none.
         self._at = np.full(len(rigid_part), -1, dtype=np.int64)
-        self._at[self._free] = 3 * self._n_rigid_parts + 2 * np.arange(self._free.size)
-        turning = np.unique(self._member)
-        self._turn_at = np.full(self._n_members, -1, dtype=np.int64)
-        self._turn_at[turning] = 3 * self._n_rigid_parts + 2 * self._free.size + np.arange(turning.size)
-        self._unknowns = 3 * self._n_rigid_parts + 2 * self._free.size + turning.size
-        largest = int(np.bincount(rigid_part[rigid_part >= 0]).argmax())
-        self._solved = np.ones(self._unknowns, dtype=np.bool_)
-        self._solved[3 * largest : 3 * largest + 3] = False
-        self._factor: SuperLU | None = None
+        self._at[self._free] = 2 * np.arange(self._free.size)
+        for n, own in enumerate(self._nodes_of):
+            self._at[own] = 2 * self._free.size + 3 * n
+        self._band = _bandwidth(self._at, 2 * self._free.size, self._pairs)
+        self._rotations = renumbered(member)[0].size
+        seen = self._pairs.of_direction[star // 2] * np.square(np.abs(self._pairs.offset.ravel()[star]))
+        self._stiffness = float(seen.sum())
+        self._factor: BorderedBand | None = None
 
     def step(self, place: Float64) -> tuple[Float64, float]:
-        """Return the positions after one Gauss-Newton step, and the largest motion of a free node."""
-        centers = np.stack([place[self._rigid_part == b].mean(axis=0) for b in range(self._n_rigid_parts)])
-        matrix, residual = self._linearised(place, centers)
-        matrix = matrix[:, self._solved]
+        """Return the positions after one Gauss-Newton step, and the largest motion of a node."""
+        free = 2 * self._free.size
+        arm = np.zeros_like(place)
+        for own in self._nodes_of:
+            arm[own] = place[own] - place[own].mean(axis=0)
+        band = np.zeros((free, self._band + 1))
+        border = np.zeros((3 * self._moving.size, free + 3 * self._moving.size))
+        gradient, turns = _normal_equations(place, arm, self._at, self._pairs, band, border)
         if self._factor is None:
-            normal = csc_matrix(matrix.T @ matrix)
-            diagonal = normal.diagonal()
-            damped = normal + diags_array(_DAMPING * (diagonal + diagonal.mean()), format="csc")
-            self._factor = factor(damped)
-        change = np.zeros(self._unknowns)
-        change[self._solved] = self._factor.solve(-(matrix.T @ residual))
+            diagonals = [band[:, 0], np.einsum("ii->i", border[:, free:])]
+            total = sum(own.sum() for own in diagonals) + self._stiffness
+            damping = _DAMPING * total / (len(gradient) + self._rotations)
+            for own in diagonals:
+                own += _DAMPING * own + damping
+            _eliminate(turns, damping, arm, self._at, self._pairs, band, border)
+            self._factor = BorderedBand(band, border)
+        change = self._factor.solve(-gradient)
         moved = place.copy()
-        for b in range(self._n_rigid_parts):
-            own = self._rigid_part == b
-            shift, turn = change[3 * b : 3 * b + 2], np.arctan(change[3 * b + 2])
+        moved[self._free] += change[:free].reshape(-1, 2)
+        for own, (u, v, slope) in zip(self._nodes_of, change[free:].reshape(-1, 3), strict=True):
+            turn = np.arctan(slope)
             cos, sin = np.cos(turn), np.sin(turn)
-            moved[own] = centers[b] + shift + (place[own] - centers[b]) @ np.array([[cos, sin], [-sin, cos]])
-        first = 3 * self._n_rigid_parts
-        moved[self._free] += change[first : first + 2 * self._free.size].reshape(-1, 2)
+            moved[own] += (u, v) - arm[own] + arm[own] @ np.array([[cos, sin], [-sin, cos]])
         farthest_m = float(np.abs(moved - place).max())
         if farthest_m > _SAME_SYSTEM_M:
             self._factor = None
         return moved, farthest_m
 
-    def _linearised(self, place: Float64, centers: Float64) -> tuple[csr_matrix, Float64]:
-        along = place[self._edges[:, 1]] - place[self._edges[:, 0]]
-        z = along @ np.array([1.0, 1j])
-        distance = np.abs(z)
-        unit = along / np.maximum(distance, 1e-9)[:, None]
-        ends = [self._derivative(place, centers, self._edges[:, end]) for end in (0, 1)]
-        rows = _Rows(ends, self._unknowns)
-        rows.add(unit, self._root, distance - self._length)
-        turn = local_rotations(
-            place @ np.array([1.0, 1j]),
-            self._edges,
-            self._member,
-            self._offset,
-            self._turn_weight,
-            self._n_members,
-        )
-        across, down = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
-        for end in (0, 1):
-            seen = turn[self._member[:, end]] * self._offset[:, end]
-            off, root, turn_at = z - seen, self._turn_root[:, end], self._turn_at[self._member[:, end]]
-            rows.add(np.broadcast_to(across, along.shape), root, off.real, turn_at, seen.imag)
-            rows.add(np.broadcast_to(down, along.shape), root, off.imag, turn_at, -seen.real)
-        return rows.system()
 
-    def _derivative(self, place: Float64, centers: Float64, nodes: Int32) -> tuple[Int64, Float64, Float64]:
-        """Return the unknowns (M, 3) that move nodes, and the derivatives (M, 3) of u and of v."""
-        free = self._rigid_part[nodes] < 0
-        rigid_part = np.maximum(self._rigid_part[nodes], 0)
-        arm = place[nodes] - centers[rigid_part]
-        zero, one = np.zeros(len(nodes)), np.ones(len(nodes))
-        at = 3 * rigid_part[:, None] + np.arange(3)
-        at[free] = self._at[nodes[free], None] + np.array([0, 1, 0])
-        along_u = np.stack([one, zero, np.where(free, 0.0, -arm[:, 1])], axis=1)
-        along_v = np.stack([zero, one, np.where(free, 0.0, arm[:, 0])], axis=1)
-        return at, along_u, along_v
+def _in_narrow_order(rigid_part: Int32, ends: Int32) -> Int64:
+    """Return the free nodes of pairs (K, 2), neighbours close to each other."""
+    nodes, ends = renumbered(ends)
+    both = np.concatenate([ends, ends[:, ::-1]]).T
+    graph = coo_matrix((np.ones(both.shape[1], dtype=np.bool_), tuple(both)), shape=(nodes.size,) * 2)
+    order = nodes[reverse_cuthill_mckee(graph.tocsr(), symmetric_mode=True)]
+    found: Int64 = order[rigid_part[order] < 0].astype(np.int64)
+    return found
 
 
-class _Rows:
-    """Collects the rows of a sparse linear system on differences of pairs of ends."""
-
-    def __init__(self, ends: list[tuple[Int64, Float64, Float64]], unknowns: int) -> None:
-        self._ends, self._unknowns, self._count = ends, unknowns, 0
-        self._at: list[tuple[Int64, Int64, Float64]] = []
-        self._residual: list[Float64] = []
-
-    def add(
-        self,
-        way: Float64,
-        root: Float64,
-        residual: Float64,
-        turn_at: Int64 | None = None,
-        turning: Float64 | None = None,
-    ) -> None:
-        """Add one row per pair: the component of its difference along ``way`` (M, 2), times ``root``."""
-        row = self._count + np.arange(len(residual))
-        for sign, (at, along_u, along_v) in zip((-1.0, 1.0), self._ends, strict=True):
-            value = sign * root[:, None] * (way[:, :1] * along_u + way[:, 1:] * along_v)
-            self._at.append((np.repeat(row, 3), at.ravel(), value.ravel()))
-        if turn_at is not None and turning is not None:
-            self._at.append((row, turn_at, root * turning))
-        self._residual.append(root * residual)
-        self._count += len(residual)
-
-    def system(self) -> tuple[csr_matrix, Float64]:
-        """Return the matrix and the residuals."""
-        rows, columns, values = (np.concatenate(part) for part in zip(*self._at, strict=True))
-        shape = (self._count, self._unknowns)
-        return coo_matrix((values, (rows, columns)), shape=shape).tocsr(), np.concatenate(self._residual)
+@njit(cache=True, nogil=True)
+def _bandwidth(at: Int64, free: int, pairs: _Pairs) -> int:
+    """Return the largest distance of two of the ``free`` unknowns that one star connects."""
+    widest = 1
+    for s in range(pairs.first.size - 1):
+        low, high = free, 0
+        for k in range(pairs.first[s], pairs.first[s + 1]):
+            for node in pairs.ends[pairs.star[k] // 2]:
+                if 0 <= at[node] < free:
+                    low, high = min(low, at[node]), max(high, at[node] + 1)
+        widest = max(widest, high - low)
+    return widest
 
 
-def factor(matrix: csc_matrix) -> SuperLU:
-    """Factor a sparse symmetric positive definite matrix."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    place: Float64, arm: Float64, at: Int64, pairs: _Pairs, band: Float64, border: Float64
+) -> tuple[Float64, Complex128]:
+    """Add the normal equations without rotations to a :class:`BorderedBand`'s ``band`` and ``border``.
+
+    ``arm`` (N, 2) leads from the middle of its rigid part to a node; ``at`` (N,) is its first unknown, -1 if
+    it has none. Returns the gradient, and the best rotation (S,) of each star.
+    """
+    free, stars = band.shape[0], pairs.first.size - 1
+    gradient, turns = np.zeros(free + border.shape[0]), np.zeros(stars, dtype=np.complex128)
+    column, value = np.empty(6, dtype=np.int64), np.empty(6)
+    for k in range(pairs.ends.shape[0]):
+        if pairs.of_length[k] > 0.0:
+            i, j = pairs.ends[k]
+            along = complex(place[j, 0] - place[i, 0], place[j, 1] - place[i, 1])
+            far, residual = max(abs(along), 1e-9), abs(along) - pairs.length_m[k]
+            count = _row(i, j, along.real / far, along.imag / far, arm, at, free, column, value)
+            add_products(column[:count], value[:count], pairs.of_length[k], band, border)
+            for n in range(count):
+                gradient[column[n]] += pairs.of_length[k] * residual * value[n]
+    for s in range(stars):
+        own = pairs.star[pairs.first[s] : pairs.first[s + 1]]
+        for end in own:
+            k = end // 2
+            i, j = pairs.ends[k]
+            along = complex(place[j, 0] - place[i, 0], place[j, 1] - place[i, 1])
+            turns[s] += pairs.of_direction[k] * along * np.conj(pairs.offset[k, end % 2])
+        if abs(turns[s]) > 0.0:
+            turns[s] /= abs(turns[s])
+        for end in own:
+            k = end // 2
+            i, j = pairs.ends[k]
+            along = complex(place[j, 0] - place[i, 0], place[j, 1] - place[i, 1])
+            off = along - turns[s] * pairs.offset[k, end % 2]
+            for u, v, residual in ((1.0, 0.0, off.real), (0.0, 1.0, off.imag)):
+                count = _row(i, j, u, v, arm, at, free, column, value)
+                add_products(column[:count], value[:count], pairs.of_direction[k], band, border)
+                for n in range(count):
+                    gradient[column[n]] += pairs.of_direction[k] * residual * value[n]
+    return gradient, turns
+
+
+@njit(cache=True, nogil=True)
+def _eliminate(
+    turns: Complex128, damping: float, arm: Float64, at: Int64, pairs: _Pairs, band: Float64, border: Float64
+) -> None:
+    """Subtract what the rotations of the stars take from the normal equations (a Schur complement)."""
+    free = band.shape[0]
+    size = free + border.shape[0]
+    shared, of_star, product = np.zeros(size), np.empty(size, dtype=np.int64), np.empty(size)
+    column, value, is_shared = np.empty(6, dtype=np.int64), np.empty(6), np.zeros(size, dtype=np.bool_)
+    for s in range(turns.size):
+        stiffness, known = damping, 0
+        for end in pairs.star[pairs.first[s] : pairs.first[s + 1]]:
+            k = end // 2
+            weight, seen = pairs.of_direction[k], turns[s] * pairs.offset[k, end % 2]
+            stiffness += (1.0 + _DAMPING) * weight * (seen.real * seen.real + seen.imag * seen.imag)
+            i, j = pairs.ends[k]
+            count = _row(i, j, seen.imag, -seen.real, arm, at, free, column, value)
+            for n in range(count):
+                c = column[n]
+                shared[c] += weight * value[n]
+                if not is_shared[c]:
+                    is_shared[c], of_star[known] = True, c
+                    known += 1
+        for n in range(known):
+            c = of_star[n]
+            product[n], shared[c], is_shared[c] = shared[c], 0.0, False
+        add_products(of_star[:known], product[:known], -1.0 / stiffness, band, border)
+
+
+@njit(cache=True, nogil=True)
+def _row(
+    i: int, j: int, u: float, v: float, arm: Float64, at: Int64, free: int, column: Int64, value: Float64
+) -> int:
+    """Write the derivatives of the difference from node i to j along (u, v); return how many these are."""
+    count = 0
+    for node, sign in ((i, -1.0), (j, 1.0)):
+        if at[node] >= 0:
+            turning = v * arm[node, 0] - u * arm[node, 1] if at[node] >= free else 0.0
+            for n, derivative in ((0, u), (1, v), (2, turning)):
+                if derivative != 0.0:
+                    column[count], value[count] = at[node] + n, sign * derivative
+                    count += 1
+    return count

@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import BandedLaplacian, Banding
 
 Complex128 = NDArray[np.complex128]
+Int64 = NDArray[np.int64]
 
 _HELD = 1e-6
 """Weight that holds every node at its position, because lengths do not fix the sheet as a whole. Set by
@@ -114,3 +116,54 @@ def relax_rigidly(
         z = moved[:, 0] + 1j * moved[:, 1]
     z = z + center
     return np.stack([z.real, z.imag], axis=1)
+
+
+class BorderedBand:
+    """A factored system whose matrix is a band but for its last rows and columns.
+
+    Parameters
+    ----------
+    band : (F, K + 1) float64
+        The lower band of the first F unknowns, each row from the diagonal on; it is overwritten.
+    border : (B, F + B) float64
+        The rows of the others, up to the diagonal.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The matrix is not positive definite; something must hold every unknown.
+    """
+
+    def __init__(self, band: Float64, border: Float64) -> None:
+        self._free = len(band)
+        self._band, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
+        if failed:
+            raise np.linalg.LinAlgError("the matrix is not definite")
+        self._side = border[:, : self._free]
+        if len(border):
+            corner = border[:, self._free :]
+            self._reduced, _ = dpbtrs(self._band, self._side.T, lower=1)
+            self._corner = np.tril(corner) + np.tril(corner, -1).T - self._side @ self._reduced
+
+    def solve(self, rhs: Float64) -> Float64:
+        """Return the solution (F + B,) for a right-hand side (F + B,)."""
+        first, _ = dpbtrs(self._band, rhs[: self._free], lower=1)
+        if not len(self._side):
+            return np.asarray(first)
+        last = np.linalg.solve(self._corner, rhs[self._free :] - self._side @ first)
+        return np.concatenate([first - self._reduced @ last, last])
+
+
+@njit(cache=True, nogil=True)
+def add_products(column: Int64, value: Float64, weight: float, band: Float64, border: Float64) -> None:
+    """Add ``weight`` times all products of a row's values to the matrix of a :class:`BorderedBand`."""
+    free = band.shape[0]
+    for a in range(column.size):
+        for b in range(column.size):
+            low, high = column[a], column[b]
+            if low <= high:
+                product = weight * value[a] * value[b]
+                if high < free:
+                    band[low, high - low] += product
+                else:
+                    border[high - free, low] += product

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
+from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
@@ -22,13 +24,14 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
     DIRECTION_WEIGHT,
     STRIP_NOISE_M,
-    factor,
     flexible,
     nearest_rigid_part,
     rigid_parts,
 )
 from flatcloth.methods.robust.connectivity import both_ends, renumbered
 from flatcloth.methods.robust.joint import OUTGROWN, JointShape
+
+Complex128 = NDArray[np.complex128]
 
 _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
@@ -151,12 +154,17 @@ def _determined(spread_m2: Float64) -> int:
     return int((spread_m2 <= MOST_STD_M**2).sum())
 
 
-def _spread_m2(moved: Float64, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
-    """Return the mean square (N,) of displacements (N, 2, draws) relative to the anchors."""
-    spread = np.empty((len(uv), _DRAWS))
-    for k in range(_DRAWS):
-        spread[:, k] = np.square(_without_rigid(moved[:, :, k], uv, anchor)).sum(axis=1)
-    mean: Float64 = spread.mean(axis=1)
+def _spread_m2(moved: Complex128, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
+    """Return the mean square (N,) of displacements (draws, N) as u + iv, relative to the anchors.
+
+    From each draw the small rigid motion is removed that moves the anchors on average.
+    """
+    offset = (uv - uv[anchor].mean(axis=0)) @ np.array([1.0, 1j])
+    own, of_anchor = offset[anchor], moved[:, anchor]
+    turned = (of_anchor @ np.conj(own)).imag / np.square(np.abs(own)).sum()
+    rest = moved - of_anchor.mean(axis=1)[:, None]
+    rest -= np.multiply.outer(1j * turned, offset)
+    mean: Float64 = np.square(rest.view(np.float64)).mean(axis=0).reshape(-1, 2).sum(axis=1)
     return mean
 
 
@@ -233,12 +241,16 @@ def with_placement_std(
 def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Bool:
     """Return the pixels (R, C) that a noisy view shows at an outline of its surface beside another layer."""
     result = np.zeros(view.shape, dtype=np.bool_)
+    pixels = np.flatnonzero(view.valid)
+    seen_by = view.view_index.ravel()[pixels]
+    order = np.argsort(seen_by, kind="stable")
+    pixels, seen_by = pixels[order], seen_by[order]
     for number, surface in surfaces.items():
-        own = view.valid & (view.view_index == number)
-        if surface.noisy and own.any():
-            rc = np.rint(view.source_rc[own] - np.asarray(surface.frame.offset_rc)).astype(int)
+        own = pixels[slice(*np.searchsorted(seen_by, (number, number + 1)))]
+        if surface.noisy and own.size:
+            rc = np.rint(view.source_rc.reshape(-1, 2)[own] - np.asarray(surface.frame.offset_rc)).astype(int)
             rc = np.clip(rc, 0, np.array(surface.usable.shape) - 1)
-            result[own] = _layer_rims(surface)[rc[:, 0], rc[:, 1]]
+            result.ravel()[own] = _layer_rims(surface)[rc[:, 0], rc[:, 1]]
     return result
 
 
@@ -248,13 +260,11 @@ def _layer_rims(surface: Surface) -> Bool:
     depth = surface.xyz_m[..., 2]
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
-    inside = cv2.distanceTransform(
-        np.pad(surface.usable.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    )[1:-1, 1:-1]
+    reach = np.arange(-math.floor(_BESIDE_RIM_PX), math.floor(_BESIDE_RIM_PX) + 1)
+    disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_RIM_PX).astype(np.uint8)
+    inside = cv2.erode(surface.usable.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     step = _BESIDE_STEP_M
-    rims: Bool = (
-        surface.usable & (inside <= _BESIDE_RIM_PX) & ((farthest - depth > step) | (depth - nearest > step))
-    )
+    rims: Bool = surface.usable & (inside == 0) & ((farthest - depth > step) | (depth - nearest > step))
     return rims
 
 
@@ -264,10 +274,21 @@ _BLOCK_PX = 3
 
 def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
     """Draw relative changes of length (M, draws) of each pair from smooth random strain fields."""
-    share = (np.square(unit[:, 0]), math.sqrt(2.0) * unit[:, 0] * unit[:, 1], np.square(unit[:, 1]))
-    change = np.zeros((len(edges), _DRAWS))
-    for own, field in zip(share, _smooth(at, 3, random), strict=True):
-        change += (0.5 * _STRAIN * own)[:, None] * (field[edges[:, 0]] + field[edges[:, 1]])
+    fields = np.stack(_smooth(at, 3, random), axis=1)
+    return _changed(fields, edges, unit, np.empty((len(edges), _DRAWS)))
+
+
+@njit(cache=True, nogil=True)
+def _changed(fields: Float64, edges: Int32, unit: Float64, change: Float64) -> Float64:
+    """Write and return the relative changes (M, draws) of pairs by strains (N, 3, draws): uu, uv, and vv."""
+    for e in range(edges.shape[0]):
+        i, j = edges[e]
+        u, v = unit[e]
+        uu, uv, vv = (0.5 * _STRAIN * u * u, 0.5 * _STRAIN * math.sqrt(2.0) * u * v, 0.5 * _STRAIN * v * v)
+        for k in range(change.shape[1]):
+            change[e, k] = uu * (fields[i, 0, k] + fields[j, 0, k])
+            change[e, k] += uv * (fields[i, 1, k] + fields[j, 1, k])
+            change[e, k] += vv * (fields[i, 2, k] + fields[j, 2, k])
     return change
 
 
@@ -294,8 +315,8 @@ class _Sheet:
     stars: Bool
 
 
-def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Float64:
-    """Solve for the displacements (n, 2, draws) caused by changes of length (M, draws).
+def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Complex128:
+    """Solve for the displacements (draws, n), u + iv, caused by changes of length (M, draws).
 
     Where lengths leave a sheet flexible (a strip, a neck), every node observes the directions of its
     neighbours with an error as well: ``off_m`` (M, 1) at the other end.
@@ -335,9 +356,10 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     weighted = diags_array(np.square(np.concatenate(root))) @ matrix
     normal_matrix = csc_matrix(matrix.T @ weighted)
     held = _HELD * normal_matrix.diagonal().mean()
-    solve = factor(normal_matrix + held * eye_array(size, format="csc"))
-    displaced: Float64 = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n].reshape(n, 2, -1)
-    return displaced
+    solve = _factored(normal_matrix + held * eye_array(size, format="csc"))
+    displaced = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n]
+    found: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
+    return found
 
 
 _LEAST_ANCHORS = 3
@@ -346,13 +368,6 @@ _HELD = 1e-9
 """Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
 
-def _without_rigid(moved: Float64, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
-    """Remove from displacements (N, 2) the small rigid motion that moves the anchors on average."""
-    center = uv[anchor].mean(axis=0)
-    offset = uv - center
-    shift = moved[anchor].mean(axis=0)
-    own = offset[anchor]
-    turning = (own[:, 0] * moved[anchor, 1] - own[:, 1] * moved[anchor, 0]).sum()
-    turned = float(turning / np.square(own).sum()) * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
-    rest: Float64 = moved - shift - turned
-    return rest
+def _factored(matrix: csc_matrix) -> SuperLU:
+    """Factor a sparse symmetric positive definite matrix."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -18,6 +18,7 @@ from flatcloth.methods.robust.articulated import (
     settle_flexible,
 )
 from flatcloth.methods.robust.observations import _offsets
+from flatcloth.methods.robust.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust.uncertainty import (
     LEAST_STD_M,
     MOST_STD_M,
@@ -244,3 +245,23 @@ def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
     assert rims[20, 26:29].all()  # beside the other layer
     assert not rims[20, :25].any()  # inside, and at an outline beyond which is no other cloth
     assert not rims[5:8, 5:24].any()
+
+
+def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is() -> None:
+    random = np.random.default_rng(3)
+    band, border = np.zeros((7, 3)), np.zeros((2, 9))
+    whole = np.zeros((9, 9))
+    for first in (0, 2, 4):
+        column, value = np.array([first, first + 1, first + 2, 7, 8]), random.standard_normal(5)
+        add_products(column, value, 2.0, band, border)
+        whole[np.ix_(column, column)] += 2.0 * np.outer(value, value)
+    band[:, 0] += 1.0
+    np.einsum("ii->i", border[:, 7:])[:] += 1.0
+    rhs = random.standard_normal(9)
+    found = BorderedBand(band, border).solve(rhs)
+    np.testing.assert_allclose((whole + np.eye(9)) @ found, rhs, atol=1e-12)
+
+
+def test_a_band_that_nothing_holds_is_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not definite"):
+        BorderedBand(np.zeros((3, 2)), np.zeros((0, 3)))
