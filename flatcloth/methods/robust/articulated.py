@@ -8,6 +8,7 @@ observed by a view) are minimised together by a few Gauss-Newton steps.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -231,10 +232,11 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     near = np.flatnonzero(is_flexible | stars[sheet.member].any(axis=1))
     system = _System(rigid_part, sheet, near, is_flexible[near], stars)
     place = uv_m
-    for _ in range(_STEPS):
-        place, farthest_m = system.step(place)
-        if farthest_m < _SETTLED_M:
-            break
+    with contextlib.suppress(np.linalg.LinAlgError):  # the pairs do not hold every node: it stays
+        for _ in range(_STEPS):
+            place, farthest_m = system.step(place)
+            if farthest_m < _SETTLED_M:
+                break
     return place
 
 

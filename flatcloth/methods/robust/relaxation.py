@@ -136,22 +136,27 @@ class BorderedBand:
 
     def __init__(self, band: Float64, border: Float64) -> None:
         self._free = len(band)
-        self._band, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
-        if failed:
-            raise np.linalg.LinAlgError("the matrix is not definite")
+        if self._free:
+            self._band, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
+            if failed:
+                raise np.linalg.LinAlgError("the matrix is not definite")
         self._side = border[:, : self._free]
         if len(border):
             corner = border[:, self._free :]
-            self._reduced, _ = dpbtrs(self._band, self._side.T, lower=1)
+            self._reduced = self._banded(self._side.T)
             self._corner = np.tril(corner) + np.tril(corner, -1).T - self._side @ self._reduced
 
     def solve(self, rhs: Float64) -> Float64:
         """Return the solution (F + B,) for a right-hand side (F + B,)."""
-        first, _ = dpbtrs(self._band, rhs[: self._free], lower=1)
+        first = self._banded(rhs[: self._free])
         if not len(self._side):
-            return np.asarray(first)
+            return first
         last = np.linalg.solve(self._corner, rhs[self._free :] - self._side @ first)
         return np.concatenate([first - self._reduced @ last, last])
+
+    def _banded(self, rhs: Float64) -> Float64:
+        """Solve for the first unknowns alone; LAPACK takes no empty matrix."""
+        return np.asarray(dpbtrs(self._band, rhs, lower=1)[0] if self._free else rhs)
 
 
 @njit(cache=True, nogil=True)

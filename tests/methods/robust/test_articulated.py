@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import tangent_basis
+from flatcloth.methods.robust import articulated
 from flatcloth.methods.robust.articulated import (
     FlexibleSheet,
     flexible,
@@ -260,6 +261,23 @@ def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is() -> None:
     rhs = random.standard_normal(9)
     found = BorderedBand(band, border).solve(rhs)
     np.testing.assert_allclose((whole + np.eye(9)) @ found, rhs, atol=1e-12)
+
+
+def test_a_border_without_a_band_is_solved(capfd: pytest.CaptureFixture[str]) -> None:
+    """Two rigid parts that pairs join directly have no free nodes."""
+    found = BorderedBand(np.zeros((0, 1)), 2.0 * np.eye(3)).solve(np.ones(3))
+    np.testing.assert_allclose(found, 0.5)
+    assert not any(capfd.readouterr())  # LAPACK complains there about an empty matrix
+
+
+def test_what_cannot_be_settled_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    uv, edges, _ = plates(neck=2)
+
+    def refused(*_: object) -> None:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(articulated, "BorderedBand", refused)
+    np.testing.assert_array_equal(settle_flexible(uv, sheet(uv, edges)), uv)
 
 
 def test_a_band_that_nothing_holds_is_refused() -> None:
