@@ -87,7 +87,7 @@ def _narrow_order(n: int, edges: Int32) -> Int32:
 
 
 def banded_factor(band: Float64) -> Float64 | None:
-    """Return the Cholesky factor (N, B) of a band, which is overwritten; None if it is not definite."""
+    """Return the factor of a band for :func:`banded_solution`, None if it is not definite; overwrites it."""
     if band.shape[1] < _WIDE:
         return band if _factor(band) else None
     factor, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
@@ -107,18 +107,23 @@ def banded_solution(factor: Float64, rhs: Float64) -> Float64:
 
 @njit(cache=True, nogil=True)
 def _factor(band: Float64) -> bool:
-    """Overwrite a band (N, B) by its Cholesky factor; return whether it is definite."""
+    """Overwrite a band (N, B) by its Cholesky factor, with the inverse of its diagonal.
+
+    Returns whether the matrix is definite.
+    """
     n, width = band.shape
     for j in range(n):
         if not band[j, 0] > 0.0:
             return False
         below = band[j, : min(width, n - j)]
-        below /= math.sqrt(below[0])
+        inverse = 1.0 / math.sqrt(below[0])
+        below *= inverse
         for i in range(1, below.size):
             share, rest, column = below[i], below[i:], band[j + i]
             if share != 0.0:
                 for k in range(rest.size):
                     column[k] -= share * rest[k]
+        below[0] = inverse
     return True
 
 
@@ -127,19 +132,21 @@ def _solution(factor: Float64, rhs: Float64) -> Float64:
     """Return the solutions (K, N) for K right-hand sides; their sums are taken in any order."""
     n, width = factor.shape
     solved = rhs.copy()
-    for x in solved:
-        for j in range(n):
-            below, rest = factor[j, : min(width, n - j)], x[j:]
-            value = x[j] / below[0]
-            x[j] = value
+    for j in range(n):
+        below = factor[j, : min(width, n - j)]
+        for m in range(len(solved)):  # innermost, so that none waits for the other
+            rest = solved[m, j:]
+            rest[0] *= below[0]
             for k in range(1, below.size):
-                rest[k] -= below[k] * value
-        for j in range(n - 1, -1, -1):
-            below, rest = factor[j, : min(width, n - j)], x[j:]
-            s = 0.0
+                rest[k] -= below[k] * rest[0]
+    for j in range(n - 1, -1, -1):
+        below = factor[j, : min(width, n - j)]
+        for m in range(len(solved)):
+            rest = solved[m, j:]
+            s = rest[0]
             for k in range(1, below.size):
-                s += below[k] * rest[k]
-            x[j] = (x[j] - s) / below[0]
+                s -= below[k] * rest[k]
+            rest[0] = s * below[0]
     return solved
 
 
