@@ -349,7 +349,10 @@ def _fill_matrix(moments: Float64, a: Float64) -> None:
 
 @njit(cache=True, nogil=True)
 def _cholesky(a: Float64, m: int, low: Float64) -> bool:
-    """Factor the leading m x m symmetric matrix (lower triangle given) into ``low``; False if singular."""
+    """Factor the leading m x m symmetric matrix (lower triangle given) into ``low``, its diagonal inverted.
+
+    Returns False if it is singular.
+    """
     for k in range(m):
         for j in range(k + 1):
             s = a[k, j]
@@ -358,22 +361,22 @@ def _cholesky(a: Float64, m: int, low: Float64) -> bool:
             if k == j:
                 if s <= 1e-6 * a[k, k] or s <= 0.0:
                     return False
-                low[k, k] = math.sqrt(s)
+                low[k, k] = 1.0 / math.sqrt(s)
             else:
-                low[k, j] = s / low[j, j]
+                low[k, j] = s * low[j, j]
     return True
 
 
 @njit(cache=True, nogil=True)
 def _substitute(low: Float64, b: Float64, m: int) -> None:
-    """Solve for ``b`` (m,) in place with a Cholesky factor."""
+    """Solve for ``b`` (m,) in place with a factor of :func:`_cholesky`."""
     for k in range(m):
         s = b[k]
         for p in range(k):
             s -= low[k, p] * b[p]
-        b[k] = s / low[k, k]
+        b[k] = s * low[k, k]
     for k in range(m - 1, -1, -1):
         s = b[k]
         for p in range(k + 1, m):
             s -= low[p, k] * b[p]
-        b[k] = s / low[k, k]
+        b[k] = s * low[k, k]
