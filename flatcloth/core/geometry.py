@@ -150,13 +150,12 @@ def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None)
 
     The fit is least squares, weighted by ``weight`` (N,) if given.
     """
-    p, q = np.asarray(points_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
-    w = np.ones((len(p), 1)) if weight is None else np.asarray(weight, dtype=np.float64)[:, None]
-    center, to = (w * p).sum(axis=0) / w.sum(), (w * q).sum(axis=0) / w.sum()
-    p, q = p - center, q - to
-    theta = math.atan2(
-        float((w[:, 0] * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])).sum()), float((w * p * q).sum())
-    )
+    p, q = np.asarray(points_m, dtype=np.float64).T, np.asarray(target_m, dtype=np.float64).T
+    w = np.ones(p.shape[1]) if weight is None else np.asarray(weight, dtype=np.float64)
+    total = w.sum()
+    center, to = p @ w / total, q @ w / total
+    p, q = (p - center[:, None]) * w, q - to[:, None]
+    theta = math.atan2(float(p[0] @ q[1] - p[1] @ q[0]), float(p[0] @ q[0] + p[1] @ q[1]))
     shift = to - Rigid2(theta).apply(center)
     return Rigid2(theta, float(shift[0]), float(shift[1]))
 

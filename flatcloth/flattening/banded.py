@@ -1,7 +1,8 @@
-"""Matrices of graphs as narrow bands, which LAPACK factors in place.
+"""Matrices of graphs as narrow bands, which are factored in place: by a plain loop, or by LAPACK where wide.
 
-Samples come in image order and garments hang long and narrow: with the points in a suitable order all
-entries of such a matrix lie near its diagonal.
+A band (N, B) holds the entry at (j + k, j) of the symmetric matrix at (j, k). Samples come in image
+order and garments hang long and narrow: with the points in a suitable order all entries of such a matrix
+lie near its diagonal.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from flatcloth.core.types import Float64, Int32
+
+_WIDE = 72
+"""From so many entries a row on, LAPACK is faster than a loop, which costs no copies. Chosen: measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +62,7 @@ class BandedLaplacian:
     def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
         self._narrow = narrow
         band = laplacian_band(len(narrow.order), bandwidth_of(narrow.pairs), narrow.pairs, weight)
-        band[0] += held if isinstance(held, float) else held[narrow.order]
+        band[:, 0] += held if isinstance(held, float) else held[narrow.order]
         self._factor = cast("Float64", banded_factor(band))
 
     def solve(self, rhs: Float64) -> Float64:
@@ -83,24 +87,76 @@ def _narrow_order(n: int, edges: Int32) -> Int32:
 
 
 def banded_factor(band: Float64) -> Float64 | None:
-    """Return the Cholesky factor (B, N) of a lower band, which is overwritten; None if it is not definite."""
-    factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
-    return None if failed else factor
+    """Return the factor of a band for :func:`banded_solution`, None if it is not definite; overwrites it."""
+    if band.shape[1] < _WIDE:
+        return band if _factor(band) else None
+    factor, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
+    return None if failed else factor.T
 
 
 def banded_solution(factor: Float64, rhs: Float64) -> Float64:
     """Solve for (2, N): u and v separately with a Laplacian, interleaved with a Hessian of 2 N unknowns."""
-    x, _ = dpbtrs(factor, rhs.T if factor.shape[1] == rhs.shape[1] else rhs.T.ravel(), lower=1)
-    return np.ascontiguousarray(x.reshape(-1, 2).T)
+    is_apart = len(factor) == rhs.shape[1]
+    if factor.shape[1] >= _WIDE:
+        x, _ = dpbtrs(factor.T, rhs.T if is_apart else rhs.T.ravel(), lower=1)
+        return np.ascontiguousarray(x.reshape(-1, 2).T)
+    if is_apart:
+        return _solution(factor, rhs)
+    return np.ascontiguousarray(_solution(factor, rhs.T.reshape(1, -1)).reshape(-1, 2).T)
+
+
+@njit(cache=True, nogil=True)
+def _factor(band: Float64) -> bool:
+    """Overwrite a band (N, B) by its Cholesky factor, with the inverse of its diagonal.
+
+    Returns whether the matrix is definite.
+    """
+    n, width = band.shape
+    for j in range(n):
+        if not band[j, 0] > 0.0:
+            return False
+        below = band[j, : min(width, n - j)]
+        inverse = 1.0 / math.sqrt(below[0])
+        below *= inverse
+        for i in range(1, below.size):
+            share, rest, column = below[i], below[i:], band[j + i]
+            if share != 0.0:
+                for k in range(rest.size):
+                    column[k] -= share * rest[k]
+        below[0] = inverse
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
+def _solution(factor: Float64, rhs: Float64) -> Float64:
+    """Return the solutions (K, N) for K right-hand sides; their sums are taken in any order."""
+    n, width = factor.shape
+    solved = rhs.copy()
+    for j in range(n):
+        below = factor[j, : min(width, n - j)]
+        for m in range(len(solved)):  # innermost, so that none waits for the other
+            rest = solved[m, j:]
+            rest[0] *= below[0]
+            for k in range(1, below.size):
+                rest[k] -= below[k] * rest[0]
+    for j in range(n - 1, -1, -1):
+        below = factor[j, : min(width, n - j)]
+        for m in range(len(solved)):
+            rest = solved[m, j:]
+            s = rest[0]
+            for k in range(1, below.size):
+                s -= below[k] * rest[k]
+            rest[0] = s * below[0]
+    return solved
 
 
 @njit(cache=True, nogil=True)
 def laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
-    """Return the lower band (B, n) of a Laplacian; it is definite only after a point has been fixed."""
-    band = np.zeros((bandwidth + 1, n))
+    """Return the band (n, B) of a Laplacian; it is definite only after a point has been fixed."""
+    band = np.zeros((n, bandwidth + 1))
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
-        band[0, a] += weight[e]
-        band[0, b] += weight[e]
-        band[b - a, a] -= weight[e]
+        band[a, 0] += weight[e]
+        band[b, 0] += weight[e]
+        band[a, b - a] -= weight[e]
     return band

@@ -22,7 +22,6 @@ from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
-from scipy.linalg.lapack import dgesv
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Int32
@@ -277,38 +276,38 @@ def _conjugate_gradients(
     return None
 
 
+@njit(cache=True, nogil=True)
 def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
     """Combine the past images so that the combined residual is smallest."""
-    gram, rhs = _normal_equations(past_f, kept, f)
-    # Not solved in the compiled function: there np.linalg.solve takes longer to compile than this module.
-    _, _, gamma, failed = dgesv(gram, rhs)
-    if failed or not np.isfinite(gamma).all():
-        raise np.linalg.LinAlgError("the past residuals cannot be combined")
-    mixed: Float64 = (1.0 - gamma.sum()) * g + gamma @ past_x[:kept]
-    return mixed
-
-
-@njit(cache=True, nogil=True)
-def _normal_equations(past_f: Float64, kept: int, f: Float64) -> tuple[Float64, Float64]:
-    """Return the Gram matrix of the residual's changes, and their products with the residual."""
-    size = f.size
-    gram, rhs = np.zeros((kept, kept)), np.zeros(kept)
+    gram, share = np.zeros((kept, kept)), np.zeros(kept)
     for i in range(kept):
         for j in range(i + 1):
             s = 0.0
-            for k in range(size):
+            for k in range(f.size):
                 s += (f[k] - past_f[i, k]) * (f[k] - past_f[j, k])
             gram[i, j] = gram[j, i] = s
-        s = 0.0
-        for k in range(size):
-            s += (f[k] - past_f[i, k]) * f[k]
-        rhs[i] = s
+        for k in range(f.size):
+            share[i] += (f[k] - past_f[i, k]) * f[k]
     largest = 0.0
     for i in range(kept):
         largest = max(largest, gram[i, i])
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
-    return gram, rhs
+    # Gaussian elimination: the matrix is definite.
+    for i in range(kept):
+        for j in range(i + 1, kept):
+            s = gram[j, i] / gram[i, i]
+            share[j] -= s * share[i]
+            for k in range(i, kept):
+                gram[j, k] -= s * gram[i, k]
+    mixed = g.copy()
+    for i in range(kept - 1, -1, -1):
+        for j in range(i + 1, kept):
+            share[i] -= gram[i, j] * share[j]
+        share[i] /= gram[i, i]
+        for k in range(g.size):
+            mixed[k] += share[i] * (past_x[i, k] - g[k])
+    return mixed
 
 
 @njit(cache=True, nogil=True)
@@ -349,21 +348,21 @@ def _gradient(
 
 @njit(cache=True, nogil=True)
 def _hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
-    """Lower band of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
-    band = np.zeros((2 * bandwidth + 2, 2 * n))
-    band[0] = damping
+    """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
+    band = np.zeros((2 * n, 2 * bandwidth + 2))
+    band[:, 0] = damping
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
         for end in (a, b):
-            band[0, 2 * end] += uu
-            band[0, 2 * end + 1] += vv
-            band[1, 2 * end] += uv
+            band[2 * end, 0] += uu
+            band[2 * end + 1, 0] += vv
+            band[2 * end, 1] += uv
         offset = 2 * (b - a)
-        band[offset, 2 * a] -= uu
-        band[offset + 1, 2 * a] -= uv
-        band[offset - 1, 2 * a + 1] -= uv
-        band[offset, 2 * a + 1] -= vv
+        band[2 * a, offset] -= uu
+        band[2 * a, offset + 1] -= uv
+        band[2 * a + 1, offset - 1] -= uv
+        band[2 * a + 1, offset] -= vv
     return band
 
 

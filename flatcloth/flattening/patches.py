@@ -18,6 +18,8 @@ STEP_RIGHT, STEP_DOWN = 1, 2
 """Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
 definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
+_FACTORS = 1021
+"""Factors that are kept for windows that reach the same cells, a prime. Chosen: most recur within so many."""
 
 
 def median(values: Floats) -> float:
@@ -156,19 +158,27 @@ def fit_patches(
     sums = _sums_of_cells(terms, stride)
     right, down = _windows(steps, radius)
     reached = np.zeros(2 * radius + 1, dtype=np.int32)
-    moments, a, b, low = np.zeros(15), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
+    moments, a, b = np.zeros(15), np.zeros((6, 6)), np.zeros(6)
+    # Factors, each at a place that the cells it belongs to determine: many windows reach the same ones.
+    known = np.zeros((_FACTORS, reached.size), dtype=np.int32)
+    factors, orders = np.zeros((_FACTORS, 6, 6)), np.zeros(_FACTORS, dtype=np.int32)
     for n in range(rows.size):
         r0, c0 = rows[n], cols[n]
         _reach(right, down, r0, c0, reached)
-        count = _sum_up(inverse_depth, r0, c0, reached, stride, terms, sums, moments, b)
-        _fill_matrix(moments, a)
-        solved = 0
-        if quadratic and count >= 12 and _cholesky(a, 6, low):
-            solved = 6
-        elif count >= 6 and _cholesky(a, 3, low):
-            solved = 3
+        at, is_known = _found(reached, known)
+        low = factors[at]
+        if not is_known:
+            count = _sum_up(reached, stride, terms, sums, moments)
+            _fill_matrix(moments, a)
+            orders[at] = 0
+            if quadratic and count >= 12 and _cholesky(a, 6, low):
+                orders[at] = 6
+            elif count >= 6 and _cholesky(a, 3, low):
+                orders[at] = 3
+        solved = orders[at]
         if solved == 0:
             continue
+        _sum_up_values(inverse_depth, r0, c0, reached, stride, terms, b)
         _substitute(low, b, solved)
         result[n, 0] = b[0] + inverse_depth[r0, c0]
         result[n, 1], result[n, 2] = b[1] / radius, b[2] / radius
@@ -193,16 +203,18 @@ def _terms(radius: int) -> Float64:
 
 @njit(cache=True, nogil=True)
 def _sums_of_cells(terms: Float64, stride: int) -> Float64:
-    """Return the sums of the terms (K * 128, 5) over every set of 7 cells of a row, and of the next 7, ...
+    """Return the sums of the terms (K * 128, 6) over every set of 7 cells of a row, and of the next 7, ...
 
-    The bits of a number below 128 are the set. Cells between the strides add nothing.
+    The bits of a number below 128 are the set; the last sum counts them. Cells between the strides add
+    nothing.
     """
     size = terms.shape[0]
-    sums = np.zeros(((size + 6) // 7 * 128, 5))
+    sums = np.zeros(((size + 6) // 7 * 128, 6))
     for at in range(sums.shape[0]):
         members, first = at % 128, at // 128 * 7
         for j in range(first, min(first + 7, size)):
             if (members >> (j - first)) & 1 and (j - size // 2) % stride == 0:
+                sums[at, 5] += 1.0
                 for degree in range(5):
                     sums[at, degree] += terms[j, degree]
     return sums
@@ -257,28 +269,31 @@ def _spread(cells: int, right: int, radius: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(
-    inverse_depth: Float64,
-    r0: int,
-    c0: int,
-    reached: Int32,
-    stride: int,
-    terms: Float64,
-    sums: Float64,
-    moments: Float64,
-    b: Float64,
-) -> int:
-    """Write the sums (15,) of the products of terms and those (6,) with the values; return how many cells.
+def _found(reached: Int32, known: Int32) -> tuple[int, bool]:
+    """Return the place that belongs to the cells, as bits, of a window, and whether they are known there.
+
+    Afterwards they are.
+    """
+    place, is_known = 0, True
+    for i in range(reached.size):
+        place = 521 * place + reached[i]
+    place %= len(known)
+    for i in range(reached.size):
+        is_known = is_known and known[place, i] == reached[i]
+        known[place, i] = reached[i]
+    return place, is_known
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(reached: Int32, stride: int, terms: Float64, sums: Float64, moments: Float64) -> int:
+    """Write the sums (15,) of the products of terms; return how many cells there are.
 
     The terms are 1, x, y, x^2, xy, y^2; their products have degree 4 at most, those of the first three come
-    first. The values are relative to the centre's. A product is one along the row times one along the column.
+    first. A product is one along the row times one along the column.
     """
-    radius = reached.size // 2
-    centre, count = inverse_depth[r0, c0], 0
+    radius, count = reached.size // 2, 0.0
     for k in range(15):
         moments[k] = 0.0
-    for k in range(6):
-        b[k] = 0.0
     for i in range(radius % stride, reached.size, stride):
         cells, at = reached[i], 0
         if cells == 0:
@@ -287,25 +302,39 @@ def _sum_up(
         while cells:
             k = at + (cells & 127)
             s0, s1, s2 = s0 + sums[k, 0], s1 + sums[k, 1], s2 + sums[k, 2]
-            s3, s4 = s3 + sums[k, 3], s4 + sums[k, 4]
+            s3, s4, count = s3 + sums[k, 3], s4 + sums[k, 4], count + sums[k, 5]
             cells, at = cells >> 7, at + 128
-        t0, t1, t2 = 0.0, 0.0, 0.0
-        cells = reached[i] >> radius % stride
-        for j in range(radius % stride, reached.size, stride):
-            if cells & 1:
-                value = inverse_depth[r0 - radius + i, c0 - radius + j] - centre
-                t0, t1, t2 = t0 + terms[j, 0] * value, t1 + terms[j, 1] * value, t2 + terms[j, 2] * value
-                count += 1
-            cells >>= stride
-        of_row, of_values = (s0, s1, s2, s3, s4), (t0, t1, t2)
+        of_row = (s0, s1, s2, s3, s4)
         k = 0
         for degree in range(5):
             for of_y in range(degree + 1):
                 moments[k] += of_row[degree - of_y] * terms[i, of_y]
-                if degree < 3:
-                    b[k] += of_values[degree - of_y] * terms[i, of_y]
                 k += 1
-    return count
+    return int(count)
+
+
+@njit(cache=True, nogil=True)
+def _sum_up_values(
+    inverse_depth: Float64, r0: int, c0: int, reached: Int32, stride: int, terms: Float64, b: Float64
+) -> None:
+    """Write the sums (6,) of the products of the terms with the values, relative to the centre's."""
+    radius, centre = reached.size // 2, inverse_depth[r0, c0]
+    for k in range(6):
+        b[k] = 0.0
+    for i in range(radius % stride, reached.size, stride):
+        cells = reached[i] >> radius % stride
+        t0, t1, t2 = 0.0, 0.0, 0.0
+        for j in range(radius % stride, reached.size, stride):
+            if cells & 1:
+                value = inverse_depth[r0 - radius + i, c0 - radius + j] - centre
+                t0, t1, t2 = t0 + terms[j, 0] * value, t1 + terms[j, 1] * value, t2 + terms[j, 2] * value
+            cells >>= stride
+        b[0] += t0 * terms[i, 0]
+        b[1] += t1 * terms[i, 0]
+        b[2] += t0 * terms[i, 1]
+        b[3] += t2 * terms[i, 0]
+        b[4] += t1 * terms[i, 1]
+        b[5] += t0 * terms[i, 2]
 
 
 @njit(cache=True, nogil=True)
@@ -320,7 +349,10 @@ def _fill_matrix(moments: Float64, a: Float64) -> None:
 
 @njit(cache=True, nogil=True)
 def _cholesky(a: Float64, m: int, low: Float64) -> bool:
-    """Factor the leading m x m symmetric matrix (lower triangle given) into ``low``; False if singular."""
+    """Factor the leading m x m symmetric matrix (lower triangle given) into ``low``, its diagonal inverted.
+
+    Returns False if it is singular.
+    """
     for k in range(m):
         for j in range(k + 1):
             s = a[k, j]
@@ -329,22 +361,22 @@ def _cholesky(a: Float64, m: int, low: Float64) -> bool:
             if k == j:
                 if s <= 1e-6 * a[k, k] or s <= 0.0:
                     return False
-                low[k, k] = math.sqrt(s)
+                low[k, k] = 1.0 / math.sqrt(s)
             else:
-                low[k, j] = s / low[j, j]
+                low[k, j] = s * low[j, j]
     return True
 
 
 @njit(cache=True, nogil=True)
 def _substitute(low: Float64, b: Float64, m: int) -> None:
-    """Solve for ``b`` (m,) in place with a Cholesky factor."""
+    """Solve for ``b`` (m,) in place with a factor of :func:`_cholesky`."""
     for k in range(m):
         s = b[k]
         for p in range(k):
             s -= low[k, p] * b[p]
-        b[k] = s / low[k, k]
+        b[k] = s * low[k, k]
     for k in range(m - 1, -1, -1):
         s = b[k]
         for p in range(k + 1, m):
             s -= low[p, k] * b[p]
-        b[k] = s / low[k, k]
+        b[k] = s * low[k, k]

@@ -245,6 +245,8 @@ def _fill_pixels(
     for r in range(top, bottom - 1):
         for c in range(left, right - 1):
             present = cloth_triangles(part, steps, r, c)
+            if not (present[0] or present[1] or present[2] or present[3]):
+                continue
             for k in range(4):
                 if not present[k]:
                     continue
@@ -283,12 +285,19 @@ def _fill(source: Float32, first: _Corner, second: _Corner, third: _Corner) -> i
     overlaps = 0
     row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))
     col_low, col_high = math.ceil(min(u0, u1, u2)), math.floor(max(u0, u1, u2))
+    inverse = 1.0 / area
+    along_1, down_1, along_2, down_2 = (
+        (v2 - v0) * inverse,
+        (u2 - u0) * inverse,
+        (v1 - v0) * inverse,
+        (u1 - u0) * inverse,
+    )
     for row in range(max(row_low, 0), min(row_high, source.shape[0] - 1) + 1):
         for col in range(max(col_low, 0), min(col_high, source.shape[1] - 1) + 1):
-            w1 = ((col - u0) * (v2 - v0) - (row - v0) * (u2 - u0)) / area
-            w2 = ((u1 - u0) * (row - v0) - (v1 - v0) * (col - u0)) / area
+            w1 = (col - u0) * along_1 - (row - v0) * down_1
+            w2 = (row - v0) * down_2 - (col - u0) * along_2
             w0 = 1.0 - w1 - w2
-            if w0 < -1e-9 or w1 < -1e-9 or w2 < -1e-9:
+            if min(w0, w1, w2) < -1e-9:
                 continue
             r = w0 * r0 + w1 * r1 + w2 * r2
             c = w0 * c0 + w1 * c1 + w2 * c2

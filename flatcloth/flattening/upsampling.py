@@ -166,7 +166,7 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
     return nearest.reshape((rows, cols))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
 def _blend(
     at: Int64,
     nearest: Int32,
@@ -177,42 +177,52 @@ def _blend(
     neighbours: Int32,
     radius_px: float,
 ) -> Float64:
-    """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius."""
+    """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius.
+
+    The sums over the samples around a pixel are taken in any order, several at a time.
+    """
     cols, belongs = nearest.shape[1], nearest.ravel()
     placed = np.full((at.size, 3), np.nan)
+    narrower = 1.0 / (radius_px * radius_px)
+    most = 0
+    for n in range(len(samples)):
+        most = max(most, first[n + 1] - first[n] + 1)
+    # A row holds one number of all samples around the pixels of sample ``gathered``.
+    of, gathered, count = np.zeros((samples.shape[1], most)), -1, 0
     for i in range(at.size):
         p = at[i]
         n = belongs[p]
         if n < 0:
             continue
+        if n != gathered:
+            gathered, count = n, first[n + 1] - first[n] + 1
+            for k in range(count):
+                one = samples[n if k == 0 else neighbours[first[n] + k - 1]]
+                for j in range(one.size):
+                    of[j, k] = one[j]
         r, c = float(p // cols), float(p % cols)
+        x, y, z = float(xyz[p, 0]), float(xyz[p, 1]), float(xyz[p, 2])
+        nx, ny, nz = float(normal[p, 0]), float(normal[p, 1]), float(normal[p, 2])
         total, u, v, s = 0.0, 0.0, 0.0, 0.0
-        for k in range(first[n] - 1, first[n + 1]):
+        for k in range(count):
             # 0: position; 3: normal; 6: place on the plane; 8: isometry to it; 14: stretch; 15: pixel
-            of = samples[n if k < first[n] else neighbours[k]]
-            dr, dc = r - of[15], c - of[16]
-            t = (dr * dr + dc * dc) / (radius_px * radius_px)
-            if t >= 1.0:
-                continue
-            w = (1.0 - t) * (1.0 - t)
+            dr, dc = r - of[15, k], c - of[16, k]
+            w = max(1.0 - (dr * dr + dc * dc) * narrower, 0.0)
             w *= w
-            dx, dy, dz = xyz[p, 0] - of[0], xyz[p, 1] - of[1], xyz[p, 2] - of[2]
-            pu = of[8] * dx + of[9] * dy + of[10] * dz
-            pv = of[11] * dx + of[12] * dy + of[13] * dz
-            flat2 = pu * pu + pv * pv
-            if flat2 > 0.0:
-                chord2 = dx * dx + dy * dy + dz * dz
-                a = dx * of[3] + dy * of[4] + dz * of[5]
-                b = dx * normal[p, 0] + dy * normal[p, 1] + dz * normal[p, 2]
-                # Length of the cubic arc, chord (1 + longer / chord^2), over the straight line along the
-                # tangent; limited to 15 % more.
-                longer = (2 * a * a - a * b + 2 * b * b) * (1.0 / 30.0)
-                scale = min((chord2 + longer) / math.sqrt(chord2 * flat2), 1.15)
-                pu *= scale
-                pv *= scale
-            u += w * (of[6] + pu)
-            v += w * (of[7] + pv)
-            s += w * of[14]
+            w *= w
+            dx, dy, dz = x - of[0, k], y - of[1, k], z - of[2, k]
+            pu = of[8, k] * dx + of[9, k] * dy + of[10, k] * dz
+            pv = of[11, k] * dx + of[12, k] * dy + of[13, k] * dz
+            flat2, chord2 = pu * pu + pv * pv, dx * dx + dy * dy + dz * dz
+            a = dx * of[3, k] + dy * of[4, k] + dz * of[5, k]
+            b = dx * nx + dy * ny + dz * nz
+            # Length of the cubic arc, chord (1 + longer / chord^2), over the straight line along the
+            # tangent; limited to 15 % more. On the sample itself both are 0.
+            longer = (2 * a * a - a * b + 2 * b * b) * (1.0 / 30.0)
+            scale = min((chord2 + longer) / math.sqrt(max(chord2 * flat2, 1e-300)), 1.15)
+            u += w * (of[6, k] + scale * pu)
+            v += w * (of[7, k] + scale * pv)
+            s += w * of[14, k]
             total += w
         if total > 0.0:
             placed[i, 0] = u / total
