@@ -46,6 +46,11 @@ _SEARCH_RADIUS_SHRINKS = 0.75
 """Factor on the search radius each round. Chosen: reaches the least radius in five rounds."""
 _STILL = 0.5
 """A step of less than this many standard deviations of the motion counts as zero. Set by hand."""
+_SURE_M = 0.001
+"""If the surface is expected to be displaced by less than this, ..."""
+_SETTLED = 0.25
+"""... a step of less than this many standard deviations ends the rounds with half of the points. Set by
+hand."""
 _LEAST_TEXTURE_SPREAD = 1e-3
 """Least typical difference of logarithmic texture, so that exact views keep finite weights. Chosen."""
 _SAME_SCALE = 1e-3
@@ -121,8 +126,10 @@ def fit_pair(
     noise_m = max(seen.noise_m for seen in features)
     plan, spread = _rounds(before, uncertainty_m)
     at_first = math.nan if before is None else before.distance_m[0]
-    twist = twist.copy()
+    twist, is_sure, is_settled = twist.copy(), uncertainty_m < _SURE_M, False
     for n, (search_radius_m, every) in enumerate(plan):
+        if is_settled and every > 1:
+            continue
         found = compare(
             features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
             fattening_px, search_radius_m, spread, every,
@@ -137,7 +144,7 @@ def fit_pair(
         gain = float(step @ (matrix[:6, :6] + precision) @ step)
         if n == len(plan) - 1 or (every == 1 and gain < _STILL**2):
             break
-        twist = twist + step
+        twist, is_settled = twist + step, is_sure and gain < _SETTLED**2
     if float(twist @ precision @ twist) > _MOST_SURPRISE:
         return None  # different cloth that fits by chance
     return PairFit(

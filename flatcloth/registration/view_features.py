@@ -212,10 +212,8 @@ def _images_of(surface: Surface) -> ComparedImages:
 
 def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:
     """Return up to about ``most`` pixels (N, 2) of the surface, on a grid of the image."""
-    stride = max(1, math.ceil(math.sqrt(usable.sum() / most)))
-    grid = np.zeros_like(usable)
-    grid[::stride, ::stride] = True
-    pixel = np.argwhere(grid & usable).astype(np.int32)
+    stride = max(1, math.ceil(math.sqrt(np.count_nonzero(usable) / most)))
+    pixel = (stride * np.argwhere(usable[::stride, ::stride])).astype(np.int32)
     if not len(pixel):
         pixel = np.argwhere(usable).astype(np.int32)  # a small surface between the grid points
     return pixel

@@ -14,7 +14,16 @@ import numpy as np
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import height_m, wrapped_deg, z_angle_deg
-from flatcloth.core.types import FlattenedView, Float64, Int32, Progress, Rigid2, RotationAxis, no_progress
+from flatcloth.core.types import (
+    FlattenedView,
+    Float64,
+    Floats,
+    Int32,
+    Progress,
+    Rigid2,
+    RotationAxis,
+    no_progress,
+)
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
 from flatcloth.methods.paper.matching import Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.places import from_places
@@ -119,11 +128,19 @@ def correspond(
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
     z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
+    seen_deg: tuple[Floats, Floats] | None = None,
 ) -> Correspondence:
-    """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`."""
+    """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`.
+
+    ``seen_deg`` are the Z-angles (K,) of the valid pixels of both views at the first of ``angles_deg``, if
+    they are known.
+    """
     before_deg, after_deg = angles_deg
     rotation_deg = after_deg - before_deg
-    angles = [z_angle_deg(view.normal[view.valid], axis, before_deg) for view in (current, new)]
+    if seen_deg is None:
+        angles = [z_angle_deg(view.normal[view.valid], axis, before_deg) for view in (current, new)]
+    else:
+        angles = [np.asarray(seen, dtype=np.float64) for seen in seen_deg]
     curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current, angles[0])
     after = wrapped_deg(angles[1] + rotation_deg)
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg, seen_deg=after)

@@ -22,6 +22,9 @@ from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, r
 _DISTINCT_M = 0.008
 """Hypotheses closer together than this count as one. Set by hand."""
 
+_SAME_M = 0.0002
+"""Refined estimates closer together than this are one and the same, and scored once. Set by hand."""
+
 _COARSE_M = 0.012
 """Pixel of the plane in the coarse search. Chosen: a finer one costs time, a coarser one misses narrow
 pieces."""
@@ -92,9 +95,10 @@ def from_z_angle_lines(
     z_angle_limit_deg: float,
 ) -> list[Rigid2]:
     """Return the paper's initial estimate if the views have a Z-angle in common."""
+    seen = coarse.z_angle_deg[coarse.valid], new.z_angle_deg[new.valid]
     try:
         found = correspond(
-            coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, z_angle_smoothing_m=0.0
+            coarse, new, axis, angles_deg, Rigid2(), z_angle_limit_deg, z_angle_smoothing_m=0.0, seen_deg=seen
         )
     except AlignmentError:
         return []
@@ -191,16 +195,20 @@ def evaluate(
     estimates: list[tuple[str, Rigid2]],
 ) -> list[Hypothesis]:
     """Refine and score estimates and merge those that converge to one placement; the best is first."""
-    found = []
+    found: list[Hypothesis] = []
+    corners = _corners(sampled)
     for source, initial in estimates:
         refined = refine(reference, sampled, initial)
+        motion = refined.shape_from_component
+        if any(_apart_m(motion, other.current_from_new, corners) < _SAME_M for other in found):
+            continue
         found.append(
             Hypothesis(
                 source=source,
                 component=component,
                 initial=initial,
-                current_from_new=refined.shape_from_component,
-                score=score_placement(reference, sampled, refined.shape_from_component),
+                current_from_new=motion,
+                score=score_placement(reference, sampled, motion),
                 std=refined.std,
             )
         )
@@ -210,12 +218,20 @@ def evaluate(
 def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothesis]:
     """Return the hypotheses by decreasing confidence, without those close to a better one."""
     kept: list[Hypothesis] = []
-    corners = np.stack([sampled.uv_m.min(axis=0), sampled.uv_m.max(axis=0), sampled.uv_m.mean(axis=0)])
+    corners = _corners(sampled)
     for hypothesis in sorted(found, key=lambda h: -h.score.total):
-        there = hypothesis.current_from_new.apply(corners)
-        if all(
-            np.linalg.norm(there - other.current_from_new.apply(corners), axis=1).max() > _DISTINCT_M
-            for other in kept
-        ):
+        motion = hypothesis.current_from_new
+        if all(_apart_m(motion, other.current_from_new, corners) > _DISTINCT_M for other in kept):
             kept.append(hypothesis)
     return kept
+
+
+def _corners(sampled: SampledComponent) -> Float64:
+    """Return two corners of a component's samples and their middle (3, 2)."""
+    uv = sampled.uv_m
+    return np.stack([uv.min(axis=0), uv.max(axis=0), uv.mean(axis=0)])
+
+
+def _apart_m(one: Rigid2, other: Rigid2, corners: Float64) -> float:
+    """Return how far apart two motions bring any of the corners."""
+    return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())

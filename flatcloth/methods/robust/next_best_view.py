@@ -82,11 +82,10 @@ def rate_candidates(
     rated = []
     for view in candidates:
         turn = camera_from_held(axis, angles_deg[view])
-        points, ray, cos = _moved(xyz, normal, turn.rotation, turn.translation_m)
-        visible = (cos > steep) & _uncovered(points)
-        good = visible & (cos > limit)
-        beyond = turn.turn(rim.beyond_normal)
-        opened = np.clip((ray[rim.node] * beyond).sum(axis=1), 0.0, 1.0) * visible[rim.node]
+        visible, overlap, improved, opened_m2 = _looked(
+            xyz, normal, poorly, (turn.rotation, turn.translation_m), (steep, limit),
+            (rim.node, rim.beyond_normal, rim.promise_m2),
+        )  # fmt: skip
         shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / _JOINING_PAIRS) for a, b, n in gaps)
         gap = np.abs((looked - angles_deg[view] + 180.0) % 360.0 - 180.0)
         nearest = float(gap.min()) if gap.size else 180.0
@@ -94,9 +93,9 @@ def rate_candidates(
         rated.append(
             Candidate(
                 view_index=view,
-                overlap_m2=area * np.count_nonzero(good & ~poorly),
-                improved_m2=area * np.count_nonzero(good & poorly),
-                beyond_m2=float((rim.promise_m2 * opened).sum()) * novelty,
+                overlap_m2=area * overlap,
+                improved_m2=area * improved,
+                beyond_m2=opened_m2 * novelty,
                 joining_m2=float(novelty * _JOINING_SHARE * area * shown),
                 unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
                 gap_deg=nearest,
@@ -113,7 +112,7 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     if not (piece > 0).any():
         return []
     main = np.flatnonzero(piece == 0)
-    tree = cKDTree(xyz[main])
+    tree = cKDTree(xyz[main], compact_nodes=False, balanced_tree=False)  # quicker to build, asked once
     found = []
     for n in range(1, int(piece.max(initial=0)) + 1):
         own = np.flatnonzero(piece == n)
@@ -171,29 +170,6 @@ def _rim(shape: JointShape, area_m2: float) -> _Rim:
 
 
 @njit(cache=True, nogil=True)
-def _moved(
-    xyz: Float64, normal: Float64, rotation: Float64, translation: Float64
-) -> tuple[Float64, Float64, Float64]:
-    """Return nodes (N, 3) in a camera's frame, directions (N, 3) to it, and cosines of incidence (N,)."""
-    points, ray, cos = np.empty_like(xyz), np.empty_like(xyz), np.zeros(len(xyz))
-    for n in range(len(xyz)):
-        square = 0.0
-        for a in range(3):
-            points[n, a] = translation[a]
-            for b in range(3):
-                points[n, a] += rotation[a, b] * xyz[n, b]
-            square += points[n, a] ** 2
-        distance = math.sqrt(square)
-        for a in range(3):
-            ray[n, a] = -points[n, a] / distance
-            turned = 0.0
-            for b in range(3):
-                turned += rotation[a, b] * normal[n, b]
-            cos[n] += ray[n, a] * turned
-    return points, ray, cos
-
-
-@njit(cache=True, nogil=True)
 def _uncovered(points: Float64) -> Bool:
     """Return which points (camera frame) have no other point clearly in front of them."""
     column, row = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.int64)
@@ -209,3 +185,52 @@ def _uncovered(points: Float64) -> Bool:
     for n in range(len(points)):
         free[n] = points[n, 2] <= nearest[row[n], column[n]] + _COVER_GAP_M
     return free
+
+
+@njit(cache=True, nogil=True)
+def _looked(
+    xyz: Float64,
+    normal: Float64,
+    poorly: Bool,
+    turn: tuple[Float64, Float64],
+    least_cos: tuple[float, float],
+    rim: tuple[NDArray[np.intp], Float64, Float64],
+) -> tuple[Bool, int, int, float]:
+    """Look at the nodes (N, 3) from a camera, given by ``turn``, its rotation and translation.
+
+    ``least_cos`` are the cosines of the incidence at which nodes are visible, and seen well. Return which
+    are visible, how many are seen well that were not seen ``poorly`` before, or were, and the area beyond
+    the ``rim`` (node, normal, promise) that opens.
+    """
+    rotation, shift = turn
+    points, cos = np.empty_like(xyz), np.empty(len(xyz))
+    camera = np.zeros(3)  # its place in the object frame
+    for a in range(3):
+        for b in range(3):
+            camera[b] -= rotation[a, b] * shift[a]
+    for n in range(len(xyz)):
+        square, towards = 0.0, 0.0
+        for a in range(3):
+            points[n, a] = shift[a]
+            for b in range(3):
+                points[n, a] += rotation[a, b] * xyz[n, b]
+            square += points[n, a] ** 2
+            towards += normal[n, a] * (camera[a] - xyz[n, a])
+        cos[n] = towards / math.sqrt(square)
+    visible = (cos > least_cos[0]) & _uncovered(points)
+    count, opened = np.zeros(2, dtype=np.int64), 0.0
+    for n in range(len(xyz)):
+        if visible[n] and cos[n] > least_cos[1]:
+            count[1 if poorly[n] else 0] += 1
+    node, beyond, promise = rim
+    for k in range(len(node)):
+        n = node[k]
+        if not visible[n]:
+            continue
+        square, towards = 0.0, 0.0
+        for a in range(3):
+            off = camera[a] - xyz[n, a]
+            square += off * off
+            towards += off * beyond[k, a]
+        opened += promise[k] * min(1.0, max(0.0, towards / math.sqrt(square)))
+    return visible, count[0], count[1], opened

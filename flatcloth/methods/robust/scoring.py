@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
-from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
@@ -67,7 +67,8 @@ def texture_features(surface: Surface) -> TextureFeatures:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
 
     known, off = np.maximum(mean(inside, 1.5), 0.05), ~surface.usable
-    fine = mean(np.asarray(surface.frame.color * inside[..., None], dtype=np.float32), 1.5)
+    color = cv2.copyTo(surface.frame.color, surface.usable.astype(np.uint8))  # 0 off the surface
+    fine = mean(color.astype(np.float32), 1.5)
     red, green, blue = (plane / known for plane in cv2.split(fine))
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
@@ -123,9 +124,9 @@ class ReferenceShape:
         self.normal = shape.nodes.normal[self.number]
         self.frames = _space_from_plane(shape)[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
-        self._textures = [textures[v].texture for v in shape.views]
-        self._best_view, rc = _best_observed(shape, self.number)
-        self.texture = _read_nearest(self._textures, self._best_view, rc)
+        self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
+        self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
+        self._best_view = _best_view(shape)[self.number]
         self._turns = np.stack([held.rotation for held in shape.held_from_camera])
         self._shifts_m = np.stack([held.translation_m for held in shape.held_from_camera])
         cameras = [surfaces[v].frame.intrinsics for v in shape.views]
@@ -169,7 +170,7 @@ class ReferenceShape:
         seen = np.einsum("nji,nj->ni", self._turns[view], xyz_m - self._shifts_m[view])
         with np.errstate(divide="ignore", invalid="ignore"):
             rc = seen[:, 1::-1] / seen[:, 2:] * self._focal_px[view] + self._center_px[view]
-        return _read_nearest(self._textures, view, rc)
+        return _read_nearest(self._pixels, self._sizes_px, view, rc)
 
 
 class _Pull(NamedTuple):
@@ -230,17 +231,18 @@ def _pulled(
     return center, total, hessian, right, covered
 
 
-def _read_nearest(images: Sequence[Float32], image: Int32, rc: Float64) -> Float64:
-    """Return the values (K, 3) of places ``rc`` (K, 2), each in one of the images (K,); NaN outside it."""
-    sizes = np.array([one.shape[:2] for one in images])
-    inside = np.flatnonzero(((rc > -0.5) & (rc < sizes[image] - 0.5)).all(axis=1))
+def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Float64) -> Float64:
+    """Return the values (K, 3) of places ``rc`` (K, 2), each in one of the images (K,); NaN outside it.
+
+    The images are rows of pixels (H W, 3), of ``sizes`` (H, W).
+    """
+    size, found = sizes[image], np.full((len(rc), 3), np.nan)
+    inside = np.flatnonzero(((rc > -0.5) & (rc < size - 0.5)).all(axis=1))
     inside = inside[np.argsort(image[inside], kind="stable")]
     row, col = np.rint(rc[inside]).astype(np.int64).T
-    found, first = np.full((len(rc), 3), np.nan), 0
-    for n, count in enumerate(np.bincount(image[inside])):
-        own = slice(first, first + count)
-        found[inside[own]] = images[n][row[own], col[own]]
-        first += count
+    ends = np.cumsum(np.bincount(image[inside]))[:-1]
+    parts = np.split(row * size[inside, 1] + col, ends)
+    found[inside] = np.concatenate([one.take(at, axis=0) for one, at in zip(images, parts, strict=False)])
     return found
 
 
@@ -256,16 +258,15 @@ def _space_from_plane(shape: JointShape) -> Float64:
     )
 
 
-def _best_observed(shape: JointShape, number: Int32) -> tuple[Int32, Float64]:
-    """Return the observation (N,) with the smallest incidence of each placed node, and its place in it."""
+def _best_view(shape: JointShape) -> Int32:
+    """Return the number (N,) of the view that saw each node at the smallest incidence."""
     incidence = np.full(len(shape.nodes), np.inf)
     view = np.zeros(len(shape.nodes), dtype=np.int32)
-    rc = np.full((len(shape.nodes), 2), np.nan)
     for n, observation in enumerate(shape.observations):
         better = observation.incidence_deg < incidence[observation.node]
         node = observation.node[better]
-        incidence[node], view[node], rc[node] = observation.incidence_deg[better], n, observation.rc[better]
-    return view[number], rc[number]
+        incidence[node], view[node] = observation.incidence_deg[better], n
+    return view
 
 
 def score_placement(
