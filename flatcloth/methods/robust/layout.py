@@ -27,15 +27,19 @@ _ROBUST_STD = 3.0
 """A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""
 _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
-_ROBUST_ROUNDS = 2
-"""Minimisations after each acceptance; the weights of the pairs are updated between them. Set by hand."""
+_ROBUST_ROUNDS, _PRECISE_ROUNDS = 2, 12
+"""Minimisations after each acceptance, and at most for what is shown; the weights of the pairs are updated
+between them. Set by hand: after twelve, nodes of trousers by the waist are 0.1 to 0.9 mm from where sixty
+lead, after two 2.4 to 3."""
+_STILL_M = 1e-4
+"""If no node moves farther, no further minimisation follows. Chosen: a twentieth of a pixel of a D435."""
 _HALO = 2
 """Rows of nodes around new ones that are relaxed with them. Set by hand."""
 _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
 _MAJORISATIONS = 6
 """Limit of the steps of a minimisation. Chosen for speed; the weights are updated between minimisations."""
-_TOLERANCE, _PRECISE = 2e-2, 1e-5
+_TOLERANCE, _PRECISE = 2e-3, 1e-5
 """Relative decrease of the energy that ends it earlier, normally (chosen for speed) and for what is shown:
 wide parts turn about narrow ones with hardly any energy, in trousers-waist-clean by 1 mm."""
 _STEPS = 12
@@ -296,11 +300,18 @@ def minimise_piece(
     which, pair = renumbered(links.pair.take(inside))
     once = place[links.once.take(which, axis=0)]
     narrow = replace(banding(own.size, once), pair=pair)
-    x = relax_rigidly(z[own], edges, member, offset, accuracy * weight, links.n_members, _ARAP_STEPS, narrow)
-    for _ in range(_ROBUST_ROUNDS):
+    if precise:  # relaxing would turn wide parts about narrow ones, away from the minimum
+        x = np.stack([z.real[own], z.imag[own]], axis=1)
+    else:
+        stiff = accuracy * weight
+        x = relax_rigidly(z[own], edges, member, offset, stiff, links.n_members, _ARAP_STEPS, narrow)
+    for _ in range(_PRECISE_ROUNDS if precise else _ROBUST_ROUNDS):
+        before = x
         x = _minimised(x, narrow, once, length, np.maximum(accuracy * weight, _LEAST_WEIGHT), precise)
         residual = np.linalg.norm(x[once[:, 0]] - x[once[:, 1]], axis=1)[pair] - length
         weight = _robust_weight(residual / std)
+        if np.abs(x - before).max() < _STILL_M:
+            break
     sheet = FlexibleSheet(
         edges=edges,
         once=once,
