@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.flattening.necks import graph_components
 from flatcloth.methods.robust.observations import Complex128, Observation
 
 if TYPE_CHECKING:
@@ -58,11 +59,11 @@ def connected_pieces(
         Two cores are joined if the pairs between them have this much evidence together.
     """
     i, j = edges.T.copy()
-    core_of = _components(n, i, j, _neighbours_in_common(n, i, j) >= _TRIANGLES)
+    core_of = graph_components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
     is_core = np.bincount(core_of) >= least_core_nodes
     label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
     rest = label < 0
-    label[rest] = n + _components(n, i, j, rest[i] & rest[j])[rest]
+    label[rest] = n + graph_components(n, edges[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
     return _joined(label, i, j, evidence, least_evidence)
 
@@ -312,32 +313,8 @@ def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence:
         )
         if not strong.any():
             return piece
-        one, other = np.divmod(key, count)
-        piece = _components(count, one.astype(np.int32), other.astype(np.int32), strong)[piece]
-
-
-@njit(cache=True, nogil=True)
-def _components(n: int, i: Int32, j: Int32, used: Bool) -> Int32:
-    """Return the connected component of each of n nodes, numbered by their first nodes; pairs i, j (M,)."""
-    root = np.arange(n).astype(np.int32)
-    for e in range(i.size):
-        if used[e]:
-            a, b = i[e], j[e]
-            while root[a] != a:
-                root[a] = root[root[a]]
-                a = root[a]
-            while root[b] != b:
-                root[b] = root[root[b]]
-                b = root[b]
-            root[max(a, b)] = min(a, b)
-    count = 0
-    for node in range(n):  # a root is the lowest node of its component, so it has its number already
-        if root[node] == node:
-            root[node] = count
-            count += 1
-        else:
-            root[node] = root[root[node]]
-    return root
+        joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)
+        piece = graph_components(count, joined)[piece]
 
 
 def without_weak(shape: JointShape, beside: Bool | None = None) -> JointShape:

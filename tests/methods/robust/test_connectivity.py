@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Int32
+from flatcloth.flattening.necks import graph_components
 from flatcloth.methods.robust.connectivity import (
-    _components,
     _neighbours_in_common,
     connected_pieces,
     pairs_once,
@@ -87,11 +87,10 @@ def test_components_are_numbered_by_their_first_nodes() -> None:
     rng = np.random.default_rng(0)
     for used in (20, 60, 120):
         i, j = rng.integers(0, 100, (2, 150)).astype(np.int32)
-        is_used = np.arange(150) < used
         graph = coo_matrix((np.ones(used), (i[:used], j[:used])), shape=(100, 100))
         expected = connected_components(graph, directed=False)[1]
         _, first = np.unique(expected, return_index=True)
-        found = _components(100, i, j, is_used)
+        found = graph_components(100, np.stack([i, j], axis=1)[:used])
         np.testing.assert_array_equal(found, np.argsort(np.argsort(first))[expected])
 
 
