@@ -113,7 +113,7 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Load modules without looking for garbage, then and later: they make none, and it takes 0.1 s."""
+    """Switch the garbage collector off while modules load, and let it skip them later: 0.1 s less."""
     gc.disable()
     try:
         yield

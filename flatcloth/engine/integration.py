@@ -377,16 +377,13 @@ class Integration(RecordedViews):
 
     def _likely_after(self, plan: Plan) -> list[int]:
         """Return the views that will likely be planned after the planned one, the likeliest first."""
-        angles, planned = self.recording.angles_deg, plan.view_index
+        planned = plan.view_index
         assert planned is not None
-        turns = {
-            c.view_index: abs((angles[c.view_index] - angles[planned] + 180.0) % 360.0 - 180.0)
-            for c in plan.candidates
-        }
-        likely = [view for view, turn in turns.items() if turn >= _NEXT_APART_DEG]
+        turns, views = self._turns_from(planned), [c.view_index for c in plan.candidates]
+        likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
         if not self.is_beside:
             return likely[:_NEXT_VIEWS]
-        return list(dict.fromkeys([*likely, *(view for view in turns if view != planned)]))
+        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)

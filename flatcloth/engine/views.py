@@ -52,8 +52,8 @@ T = TypeVar("T")
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
 _FRAMES_BYTES, _ALL_FRAMES_BYTES = 16 * _MIB, 128 * _MIB
-"""Of the frames that are kept: for an operator, who looks at a few, and unattended. Chosen: the latter holds
-a turn of 36 views of 480 x 848 pixels, of which each is asked for three times, and decoded in 4 ms."""
+"""Most memory for frames that are kept: with an operator, who looks at a few, and unattended. Chosen: the
+latter holds a turn of 36 views of 480 x 848 pixels; each is read three times, and decoded in 4 ms."""
 _EDGES_IN_VIEWS = 2
 """Views in which widths of edges are counted together. Chosen: both sides of the item; each takes 50 ms."""
 _NEAREST_M = 0.1
@@ -186,7 +186,7 @@ class RecordedViews:
     # ---------------------------------------------------------------- single views
 
     def keep_frames(self) -> None:
-        """From now on keep more frames, and decode none ahead: nobody waits for their pictures."""
+        """From now on keep the frames of all views, and read none before it is needed: no operator waits."""
         self._frames = Cache(MAX_VIEWS, _ALL_FRAMES_BYTES)
         self.keeps_frames = True
 

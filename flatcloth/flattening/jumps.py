@@ -48,12 +48,11 @@ def cut_small_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> NDArray
 
 @njit(cache=True, nogil=True)
 def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tuple[Int32, Float64, Float64]:
-    """Return the jumps (K,) of the steps to the right and down, m, and the slopes (K,) beside them.
+    """Return the positions (K,) of steps, the jumps (K,) there, m, and the slopes (K,) beside them.
 
     Each side's depth in the middle of the step comes from a line through its pixels, three at most; the
-    slopes are the absolute depths gained by a pixel, both sides together, m. First of all comes where the
-    steps are (K,), as positions in an array (2, H, W): those to the right, then those down. Left out are
-    those of which a side has one pixel.
+    slopes are the absolute depths gained by a pixel, both sides together, m. Positions are those in a
+    flat array (2, H, W): steps to the right, then steps down. Steps with one pixel on a side are left out.
     """
     rows, cols = inverse_depth.shape
     inverse, marked = inverse_depth.ravel(), steps.ravel()

@@ -15,6 +15,7 @@ from numba import njit
 
 from flatcloth.core.types import Bool, Int32
 from flatcloth.flattening.sampling import Samples
+from flatcloth.flattening.surface import unite
 
 _NEIGHBOURS = 8
 """Neighbours of a sample inside the grid (paper, section 3: each sample is linked to the eight around it)."""
@@ -47,14 +48,7 @@ def graph_components(n: int, edges: Int32) -> Int32:
 def _components(n: int, edges: Int32) -> Int32:
     parent = np.arange(n).astype(np.int32)
     for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
+        unite(parent, edges[e, 0], edges[e, 1])
     count = 0
     for m in range(n):
         # A parent has a smaller number than its child, and was replaced by its component's before.

@@ -95,7 +95,7 @@ def fit_planes(
     radius : int
         Half width of the window.
     noisy_depth_m : float
-        See above.
+        Depth that scatters more than this about its planes is noisy; its windows get no quadratic terms.
 
     Returns
     -------

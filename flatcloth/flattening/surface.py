@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import z_angle_deg
-from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
 from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, median
@@ -302,6 +302,18 @@ def off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
 
 
 @njit(cache=True, nogil=True)
+def unite(parent: Int32 | Int64, a: int, b: int) -> None:
+    """Make one set of the sets of two elements; ``parent`` (N,) leads each to the first of its set."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    while parent[b] != b:
+        parent[b] = parent[parent[b]]
+        b = parent[b]
+    parent[max(a, b)] = min(a, b)
+
+
+@njit(cache=True, nogil=True)
 def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
     """Label the regions (H, W) that steps connect, from 0, by their first pixel; -1 where not measured."""
     rows, cols = measured.shape
@@ -316,14 +328,7 @@ def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
                 if (way == 0 and c > 0 and steps[r, c - 1] & 1) or (
                     way == 1 and r > 0 and steps[r - 1, c] & 2
                 ):
-                    a, b = here, here - (1 if way == 0 else cols)
-                    while parent[a] != a:
-                        parent[a] = parent[parent[a]]
-                        a = parent[a]
-                    while parent[b] != b:
-                        parent[b] = parent[parent[b]]
-                        b = parent[b]
-                    parent[max(a, b)] = min(a, b)
+                    unite(parent, here, here - (1 if way == 0 else cols))
     labels = np.full((rows, cols), -1, dtype=np.int32)
     number = np.full(rows * cols, -1, dtype=np.int32)
     count = 0

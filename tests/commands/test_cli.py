@@ -188,16 +188,20 @@ def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
     assert done.stdout.strip() == "1", done.stderr
 
 
+def assert_ends_with_its_status(script: str) -> None:
+    """Run a program that does this, then the command; nothing but its own last word is printed."""
+    script += "cli.main = lambda: 3\ncli.run_and_exit()"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "ended\n")
+
+
 def test_what_is_to_be_ended_with_the_program_is_ended_though_a_thread_still_computes() -> None:
     script = (
         "import atexit, threading, flatcloth.cli as cli\n"
         "atexit.register(lambda: print('ended', flush=True))\n"
         "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
-        "cli.main = lambda: 3\n"
-        "cli.run_and_exit()"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (3, "ended\n")
+    assert_ends_with_its_status(script)
 
 
 def test_at_its_end_the_process_does_not_take_apart_what_it_loaded() -> None:
@@ -207,11 +211,8 @@ def test_at_its_end_the_process_does_not_take_apart_what_it_loaded() -> None:
         "    def __del__(self): print('apart', flush=True)\n"
         "loaded = Loaded()\n"
         "atexit.register(lambda: print('ended'))\n"
-        "cli.main = lambda: 3\n"
-        "cli.run_and_exit()"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (3, "ended\n")
+    assert_ends_with_its_status(script)
 
 
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
