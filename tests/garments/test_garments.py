@@ -216,6 +216,23 @@ def test_where_the_side_of_interest_ends_on_cloth_is_an_edge_that_is_not_free() 
     np.testing.assert_allclose(evidence.edge_uv_m[evidence.edge_normal[:, 0] > 0.9, 0], 0.199, atol=0.002)
 
 
+@pytest.mark.parametrize(("step_m", "least", "most"), [(0.004, 0.9, 1.0), (-0.004, 0.0, 0.1)])
+def test_an_edge_that_the_other_side_may_lie_on_is_trusted_as_far_as_it_lies_behind(
+    step_m: float, least: float, most: float
+) -> None:
+    # Both layers are nearer to each other than one view can tell.
+    mask = np.zeros((400, 400), dtype=bool)
+    mask[:, :100] = True
+    beside, alone = measured(0, 400), measured(19, 101)
+    beside[:, 100:] += step_m
+    evidence = evidence_of(*_listed(sheet_seen(beside, mask)))
+    right = evidence.edge_normal[:, 0] > 0.9
+    free = evidence_of(*_listed(sheet_seen(alone)))
+    share = evidence.edge_trust[right].max() / free.edge_trust[free.edge_normal[:, 0] > 0.9].max()
+    assert right.sum() > 15
+    assert least < share <= most
+
+
 def test_where_another_piece_goes_on_the_cloth_does_not_end() -> None:
     mask = np.zeros((400, 400), dtype=bool)
     mask[:, :100] = True
