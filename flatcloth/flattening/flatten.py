@@ -19,9 +19,8 @@ from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.flattening.necks import cut_necks, graph_components
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
-from flatcloth.flattening.sampling import Samples, sample_surface
+from flatcloth.flattening.sampling import Samples, cut_necks, graph_components, sample_surface
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
