@@ -18,7 +18,8 @@ from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
-from flatcloth.flattening.minimisation import minimise
+from flatcloth.flattening.minimisation import Minimum, minimise
+from flatcloth.flattening.narrow import minimise_narrow
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import Samples, cut_necks, graph_components, sample_surface
 from flatcloth.flattening.surface import Surface
@@ -189,34 +190,35 @@ def _too_small(surface: Surface) -> str:
 
 
 def _solve_level(samples: Samples, initial: Float64, least_samples: int, record: bool) -> Level:
-    n = len(samples.points_rc)
-    component = _components(n, samples.edges)
-    uv = initial.copy()
-    largest = None
-    for c in np.flatnonzero(np.bincount(component) >= least_samples):
+    component = _components(len(samples.points_rc), samples.edges)
+    wanted = np.bincount(component) >= least_samples
+    narrow = wanted if not record else wanted & (np.arange(len(wanted)) > 0)
+    uv, is_left, energy = minimise_narrow(
+        initial, component, samples.edges, samples.edge_length_m, narrow, MAJORISATIONS, ENERGY_TOLERANCE
+    )
+    largest = Minimum(uv_m=uv, energy=tuple(energy.tolist()))
+    for c in np.flatnonzero(is_left | (wanted & ~narrow)):
         members = np.flatnonzero(component == c).astype(np.int32)
         own = component[samples.edges[:, 0]] == c
-        local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
         result = minimise(
             initial[members],
-            local,
+            np.searchsorted(members, samples.edges[own]).astype(np.int32),
             samples.edge_length_m[own],
             majorisations=MAJORISATIONS,
             energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
         uv[members] = result.uv_m
-        if c == 0:
-            largest = result
+        largest = result if c == 0 else largest
     return Level(
         samples=samples,
         component=component,
         initial_uv_m=initial,
         uv_m=uv,
-        energy=largest.energy if largest else (0.0,),
+        energy=largest.energy,
         state_members=np.flatnonzero(component == 0).astype(np.int32),
-        states=largest.states if largest else (),
-        state_iterations=largest.state_iterations if largest else (),
+        states=largest.states,
+        state_iterations=largest.state_iterations,
     )
 
 
