@@ -206,16 +206,27 @@ def _fill_pixels(
     pixels_per_m = 1.0 / pixel_size_m
     flips, overlaps = 0, 0
     for r in range(top, bottom - 1):
+        ahead = int(part[r, left]) + int(part[r + 1, left])
         for c in range(left, right - 1):
+            behind, ahead = ahead, int(part[r, c + 1]) + int(part[r + 1, c + 1])
+            if behind + ahead < 3:
+                continue
             present = cloth_triangles(part, steps, r, c)
             if not (present[0] or present[1] or present[2] or present[3]):
                 continue
+            a, b = _corner(uv_m, r, c, low, pixels_per_m), _corner(uv_m, r, c + 1, low, pixels_per_m)
+            e, d = _corner(uv_m, r + 1, c, low, pixels_per_m), _corner(uv_m, r + 1, c + 1, low, pixels_per_m)
             for k in range(4):
                 if not present[k]:
                     continue
-                first = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][0], low, pixels_per_m)
-                second = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][1], low, pixels_per_m)
-                third = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][2], low, pixels_per_m)
+                if k == 0:  # the order of BLOCK_TRIANGLES
+                    first, second, third = a, b, e
+                elif k == 1:
+                    first, second, third = d, e, b
+                elif k == 2:
+                    first, second, third = b, d, a
+                else:
+                    first, second, third = e, a, d
                 if _doubled_area(first, second, third) > 0.0:
                     overlaps += _fill(source, first, second, third)
                 else:
@@ -224,9 +235,8 @@ def _fill_pixels(
 
 
 @njit(cache=True, nogil=True)
-def _corner(uv_m: Float64, r: int, c: int, at: tuple[int, int], low: Float64, pixels_per_m: float) -> _Corner:
-    """Return the corner ``at`` of the block at (r, c)."""
-    r, c = r + at[0], c + at[1]
+def _corner(uv_m: Float64, r: int, c: int, low: Float64, pixels_per_m: float) -> _Corner:
+    """Return an image pixel as a corner."""
     return _Corner(uv_m[r, c, 0] * pixels_per_m - low[0], uv_m[r, c, 1] * pixels_per_m - low[1], r, c)
 
 
@@ -248,6 +258,8 @@ def _fill(source: Float32, first: _Corner, second: _Corner, third: _Corner) -> i
     overlaps = 0
     row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))
     col_low, col_high = math.ceil(min(u0, u1, u2)), math.floor(max(u0, u1, u2))
+    if row_low > row_high or col_low > col_high:  # it lies between the centres of pixels
+        return 0
     inverse = 1.0 / area
     along_1, down_1, along_2, down_2 = (
         (v2 - v0) * inverse,
