@@ -193,8 +193,9 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
     component = _components(len(samples.points_rc), samples.edges)
     wanted = np.bincount(component) >= least_samples
     narrow = wanted if not record else wanted & (np.arange(len(wanted)) > 0)
+    pairs = samples.edges, samples.edge_length_m
     uv, is_left, energy = minimise_narrow(
-        initial, component, samples.edges, samples.edge_length_m, narrow, MAJORISATIONS, ENERGY_TOLERANCE
+        np.ascontiguousarray(initial), component, *pairs, narrow, MAJORISATIONS, ENERGY_TOLERANCE
     )
     largest = Minimum(uv_m=uv, energy=tuple(energy.tolist()))
     for c in np.flatnonzero(is_left | (wanted & ~narrow)):
@@ -322,10 +323,10 @@ def _smooth_components(
     min_area_m2: float,
 ) -> Iterator[Component]:
     uv, stretch = carrier.place_all()
-    component = np.append(level.component, np.int32(-1))[carrier.nearest]
+    component = np.take(np.append(level.component, np.int32(-1)), carrier.nearest)
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
-    pixels = np.bincount(component.ravel() + 1, minlength=sizes.size + 1)[1:]
+    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
     drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
     if not drawn.any():
         drawn = sizes == sizes.max()
