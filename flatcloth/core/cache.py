@@ -21,7 +21,7 @@ def size_in_bytes(value: object) -> int:
     """Return about how much memory a value keeps alive: its arrays, each counted once.
 
     Looks into attributes, mappings and sequences. A view of an array counts as the whole array, which it
-    keeps in memory.
+    keeps in memory. What an object makes later counts now, if it tells how much (``bytes_to_come``).
     """
     total, seen, waiting = 0, set[int](), [value]
     while waiting:
@@ -35,7 +35,7 @@ def size_in_bytes(value: object) -> int:
             else:
                 total += one.nbytes
             continue
-        total += _FIXED_BYTES
+        total += _FIXED_BYTES + getattr(one, "bytes_to_come", 0)
         if isinstance(one, dict):
             waiting += [*one.keys(), *one.values()]
         elif isinstance(one, list | tuple | set | frozenset):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating[Any]] | NDArray[np.integer[Any]]
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Int16 = NDArray[np.int16]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
@@ -165,7 +166,7 @@ class FlattenedView:
     normal: Float32
     z_angle_deg: Float32
     valid: Bool
-    view_index: NDArray[np.int16]
+    view_index: Int16
     source_rc: Float32
     pixel_size_m: float
     origin_uv_m: tuple[float, float]

@@ -251,7 +251,7 @@ class RecordedViews:
 
     def begin_beside(self) -> None:
         """From now on flatten ahead in a copy of this process, if it can be copied, and not on a thread."""
-        self._forked = self.copied(lambda view: (self._mask_key(view), self._flatten(view)))
+        self._forked = self.copied(lambda view: (self._mask_key(view), self._flatten_beside(view)))
         if self._forked is not None:
             self._forked.want([0])  # any view: its compiled code loads while the start view is looked for
 
@@ -260,6 +260,12 @@ class RecordedViews:
         if self._forked is not None:
             self._forked.close()
             self._forked = None
+
+    def _flatten_beside(self, view_index: int) -> Flattening:
+        made = self._flatten(view_index)
+        for component in made.components:
+            _ = component.view.z_angle_deg  # asked for where the view is placed, so read here with its points
+        return made
 
     def _made_beside(self, key: tuple[int, int]) -> Flattening | None:
         """Return a view that was flattened in the copy with these masks; None if there is none."""

@@ -89,7 +89,7 @@ def _narrow_order(n: int, edges: Int32) -> Int32:
 def banded_factor(band: Float64) -> Float64 | None:
     """Return the factor of a band for :func:`banded_solution`, None if it is not definite; overwrites it."""
     if band.shape[1] < _WIDE:
-        return band if _factor(band) else None
+        return band if factor_in_place(band) else None
     factor, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
     return None if failed else factor.T
 
@@ -101,12 +101,12 @@ def banded_solution(factor: Float64, rhs: Float64) -> Float64:
         x, _ = dpbtrs(factor.T, rhs.T if is_apart else rhs.T.ravel(), lower=1)
         return np.ascontiguousarray(x.reshape(-1, 2).T)
     if is_apart:
-        return _solution(factor, rhs)
-    return np.ascontiguousarray(_solution(factor, rhs.T.reshape(1, -1)).reshape(-1, 2).T)
+        return substituted(factor, rhs)
+    return np.ascontiguousarray(substituted(factor, rhs.T.reshape(1, -1)).reshape(-1, 2).T)
 
 
 @njit(cache=True, nogil=True)
-def _factor(band: Float64) -> bool:
+def factor_in_place(band: Float64) -> bool:
     """Overwrite a band (N, B) by its Cholesky factor, with the inverse of its diagonal.
 
     Returns whether the matrix is definite.
@@ -128,7 +128,7 @@ def _factor(band: Float64) -> bool:
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
-def _solution(factor: Float64, rhs: Float64) -> Float64:
+def substituted(factor: Float64, rhs: Float64) -> Float64:
     """Return the solutions (K, N) for K right-hand sides; their sums are taken in any order."""
     n, width = factor.shape
     solved = rhs.copy()

@@ -18,10 +18,10 @@ from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
-from flatcloth.flattening.minimisation import minimise
-from flatcloth.flattening.necks import cut_necks, graph_components
+from flatcloth.flattening.minimisation import Minimum, minimise
+from flatcloth.flattening.narrow import minimise_narrow
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
-from flatcloth.flattening.sampling import Samples, sample_surface
+from flatcloth.flattening.sampling import Samples, cut_necks, graph_components, sample_surface
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
@@ -190,34 +190,36 @@ def _too_small(surface: Surface) -> str:
 
 
 def _solve_level(samples: Samples, initial: Float64, least_samples: int, record: bool) -> Level:
-    n = len(samples.points_rc)
-    component = _components(n, samples.edges)
-    uv = initial.copy()
-    largest = None
-    for c in np.flatnonzero(np.bincount(component) >= least_samples):
+    component = _components(len(samples.points_rc), samples.edges)
+    wanted = np.bincount(component) >= least_samples
+    narrow = wanted if not record else wanted & (np.arange(len(wanted)) > 0)
+    pairs = samples.edges, samples.edge_length_m
+    uv, is_left, energy = minimise_narrow(
+        np.ascontiguousarray(initial), component, *pairs, narrow, MAJORISATIONS, ENERGY_TOLERANCE
+    )
+    largest = Minimum(uv_m=uv, energy=tuple(energy.tolist()))
+    for c in np.flatnonzero(is_left | (wanted & ~narrow)):
         members = np.flatnonzero(component == c).astype(np.int32)
         own = component[samples.edges[:, 0]] == c
-        local = np.searchsorted(members, samples.edges[own]).astype(np.int32)
         result = minimise(
             initial[members],
-            local,
+            np.searchsorted(members, samples.edges[own]).astype(np.int32),
             samples.edge_length_m[own],
             majorisations=MAJORISATIONS,
             energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
         uv[members] = result.uv_m
-        if c == 0:
-            largest = result
+        largest = result if c == 0 else largest
     return Level(
         samples=samples,
         component=component,
         initial_uv_m=initial,
         uv_m=uv,
-        energy=largest.energy if largest else (0.0,),
+        energy=largest.energy,
         state_members=np.flatnonzero(component == 0).astype(np.int32),
-        states=largest.states if largest else (),
-        state_iterations=largest.state_iterations if largest else (),
+        states=largest.states,
+        state_iterations=largest.state_iterations,
     )
 
 
@@ -321,10 +323,10 @@ def _smooth_components(
     min_area_m2: float,
 ) -> Iterator[Component]:
     uv, stretch = carrier.place_all()
-    component = np.append(level.component, np.int32(-1))[carrier.nearest]
+    component = np.take(np.append(level.component, np.int32(-1)), carrier.nearest)
     sizes = np.bincount(level.component)
     least = _least_samples(surface, level.sampling_interval_px, min_area_m2)
-    pixels = np.bincount(component.ravel() + 1, minlength=sizes.size + 1)[1:]
+    pixels = np.bincount(component[component >= 0], minlength=sizes.size)
     drawn = (sizes >= least) & (pixels * surface.pixel_pitch_m**2 >= 0.5 * min_area_m2)
     if not drawn.any():
         drawn = sizes == sizes.max()

@@ -35,19 +35,19 @@ from flatcloth.flattening.banded import (
 )
 
 T = TypeVar("T")
-_ANDERSON_DEPTH = 6
+ANDERSON_DEPTH = 6
 """Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
 MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
-_REPAIRS = 2
+REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
-_WIDE_BAND = 24
+WIDE_BAND = 24
 """From this bandwidth on, conjugate gradients are tried before a factorisation. Set by hand."""
 _MOST_CG_STEPS = 9
 """Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
-_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
+LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e4
 """Range of the damping (Levenberg-Marquardt), shares of the diagonal. Chosen: none to a gradient step."""
-_EXACT_M2 = 1e-14
+EXACT_M2 = 1e-14
 """Below this H per pair the lengths count as met exactly. Set by hand."""
 
 
@@ -136,7 +136,7 @@ def minimise(
     laplacian = banded_factor(band)
     x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
     tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
-    limits = _Limits(tolerance, _LEAST_DAMPING if is_near else _MOST_DAMPING, most_steps)
+    limits = _Limits(tolerance, LEAST_DAMPING if is_near else MOST_DAMPING, most_steps)
     x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, limits, trace)
     states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
     return Minimum(
@@ -174,22 +174,22 @@ def _majorise(
 ) -> tuple[Float64, list[float]]:
     """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by a plain one."""
     rhs = np.empty_like(x)
-    h = _majorise_rhs(x, edges, lengths, weight, rhs)
+    h = majorise_rhs(x, edges, lengths, weight, rhs)
     energy = [h]
-    past_x, past_f = np.empty((_ANDERSON_DEPTH, x.size)), np.empty((_ANDERSON_DEPTH, x.size))
+    past_x, past_f = np.empty((ANDERSON_DEPTH, x.size)), np.empty((ANDERSON_DEPTH, x.size))
     kept = 0
     for iteration in range(iterations if laplacian is not None else 0):
         plain = banded_solution(cast("Float64", laplacian), rhs)
         plain -= plain.mean(axis=1, keepdims=True)
         g, f = plain.ravel(), (plain - x).ravel()
-        candidate = _anderson(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
-        slot = iteration % _ANDERSON_DEPTH
+        candidate = anderson_mixed(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
+        slot = iteration % ANDERSON_DEPTH
         past_x[slot], past_f[slot] = g, f
-        kept = min(kept + 1, _ANDERSON_DEPTH)
-        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        kept = min(kept + 1, ANDERSON_DEPTH)
+        h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
         if h_new > h:
             candidate, kept = plain, 0
-            h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+            h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
         x, h = candidate, h_new
         energy.append(h)
         if trace is not None:
@@ -210,28 +210,28 @@ def _gauss_newton(
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
     n, bandwidth = x.shape[1], bandwidth_of(edges)
     gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
-    damping, h, last_factor = _LEAST_DAMPING, energy[-1], laplacian
+    damping, h, last_factor = LEAST_DAMPING, energy[-1], laplacian
     tolerance = limits.tolerance
     for _ in range(limits.steps):
-        if h <= _EXACT_M2 * len(edges):
+        if h <= EXACT_M2 * len(edges):
             break
-        _gradient(x, edges, lengths, weight, unit, gradient)
+        write_gradient(x, edges, lengths, weight, unit, gradient)
         found = None
-        if bandwidth > _WIDE_BAND and damping <= _LEAST_DAMPING and last_factor is not None:
+        if bandwidth > WIDE_BAND and damping <= LEAST_DAMPING and last_factor is not None:
             found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
         if found is None:
-            factor = banded_factor(_hessian_band(n, bandwidth, edges, unit, damping))
+            factor = banded_factor(hessian_band(n, bandwidth, edges, unit, damping))
             if factor is not None:
                 last_factor = factor
                 step = banded_solution(factor, gradient)
                 found = step, float(np.vdot(gradient, step))
         step, gain = found if found is not None else (np.zeros_like(x), 0.0)
         candidate = x - step
-        h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+        h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
         if laplacian is not None and (gain > tolerance * h or h_new >= h):
-            for _ in range(_REPAIRS):
+            for _ in range(REPAIRS):
                 candidate = banded_solution(laplacian, rhs)
-                h_new = _majorise_rhs(candidate, edges, lengths, weight, rhs)
+                h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
         if not h_new < h:
             damping *= 10
             if found is None or damping > limits.damping:
@@ -241,7 +241,7 @@ def _gauss_newton(
         energy.append(h)
         if trace is not None:
             trace.append(x - x.mean(axis=1, keepdims=True))
-        damping = max(0.1 * damping, _LEAST_DAMPING)
+        damping = max(0.1 * damping, LEAST_DAMPING)
         if gain <= tolerance * h:
             break
     return x, energy
@@ -277,7 +277,7 @@ def _conjugate_gradients(
 
 
 @njit(cache=True, nogil=True)
-def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
+def anderson_mixed(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
     """Combine the past images so that the combined residual is smallest."""
     gram, share = np.zeros((kept, kept)), np.zeros(kept)
     for i in range(kept):
@@ -311,7 +311,7 @@ def _anderson(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float6
 
 
 @njit(cache=True, nogil=True)
-def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rhs: Float64) -> float:
+def majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rhs: Float64) -> float:
     """Write B(x) x, the right-hand side of the majorising solve, and return H."""
     rhs[:] = 0.0
     h = 0.0
@@ -329,7 +329,7 @@ def _majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, r
 
 
 @njit(cache=True, nogil=True)
-def _gradient(
+def write_gradient(
     x: Float64, edges: Int32, lengths: Float64, weight: Float64, unit: Float64, gradient: Float64
 ) -> None:
     """Write the unit vectors of all pairs, times the root of the weights, and the gradient of H / 2."""
@@ -347,7 +347,7 @@ def _gradient(
 
 
 @njit(cache=True, nogil=True)
-def _hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
+def hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
     """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
     band = np.zeros((2 * n, 2 * bandwidth + 2))
     band[:, 0] = damping

@@ -2,7 +2,8 @@
 
 Each pixel of the plane takes its position in the source image from one of two interpolations: the
 smooth placement of every image pixel (the default), or the paper's linear one over the Delaunay
-triangles of the samples. Its attributes are then read at that position of the image.
+triangles of the samples. Its attributes are read at that position of the image
+(:mod:`flatcloth.flattening.reading`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from flatcloth.core.geometry import Rigid3, held_from_camera, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
+from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples, path_on_surface
 from flatcloth.flattening.surface import Surface
 
@@ -121,44 +122,6 @@ def rasterise_pixels(
     return read_attributes(source_rc, stretch, surface, axis, pixel_size_m, low), flips, overlaps
 
 
-def read_attributes(
-    source_rc: Float32,
-    stretch: Float32,
-    surface: Surface,
-    axis: RotationAxis,
-    pixel_size_m: float,
-    low: Float64,
-    held: Rigid3 | None = None,
-) -> FlattenedView:
-    """Read the nine attributes at positions (H, W, 2) of the source image, in the object frame.
-
-    ``low`` (2,) is the plane position of pixel (0, 0), in pixels. ``held`` is the camera's pose in
-    the object frame, if it is known more accurately than from the view's angle.
-    """
-    frame, k = surface.frame, surface.frame.intrinsics
-    held = held or held_from_camera(axis, frame.angle_deg)
-    camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    rgb, xyz, normal, quality, cos, valid = _read(
-        source_rc, frame.color, surface.xyz_m, surface.normal, stretch, camera, held.rotation,
-        held.translation_m, *map(float, frame.offset_rc),
-    )  # fmt: skip
-    angle, at = np.full(valid.shape, np.nan, dtype=np.float32), np.flatnonzero(valid)
-    angle.ravel()[at] = z_angle_deg(np.take(normal.reshape(-1, 3), at, axis=0), axis, frame.angle_deg)
-    quality.reshape(-1, 3)[at, 1] = np.degrees(np.arccos(np.clip(cos, -1.0, 1.0)))
-    return FlattenedView(
-        rgb=rgb,
-        xyz_m=xyz,
-        normal=normal,
-        z_angle_deg=angle,
-        valid=valid,
-        view_index=np.where(valid, frame.view_index, -1).astype(np.int16),
-        source_rc=source_rc,
-        quality=quality,
-        pixel_size_m=pixel_size_m,
-        origin_uv_m=(float(low[0] * pixel_size_m), float(low[1] * pixel_size_m)),
-    )
-
-
 def _grid(points_m: Sequence[Float64] | Float64, pixel_size_m: float) -> tuple[Float64, tuple[int, int]]:
     """Lowest corner (in pixels) and shape of the grid around the points (2, K)."""
     low = np.array([np.floor(along.min() / pixel_size_m) - 1 for along in points_m])
@@ -243,16 +206,27 @@ def _fill_pixels(
     pixels_per_m = 1.0 / pixel_size_m
     flips, overlaps = 0, 0
     for r in range(top, bottom - 1):
+        ahead = int(part[r, left]) + int(part[r + 1, left])
         for c in range(left, right - 1):
+            behind, ahead = ahead, int(part[r, c + 1]) + int(part[r + 1, c + 1])
+            if behind + ahead < 3:
+                continue
             present = cloth_triangles(part, steps, r, c)
             if not (present[0] or present[1] or present[2] or present[3]):
                 continue
+            a, b = _corner(uv_m, r, c, low, pixels_per_m), _corner(uv_m, r, c + 1, low, pixels_per_m)
+            e, d = _corner(uv_m, r + 1, c, low, pixels_per_m), _corner(uv_m, r + 1, c + 1, low, pixels_per_m)
             for k in range(4):
                 if not present[k]:
                     continue
-                first = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][0], low, pixels_per_m)
-                second = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][1], low, pixels_per_m)
-                third = _corner(uv_m, r, c, BLOCK_TRIANGLES[k][2], low, pixels_per_m)
+                if k == 0:  # the order of BLOCK_TRIANGLES
+                    first, second, third = a, b, e
+                elif k == 1:
+                    first, second, third = d, e, b
+                elif k == 2:
+                    first, second, third = b, d, a
+                else:
+                    first, second, third = e, a, d
                 if _doubled_area(first, second, third) > 0.0:
                     overlaps += _fill(source, first, second, third)
                 else:
@@ -261,9 +235,8 @@ def _fill_pixels(
 
 
 @njit(cache=True, nogil=True)
-def _corner(uv_m: Float64, r: int, c: int, at: tuple[int, int], low: Float64, pixels_per_m: float) -> _Corner:
-    """Return the corner ``at`` of the block at (r, c)."""
-    r, c = r + at[0], c + at[1]
+def _corner(uv_m: Float64, r: int, c: int, low: Float64, pixels_per_m: float) -> _Corner:
+    """Return an image pixel as a corner."""
     return _Corner(uv_m[r, c, 0] * pixels_per_m - low[0], uv_m[r, c, 1] * pixels_per_m - low[1], r, c)
 
 
@@ -285,6 +258,8 @@ def _fill(source: Float32, first: _Corner, second: _Corner, third: _Corner) -> i
     overlaps = 0
     row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))
     col_low, col_high = math.ceil(min(u0, u1, u2)), math.floor(max(u0, u1, u2))
+    if row_low > row_high or col_low > col_high:  # it lies between the centres of pixels
+        return 0
     inverse = 1.0 / area
     along_1, down_1, along_2, down_2 = (
         (v2 - v0) * inverse,
@@ -306,81 +281,3 @@ def _fill(source: Float32, first: _Corner, second: _Corner, third: _Corner) -> i
             source[row, col, 0] = r
             source[row, col, 1] = c
     return overlaps
-
-
-@njit(cache=True, nogil=True)
-def _read(
-    source: Float32,
-    color: Uint8,
-    xyz: Float32,
-    normal: Float32,
-    stretch: Float32,
-    camera: Float64,
-    rotation: Float64,
-    translation: Float64,
-    top: float,
-    left: float,
-) -> tuple[Uint8, Float32, Float32, Float32, Float64, Bool]:
-    """Read color, depth and normal bilinearly over finite neighbours; transform to the object frame.
-
-    The incidence angles are left to NumPy, whose arc cosine is faster: the last but one are the cosines (K,)
-    of the valid pixels. Afterwards ``source`` holds places in the whole image, of which (top, left) is the
-    first pixel given.
-    """
-    rows, cols = source.shape[0], source.shape[1]
-    out_rgb = np.zeros((rows, cols, 3), dtype=np.uint8)
-    out_xyz = np.full((rows, cols, 3), np.nan, dtype=np.float32)
-    out_normal = np.full((rows, cols, 3), np.nan, dtype=np.float32)
-    quality = np.full((rows, cols, 3), np.nan, dtype=np.float32)
-    valid = np.zeros((rows, cols), dtype=np.bool_)
-    cosines, count = np.empty(rows * cols), 0
-    fx, fy, cx, cy = camera
-    for row in range(rows):
-        for col in range(cols):
-            y, x = source[row, col, 0], source[row, col, 1]
-            if not np.isfinite(y):
-                continue
-            r0, c0 = min(int(y), xyz.shape[0] - 2), min(int(x), xyz.shape[1] - 2)
-            weight, depth, change, known = 0.0, 0.0, 0.0, 0.0
-            red, green, blue, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for i in range(2):
-                for j in range(2):
-                    r, c = r0 + i, c0 + j
-                    w = abs(1 - i - (y - r0)) * abs(1 - j - (x - c0)) + 1e-9
-                    red, green = red + w * color[r, c, 0], green + w * color[r, c, 1]
-                    blue += w * color[r, c, 2]
-                    z = xyz[r, c, 2]
-                    if np.isfinite(z):
-                        weight += w
-                        depth += w * z
-                        if np.isfinite(stretch[r, c]):
-                            known += w
-                            change += w * stretch[r, c]
-                        nx, ny = nx + w * normal[r, c, 0], ny + w * normal[r, c, 1]
-                        nz += w * normal[r, c, 2]
-            if weight < 1e-6:
-                source[row, col, 0] = source[row, col, 1] = np.nan
-                continue
-            source[row, col, 0] = y + np.float32(top)
-            source[row, col, 1] = x + np.float32(left)
-            depth /= weight
-            length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-            nx, ny, nz = nx * length, ny * length, nz * length
-            px, py = (x - cx) / fx * depth, (y - cy) / fy * depth
-            valid[row, col] = True
-            range_m = math.sqrt(px * px + py * py + depth * depth)
-            cos = -(nx * px + ny * py + nz * depth) / range_m
-            cosines[count] = cos
-            count += 1
-            # Image pixels per area: the solid angle of a pixel, spread by the incidence angle.
-            quality[row, col, 0] = 1e-4 * fx * fy * cos * range_m / depth**3
-            if known > 0.0:
-                quality[row, col, 2] = change / known
-            for k, tint in enumerate((red, green, blue)):
-                out_rgb[row, col, k] = np.uint8(min(max(tint + 0.5, 0.0), 255.0))
-            for k in range(3):
-                out_xyz[row, col, k] = (
-                    rotation[k, 0] * px + rotation[k, 1] * py + rotation[k, 2] * depth + translation[k]
-                )
-                out_normal[row, col, k] = rotation[k, 0] * nx + rotation[k, 1] * ny + rotation[k, 2] * nz
-    return out_rgb, out_xyz, out_normal, quality, cosines[:count], valid

@@ -21,10 +21,9 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
-from flatcloth.flattening.jumps import cut_small_jumps
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, median
-from flatcloth.flattening.ramps import fill_dropouts, find_ramps
+from flatcloth.flattening.ramps import cut_small_jumps, fill_dropouts, find_ramps
 from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
 _NORMAL_WINDOW_PX = 3

@@ -8,8 +8,8 @@ from scenes import AXIS, Cylinder, box, frame, plane, rays
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.flattening.flatten import flatten
-from flatcloth.flattening.jumps import cut_small_jumps, extrapolated_jumps
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, STEPS_BOTH
+from flatcloth.flattening.ramps import cut_small_jumps, extrapolated_jumps
 from flatcloth.flattening.surface import observe_surface
 
 

@@ -17,7 +17,8 @@ from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
-from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles, read_attributes
+from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles
+from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.necks import graph_components
+from flatcloth.flattening.sampling import graph_components
 from flatcloth.methods.robust.observations import Complex128, Observation
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Int32
-from flatcloth.flattening.necks import graph_components
+from flatcloth.flattening.sampling import graph_components
 from flatcloth.methods.robust.connectivity import (
     _neighbours_in_common,
     connected_pieces,
