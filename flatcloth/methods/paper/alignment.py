@@ -115,9 +115,10 @@ def not_worse_than_start(alignment: Alignment) -> Alignment:
 
     The search minimises another cost than is scored: it also avoids losing overlap, and going far.
     """
-    if alignment.initial_score.total <= alignment.score.total:
+    initial = alignment.initial_score
+    if initial is None or initial.total <= alignment.score.total:
         return alignment
-    return replace(alignment, current_from_new=alignment.initial, score=alignment.initial_score)
+    return replace(alignment, current_from_new=alignment.initial, score=initial)
 
 
 def correspond(

@@ -105,12 +105,11 @@ class RobustMethod(Method):
         progress(0.1, f"flattening view {view_index}")
         self._views.flattening(view_index)
         shape = self.shapes.shape(document)
-        reference = self.search.reference(document)
         progress(0.4, "searching the placement")
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
         cameras = describe(self.shapes.registered((*shape.views, view_index)))
-        chosen = choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
+        chosen = choose_placement(components, found, view_index, cameras)  # 2c. choose
         alignment = chosen.alignment
         key = (prefix(document), view_index, chosen.component, alignment.current_from_new)
         self._scores.put(key, alignment.score)  # whoever decides asks for it at once

@@ -25,7 +25,6 @@ from flatcloth.methods.robust.scoring import (
     SampledComponent,
     TextureFeatures,
     sample_component,
-    score_placement,
     texture_features,
 )
 from flatcloth.methods.robust.shapes import JointShapes, prefix
@@ -165,7 +164,6 @@ class PlacementSearch:
 
 
 def choose_placement(
-    reference: ReferenceShape,
     components: Mapping[int, SampledComponent],
     found: Found,
     view_index: int,
@@ -195,7 +193,7 @@ def choose_placement(
             current_from_new=first.current_from_new,
             initial=first.initial,
             score=first.score,
-            initial_score=score_placement(reference, components[best], first.initial),
+            initial_score=None,
             correspondence=None,
         ),
         hypotheses=tuple(hypotheses[:4]),

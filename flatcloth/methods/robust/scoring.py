@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import cv2
 import numpy as np
-from numba import njit
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
@@ -23,6 +22,7 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
@@ -154,14 +154,13 @@ class ReferenceShape:
         offset = uv_m[covered] - self.uv_m[at]
         return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
 
-    def pull(self, uv_m: Float64, sampled: SampledComponent, radius_m: float) -> _Pull:
-        """Return how the surface under samples, placed at (K, 2), pulls them in space; see :func:`refine`."""
-        nearest = self._near.nearest(uv_m)
-        return _Pull(
-            *_pulled(
-                nearest, uv_m, sampled.xyz_m, sampled.normal,
-                (self.uv_m, self.xyz_m, self.normal, self.frames), radius_m,
-            )
+    @cached_property
+    def nodes(self) -> Nodes:
+        """The nodes, as a refinement takes them."""
+        near = self._near
+        return Nodes(
+            self.uv_m, self.xyz_m, self.normal, self.frames,
+            near.cell_uv_m, near.first, near.by_cell, near.within_m,
         )  # fmt: skip
 
     def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
@@ -171,64 +170,6 @@ class ReferenceShape:
         with np.errstate(divide="ignore", invalid="ignore"):
             rc = seen[:, 1::-1] / seen[:, 2:] * self._focal_px[view] + self._center_px[view]
         return _read_nearest(self._pixels, self._sizes_px, view, rc)
-
-
-class _Pull(NamedTuple):
-    """Normal equations of a motion about ``center_m`` of covered samples: ``hessian`` (3, 3), ``right`` (3,).
-
-    ``weight`` is the sum of the samples' weights.
-    """
-
-    center_m: Float64
-    weight: float
-    hessian: Float64
-    right: Float64
-    covered: int
-
-
-@njit(cache=True, nogil=True)
-def _pulled(
-    nearest: Int32,
-    uv: Float64,
-    xyz: Float64,
-    normal: Float64,
-    nodes: tuple[Float64, Float64, Float64, Float64],
-    radius: float,
-) -> tuple[Float64, float, Float64, Float64, int]:
-    """Sum over the samples that have a ``nearest`` of the nodes (uv, xyz, normal, frames); see _Pull."""
-    node_uv, node_xyz, node_normal, frames = nodes
-    center, hessian, right, row = np.zeros(2), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    covered, total = 0, 0.0
-    for k in range(nearest.size):
-        if nearest[k] >= 0:
-            covered += 1
-            center[0] += uv[k, 0]
-            center[1] += uv[k, 1]
-    center /= max(covered, 1)
-    for k in range(nearest.size):
-        n = nearest[k]
-        if n < 0:
-            continue
-        facing, square = 0.0, 0.0
-        off_u, off_v = uv[k, 0] - node_uv[n, 0], uv[k, 1] - node_uv[n, 1]
-        for a in range(3):
-            facing += normal[k, a] * node_normal[n, a]
-            there = node_xyz[n, a] + frames[n, a, 0] * off_u + frames[n, a, 1] * off_v
-            square += (xyz[k, a] - there) ** 2
-        if facing <= 0.5:
-            continue
-        weight = 1.0 / (1.0 + square / (radius * radius)) ** 2
-        total += weight
-        arm_u, arm_v = uv[k, 0] - center[0], uv[k, 1] - center[1]
-        for a in range(3):
-            row[0] = frames[n, a, 1] * arm_u - frames[n, a, 0] * arm_v
-            row[1], row[2] = frames[n, a, 0], frames[n, a, 1]
-            off = xyz[k, a] - node_xyz[n, a] - frames[n, a, 0] * off_u - frames[n, a, 1] * off_v
-            for i in range(3):
-                right[i] += weight * row[i] * off
-                for j in range(3):
-                    hessian[i, j] += weight * row[i] * row[j]
-    return center, total, hessian, right, covered
 
 
 def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Float64) -> Float64:
@@ -381,23 +322,12 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     The standard deviations show which directions the common cloth does not determine, such as those
     of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
-    motion = initial
-    radius_m = _REFINE_RADIUS_M
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
-    hessian = np.zeros((3, 3))
-    for _ in range(rounds):
-        uv = motion.apply(sampled.uv_m)
-        pull = reference.pull(uv, sampled, radius_m)
-        if pull.covered < 6 or pull.weight < 3.0:
-            return Refined(shape_from_component=motion, std=np.full(3, np.inf))
-        hessian = pull.hessian
-        step = np.linalg.solve(hessian + 1e-9 * np.eye(3), pull.right)
-        motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(pull.center_m) @ motion
-        radius_m = max(0.6 * radius_m, scale)
-        if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
-            break
-    independent = _CORRELATED_SAMPLES
-    std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
+    samples = Samples(sampled.uv_m, sampled.xyz_m, sampled.normal)
+    motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
+    if hessian is None:
+        return Refined(shape_from_component=motion, std=np.full(3, np.inf))
+    std = scale * np.sqrt(_CORRELATED_SAMPLES * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
     return Refined(shape_from_component=motion, std=std)
 
 
