@@ -244,7 +244,7 @@ def _texture(surface: Surface, size_px: float) -> Float32:
     does not change the color differences.
     """
     inside = surface.usable.astype(np.float32)
-    red, green, blue = (image * inside for image in cv2.split(cv2.LUT(surface.frame.color, _LOG)))
+    red, green, blue = (cv2.LUT(plane, _LOG) * inside for plane in cv2.split(surface.frame.color))
     fine, coarse = (_blurred_share(inside, sigma) for sigma in (1.0, size_px))
     texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
     third, half = np.float32(1 / 3), np.float32(0.5)

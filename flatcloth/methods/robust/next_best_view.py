@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
 from flatcloth.methods.neighbours import neighbourhoods
@@ -79,11 +79,12 @@ def rate_candidates(
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= _POOR_INCIDENCE_DEG
     limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(75.0))
-    rated = []
-    for view in candidates:
-        turn = camera_from_held(axis, angles_deg[view])
+    rated, views = [], list(candidates)
+    turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
+    shifts_m = axis.point_m - turns @ axis.point_m
+    for view, turn, shift_m in zip(views, turns, shifts_m, strict=True):
         visible, overlap, improved, opened_m2 = _looked(
-            xyz, normal, poorly, (turn.rotation, turn.translation_m), (steep, limit),
+            xyz, normal, poorly, (turn, shift_m), (steep, limit),
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
         shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / _JOINING_PAIRS) for a, b, n in gaps)
@@ -109,17 +110,19 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
-    if not (piece > 0).any():
+    floating = np.flatnonzero(piece > 0)
+    if not floating.size:
         return []
-    main = np.flatnonzero(piece == 0)
+    low, high = xyz[floating].min(axis=0) - _NEAR_M, xyz[floating].max(axis=0) + _NEAR_M
+    main = np.flatnonzero((piece == 0) & ((xyz >= low) & (xyz <= high)).all(axis=1))
     tree = cKDTree(xyz[main], compact_nodes=False, balanced_tree=False)  # quicker to build, asked once
+    distance, nearest = tree.query(xyz[floating], distance_upper_bound=_NEAR_M)
+    near = np.flatnonzero(np.isfinite(distance))
+    of, sizes = piece[floating[near]], np.bincount(piece[floating])
     found = []
-    for n in range(1, int(piece.max(initial=0)) + 1):
-        own = np.flatnonzero(piece == n)
-        distance, nearest = tree.query(xyz[own], distance_upper_bound=_NEAR_M)
-        near = np.isfinite(distance)
-        if near.any():
-            found.append((own[near], main[nearest[near]], own.size))
+    for n in np.unique(of):
+        own = near[of == n]
+        found.append((floating[own], main[nearest[own]], int(sizes[n])))
     return found
 
 
