@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
+from flatcloth.flattening.patches import median
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
@@ -94,6 +95,12 @@ class SampledComponent:
     texture: Float64
     node: Int32
     area_m2: float
+
+    @cached_property
+    def corners_m(self) -> Float64:
+        """Two corners of the samples on their plane, and their middle (3, 2)."""
+        across = np.ascontiguousarray(self.uv_m.T)
+        return np.stack([across.min(axis=1), across.max(axis=1), self.uv_m.mean(axis=0)])
 
 
 class ReferenceShape:
@@ -181,9 +188,10 @@ def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Flo
     inside = np.flatnonzero(((rc > -0.5) & (rc < size - 0.5)).all(axis=1))
     inside = inside[np.argsort(image[inside], kind="stable")]
     row, col = np.rint(rc[inside]).astype(np.int64).T
-    ends = np.cumsum(np.bincount(image[inside]))[:-1]
-    parts = np.split(row * size[inside, 1] + col, ends)
-    found[inside] = np.concatenate([one.take(at, axis=0) for one, at in zip(images, parts, strict=False)])
+    pixel, ends = row * size[inside, 1] + col, np.cumsum(np.bincount(image[inside])).tolist()
+    for one, start, end in zip(images, [0, *ends], ends, strict=False):
+        if end > start:
+            found[inside[start:end]] = one.take(pixel[start:end], axis=0)
     return found
 
 
@@ -225,22 +233,22 @@ def score_placement(
     """
     uv = shape_from_component.apply(sampled.uv_m)
     covered, node, there = reference.surface_at(uv)
-    each_m2 = sampled.area_m2 / max(len(uv), 1)
-    overlap_m2 = float(covered.sum()) * each_m2
     at = np.flatnonzero(covered).astype(np.int32)
+    each_m2 = sampled.area_m2 / max(len(uv), 1)
+    overlap_m2 = at.size * each_m2
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
     parts = {
         "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
-        "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
+        "overlap_cm2": 1e4 * overlap_m2, "overlap_share": at.size / max(len(uv), 1),
     }  # fmt: skip
     if at.size:
         apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
         facing = (sampled.normal[at] * reference.normal[node]).sum(axis=1)
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
-        parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
-        parts["place_median_mm"] = 1e3 * float(np.median(apart))
+        parts["other_cloth_share"] = _share((apart > 4.0 * scale) | ~agrees)
+        parts["place_median_mm"] = 1e3 * median(apart)
         up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there, reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
         parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
@@ -249,11 +257,15 @@ def score_placement(
     placed = np.isfinite(own[:, 0])
     if placed.any():
         off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
-        parts["twice_share"] = float((off > TWICE_M).mean())
-        parts["outline_agreement"] = float(covered[known][placed].mean())
+        parts["twice_share"] = _share(off > TWICE_M)
+        parts["outline_agreement"] = _share(covered[known][placed])
     elif at.size:
         parts["twice_share"] = 0.0
     return AlignmentScore(confidence_of(parts), parts, "place_median_mm")
+
+
+def _share(which: Bool) -> float:
+    return int(np.count_nonzero(which)) / which.size
 
 
 def _color_agreement(
@@ -271,10 +283,15 @@ def _color_agreement(
         square = np.square((a - b) / _COLOR_STD).sum(axis=1)
         return float((square / (1.0 + square)).mean())
 
-    random = np.random.default_rng(0)
-    chance = disagreement(seen, own[random.permutation(len(own))])
+    chance = disagreement(seen, own[_shuffled(len(own))])
     telling = min(1.0, chance / _TELLING_COLOR)
     return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
+
+
+@lru_cache(maxsize=256)
+def _shuffled(count: int) -> Int64:
+    """Return the numbers below ``count`` (count,) in random order, always the same."""
+    return np.random.default_rng(0).permutation(count)
 
 
 def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
