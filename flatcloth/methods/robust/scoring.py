@@ -185,7 +185,8 @@ def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Flo
     The images are rows of pixels (H W, 3), of ``sizes`` (H, W).
     """
     size, found = sizes[image], np.full((len(rc), 3), np.nan)
-    inside = np.flatnonzero(((rc > -0.5) & (rc < size - 0.5)).all(axis=1))
+    inside = (rc > -0.5) & (rc < size - 0.5)
+    inside = np.flatnonzero(inside[:, 0] & inside[:, 1])
     inside = inside[np.argsort(image[inside], kind="stable")]
     row, col = np.rint(rc[inside]).astype(np.int64).T
     pixel, ends = row * size[inside, 1] + col, np.cumsum(np.bincount(image[inside])).tolist()
@@ -244,7 +245,7 @@ def score_placement(
     }  # fmt: skip
     if at.size:
         apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
-        facing = (sampled.normal[at] * reference.normal[node]).sum(axis=1)
+        facing = np.einsum("ki,ki->k", sampled.normal[at], reference.normal[node])
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
         parts["other_cloth_share"] = _share((apart > 4.0 * scale) | ~agrees)
@@ -274,13 +275,14 @@ def _color_agreement(
     """Agreement of color relative to randomly paired samples; 0.5 without information."""
     seen = reference.texture_at(node, there)
     own = sampled.texture[at]
-    known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
-    if known.sum() < 10:
+    known = np.flatnonzero(np.isfinite(seen[:, 0]) & np.isfinite(own[:, 0]))
+    if known.size < 10:
         return 0.5
     seen, own = seen[known], own[known]
 
     def disagreement(a: Float64, b: Float64) -> float:
-        square = np.square((a - b) / _COLOR_STD).sum(axis=1)
+        off = (a - b) / _COLOR_STD
+        square = np.einsum("ki,ki->k", off, off)
         return float((square / (1.0 + square)).mean())
 
     chance = disagreement(seen, own[_shuffled(len(own))])
