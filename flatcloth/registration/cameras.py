@@ -146,11 +146,15 @@ class Registered:
         """Standard deviation of the axis' position, in the less certain direction."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
 
+    @property
+    def angles_deg(self) -> list[float]:
+        """Recorded angle of each view."""
+        return [seen.angle_deg for seen in self.features]
+
     @cached_property
     def held_from_camera(self) -> tuple[Rigid3, ...]:
         """Pose of the camera of each view."""
-        angles_deg = [seen.angle_deg for seen in self.features]
-        return poses(self.axis, self.held_point_m, angles_deg, self.common, self.own)
+        return poses(self.axis, self.held_point_m, self.angles_deg, self.common, self.own)
 
     @cached_property
     def stds(self) -> Float64:

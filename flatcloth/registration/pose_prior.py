@@ -99,13 +99,20 @@ def poses(
     axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
 ) -> tuple[Rigid3, ...]:
     """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
+    moved = turns_and_shifts(axis, held_point_m, angles_deg, common, own)
+    return tuple(Rigid3(rotation, shift_m) for rotation, shift_m in zip(*moved, strict=True))
+
+
+def turns_and_shifts(
+    axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
+) -> tuple[Float64, Float64]:
+    """Return :func:`poses` as rotations (N, 3, 3) and translations (N, 3), m."""
     side, front = across(axis)
     turned = moved_axis(axis, common)
     swings = rotations_by(own[:, 1:2] * side + own[:, 2:] * front)
     turns = rotations_by((np.radians(angles_deg) + own[:, 0])[:, None] * -turned.direction)
     there = turned.point_m - turns @ turned.point_m - held_point_m
-    shifts = held_point_m + np.einsum("nij,nj->ni", swings, there)
-    return tuple(Rigid3(rotation, shift) for rotation, shift in zip(swings @ turns, shifts, strict=True))
+    return swings @ turns, held_point_m + np.einsum("nij,nj->ni", swings, there)
 
 
 def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
@@ -157,7 +164,9 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     """Return the prior variances (..., 5 + 3 n) of the unknowns at grades (..., 3)."""
     turn, axis, swing = np.moveaxis(np.square(grade), -1, 0)
     tilt, fattening = axis / prior.axis_length_m**2, np.full_like(axis, prior.fattening_std_px**2)
-    return np.stack([axis, axis, tilt, tilt, fattening, *[turn, swing, swing] * n], axis=-1)
+    common = np.stack([axis, axis, tilt, tilt, fattening], axis=-1)
+    own = np.stack([turn, swing, swing], axis=-1)
+    return np.concatenate([common, *[own] * n], axis=-1)
 
 
 def pair_covariance(
