@@ -72,7 +72,8 @@ class RobustMethod(Method):
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
             return _no_plan("No view is left.")
-        rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
+        shape, around = self.shapes.shape(document), self.search.around(document)
+        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, around)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."

@@ -20,8 +20,9 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
-from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.scoring import neighbourhoods_of
 
 LEAST_OVERLAP_M2 = 0.03
 """Desirable overlap S_0, the paper's."""
@@ -51,6 +52,7 @@ def rate_candidates(
     angles_deg: Sequence[float],
     candidates: Iterable[int],
     seen: Iterable[int],
+    around: Neighbourhoods | None = None,
 ) -> list[Candidate]:
     """Rate views that have not been visited.
 
@@ -64,6 +66,8 @@ def rate_candidates(
         Angles of all views.
     candidates, seen : iterables of int
         The views to rate, and the visited ones (accepted or not).
+    around : Neighbourhoods, optional
+        Those of the shape, if they are known.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def rate_candidates(
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
     best = _best_incidence_deg(shape)[placed]
     area = _node_area_m2(shape)
-    rim = _rim(shape, area)
+    rim = _rim(shape, area, around or neighbourhoods_of(shape))
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= _POOR_INCIDENCE_DEG
@@ -155,10 +159,8 @@ class _Rim:
     promise_m2: Float64
 
 
-def _rim(shape: JointShape, area_m2: float) -> _Rim:
+def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
     """Find the outline nodes, the expected normals and areas beyond them; ``area_m2`` is that of a node."""
-    has_place, links = shape.has_place, shape.links
-    around = neighbourhoods(links.once, links.views_of_once, has_place, shape.all_uv_m, shape.nodes.xyz_m)
     lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
     rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
@@ -169,7 +171,7 @@ def _rim(shape: JointShape, area_m2: float) -> _Rim:
     shown = [seen.node[seen.incidence_deg < 60.0] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
     promise = math.sqrt(area_m2) * 0.03 * 0.4 ** np.maximum(often - 1.0, 0.0)
-    return _Rim((np.cumsum(has_place) - 1)[rim], beyond, promise)
+    return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
 
 
 @njit(cache=True, nogil=True)

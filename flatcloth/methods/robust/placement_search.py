@@ -13,6 +13,7 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
+from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.hypotheses import (
     coarse_view,
     evaluate,
@@ -24,6 +25,7 @@ from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
     TextureFeatures,
+    neighbourhoods_of,
     sample_component,
     texture_features,
 )
@@ -62,6 +64,7 @@ class PlacementSearch:
         self._views, self._shapes, self._angles_deg = views, shapes, angles_deg
         self._config = views.config
         self._references: Cache[ReferenceShape] = Cache(2)
+        self._around: Cache[Neighbourhoods] = Cache(1)
         self._textures: Cache[TextureFeatures] = Cache(48)
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 
@@ -72,9 +75,13 @@ class PlacementSearch:
             shape = self._shapes.shape(document)
             surfaces = self._shapes.surfaces(shape)
             textures = {view: self._texture(view, surface) for view, surface in surfaces.items()}
-            return ReferenceShape(shape, surfaces, textures, self._views.axis)
+            return ReferenceShape(shape, surfaces, textures, self._views.axis, self.around(document))
 
         return self._references.get(prefix(document), make)
+
+    def around(self, document: Document) -> Neighbourhoods:
+        """Return what lies around the nodes of a document's shape (cached)."""
+        return self._around.get(prefix(document), lambda: neighbourhoods_of(self._shapes.shape(document)))
 
     def components(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         """Return the components of a view that are large enough for placement, sampled (cached)."""

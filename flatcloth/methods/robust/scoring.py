@@ -22,7 +22,7 @@ from flatcloth.flattening.patches import median
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.methods.robust.joint import JointShape
 
@@ -114,6 +114,8 @@ class ReferenceShape:
         Those of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
+    around : Neighbourhoods, optional
+        Those of the shape, if they are known.
     """
 
     def __init__(
@@ -122,6 +124,7 @@ class ReferenceShape:
         surfaces: Mapping[int, Surface],
         textures: Mapping[int, TextureFeatures],
         axis: RotationAxis,
+        around: Neighbourhoods | None = None,
     ) -> None:
         self._axis = axis
         self.number = np.flatnonzero(shape.has_place).astype(np.int32)
@@ -129,7 +132,7 @@ class ReferenceShape:
         self.is_main = shape.piece[self.number] == 0
         self.xyz_m = shape.nodes.xyz_m[self.number]
         self.normal = shape.nodes.normal[self.number]
-        self.frames = _space_from_plane(shape)[self.number]
+        self.frames = _space_from_plane(shape, around or neighbourhoods_of(shape))[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
         self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
         self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
@@ -185,8 +188,8 @@ def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Flo
     The images are rows of pixels (H W, 3), of ``sizes`` (H, W).
     """
     size, found = sizes[image], np.full((len(rc), 3), np.nan)
-    inside = (rc > -0.5) & (rc < size - 0.5)
-    inside = np.flatnonzero(inside[:, 0] & inside[:, 1])
+    within = (rc > -0.5) & (rc < size - 0.5)
+    inside = np.flatnonzero(within[:, 0] & within[:, 1])
     inside = inside[np.argsort(image[inside], kind="stable")]
     row, col = np.rint(rc[inside]).astype(np.int64).T
     pixel, ends = row * size[inside, 1] + col, np.cumsum(np.bincount(image[inside])).tolist()
@@ -196,13 +199,15 @@ def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Flo
     return found
 
 
-def _space_from_plane(shape: JointShape) -> Float64:
-    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
+def neighbourhoods_of(shape: JointShape) -> Neighbourhoods:
+    """Return the sums over the neighbours of each node of a shape."""
     links = shape.links
-    frames = neighbourhoods(
-        links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m
-    ).turned
-    normal = shape.nodes.normal
+    return neighbourhoods(links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
+
+
+def _space_from_plane(shape: JointShape, around: Neighbourhoods) -> Float64:
+    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
+    frames, normal = around.turned, shape.nodes.normal
     return nearest_isometries(
         frames - normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
     )
