@@ -25,6 +25,7 @@ from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
     PosePrior,
+    at_center,
     chances,
     expected_displacement_m,
     grades,
@@ -312,14 +313,14 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     middle: Float64 = 0.5 * (middle_m(one, held[0]) + middle_m(other, held[1]))
     center = middle if before is None else before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
-    moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
+    about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
     return fit_pair(
         (one, other),
         held,
         (first, second),
-        pair_covariance(*moves),
+        pair_covariance(*about, registered.prior),
         center_m=center,
-        uncertainty_m=expected_displacement_m(*moves, registered.posterior),
+        uncertainty_m=expected_displacement_m(*about, registered.prior, registered.posterior),
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
         before=before,

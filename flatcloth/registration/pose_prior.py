@@ -169,15 +169,12 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     return np.concatenate([common, *[own] * n], axis=-1)
 
 
-def pair_covariance(
-    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, grade: Float64 | None = None
-) -> Float64:
+def pair_covariance(one: Float64, other: Float64, prior: PosePrior, grade: Float64 | None = None) -> Float64:
     """Return the prior covariance (6, 6) of a pair's twist at a grade (3,), by default the largest.
 
-    ``one``, ``other`` (6, 7) are the two views' derivatives.
+    ``one``, ``other`` (6, 7) are the two views' derivatives about the centre of the twist.
     """
     likely = variances(1, grades(prior)[-1] if grade is None else grade, prior)
-    one, other = at_center(one, center_m), at_center(other, center_m)
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
@@ -185,15 +182,13 @@ def pair_covariance(
     return covariance + np.diag(rigid)
 
 
-def expected_displacement_m(
-    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, posterior: Float64
-) -> float:
+def expected_displacement_m(one: Float64, other: Float64, prior: PosePrior, posterior: Float64) -> float:
     """Return the root mean square displacement of cloth by a pair's twist.
 
     ``posterior`` (G,) is the probability of each grade; the others as in :func:`pair_covariance`.
     """
     grade = np.sqrt(posterior @ np.square(grades(prior)))
-    variance = pair_covariance(one, other, center_m, prior, grade).diagonal()
+    variance = pair_covariance(one, other, prior, grade).diagonal()
     return math.sqrt(variance[3:].sum() + _EXTENT_M**2 * variance[:3].sum())
 
 
