@@ -156,8 +156,8 @@ def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None)
     center, to = p @ w / total, q @ w / total
     p, q = (p - center[:, None]) * w, q - to[:, None]
     theta = math.atan2(float(p[0] @ q[1] - p[1] @ q[0]), float(p[0] @ q[0] + p[1] @ q[1]))
-    shift = to - Rigid2(theta).apply(center)
-    return Rigid2(theta, float(shift[0]), float(shift[1]))
+    cos, sin, (u, v), (to_u, to_v) = math.cos(theta), math.sin(theta), center.tolist(), to.tolist()
+    return Rigid2(theta, to_u - (cos * u - sin * v), to_v - (sin * u + cos * v))
 
 
 def nearest_isometries(maps: Float64) -> Float64:

@@ -162,12 +162,12 @@ class Correspondence:
 
 @dataclass(frozen=True, kw_only=True)
 class Alignment:
-    """The alignment of a new view to the current one, from the initial estimate to the result."""
+    """Alignment of a new view to the current one, from the initial estimate (score None: unknown) on."""
 
     current_from_new: Rigid2
     initial: Rigid2
     score: AlignmentScore
-    initial_score: AlignmentScore
+    initial_score: AlignmentScore | None
     correspondence: Correspondence | None
 
 

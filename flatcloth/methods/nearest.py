@@ -23,6 +23,12 @@ class NearPoints:
     within_m : float
         Distance within which they are looked for, m.
 
+    Attributes
+    ----------
+    first, by_cell, cell_uv_m : arrays
+        For compiled loops: the first of each cell (cells + 1,), the points by cell (N,), and the places in
+        this order (N, 2); :func:`cell_of` tells the cell.
+
     Notes
     -----
     The plane is divided into squares of that size. Each leads to a cell of a table (spatial hashing), so
@@ -30,20 +36,20 @@ class NearPoints:
     """
 
     def __init__(self, uv_m: Float64, within_m: float) -> None:
-        self._within_m = within_m
+        self.within_m = within_m
         bits = max(4, math.ceil(math.log2(_CELLS_PER_POINT * max(len(uv_m), 1))))
-        self._first, self._points = _table(np.ascontiguousarray(uv_m), within_m, 1 << bits)
-        self._uv_m = np.take(uv_m, self._points, axis=0)  # those of a cell lie together in memory
+        self.first, self.by_cell = _table(np.ascontiguousarray(uv_m), within_m, 1 << bits)
+        self.cell_uv_m = np.take(uv_m, self.by_cell, axis=0)  # those of a cell lie together in memory
 
     def nearest(self, uv_m: Float64) -> Int32:
         """Return the index (K,) of the point nearest to each of the places (K, 2); -1 if none is near."""
         at = np.ascontiguousarray(uv_m)
-        found: Int32 = _nearest(at, self._uv_m, self._first, self._points, self._within_m)
+        found: Int32 = _nearest(at, self.cell_uv_m, self.first, self.by_cell, self.within_m)
         return found
 
 
 @njit(cache=True, nogil=True)
-def _cell(column: int, row: int, cells: int) -> int:
+def cell_of(column: int, row: int, cells: int) -> int:
     """Return the cell of a square: multiples of two large primes (Teschner and others, 2003)."""
     return ((column * 73856093) ^ (row * 19349663)) & (cells - 1)
 
@@ -53,7 +59,7 @@ def _table(uv: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
     """Return the points by cell (N,), and the first of each cell (cells + 1,)."""
     cell, first = np.empty(uv.shape[0], dtype=np.int64), np.zeros(cells + 1, dtype=np.int32)
     for n in range(uv.shape[0]):
-        cell[n] = _cell(math.floor(uv[n, 0] / size), math.floor(uv[n, 1] / size), cells)
+        cell[n] = cell_of(math.floor(uv[n, 0] / size), math.floor(uv[n, 1] / size), cells)
         first[cell[n] + 1] += 1
     for c in range(cells):
         first[c + 1] += first[c]
@@ -82,7 +88,7 @@ def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: floa
                 below = within - down if r > 0 else -r * down
                 if beside * beside + below * below >= least:
                     continue
-                cell = _cell(column + c, row + r, cells)
+                cell = cell_of(column + c, row + r, cells)
                 for p in range(first[cell], first[cell + 1]):
                     du, dv = uv[p, 0] - u, uv[p, 1] - v
                     apart = du * du + dv * dv

@@ -20,6 +20,7 @@ from flatcloth.registration.pose_prior import (
     at_center,
     chances,
     grades,
+    turns_and_shifts,
     twists_between,
     variances,
 )
@@ -163,9 +164,10 @@ def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool)
     size = COMMON + OWN * len(registered.features)
     if pairs is None:
         return np.zeros((size, size)), np.zeros(size)
-    now = np.array([held.rotation for held in registered.held_from_camera])
+    now, shifts = turns_and_shifts(
+        registered.axis, registered.held_point_m, registered.angles_deg, registered.common, registered.own
+    )
     turns = now @ pairs.known_turns.transpose(0, 2, 1)
-    shifts = np.array([held.translation_m for held in registered.held_from_camera])
     shifts -= np.einsum("nij,nj->ni", turns, pairs.known_shifts_m)
     moves, against = ((turns[end], shifts[end]) for end in pairs.ends)
     off = np.empty((len(pairs.at), UNKNOWNS))

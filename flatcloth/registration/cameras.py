@@ -25,6 +25,7 @@ from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
     PosePrior,
+    at_center,
     chances,
     expected_displacement_m,
     grades,
@@ -146,11 +147,15 @@ class Registered:
         """Standard deviation of the axis' position, in the less certain direction."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
 
+    @property
+    def angles_deg(self) -> list[float]:
+        """Recorded angle of each view."""
+        return [seen.angle_deg for seen in self.features]
+
     @cached_property
     def held_from_camera(self) -> tuple[Rigid3, ...]:
         """Pose of the camera of each view."""
-        angles_deg = [seen.angle_deg for seen in self.features]
-        return poses(self.axis, self.held_point_m, angles_deg, self.common, self.own)
+        return poses(self.axis, self.held_point_m, self.angles_deg, self.common, self.own)
 
     @cached_property
     def stds(self) -> Float64:
@@ -308,14 +313,14 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
     middle: Float64 = 0.5 * (middle_m(one, held[0]) + middle_m(other, held[1]))
     center = middle if before is None else before.center_m
     now = registered.held_from_camera[first], registered.held_from_camera[second]
-    moves = registered.jacobians[first], registered.jacobians[second], center, registered.prior
+    about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
     return fit_pair(
         (one, other),
         held,
         (first, second),
-        pair_covariance(*moves),
+        pair_covariance(*about, registered.prior),
         center_m=center,
-        uncertainty_m=expected_displacement_m(*moves, registered.posterior),
+        uncertainty_m=expected_displacement_m(*about, registered.prior, registered.posterior),
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
         before=before,

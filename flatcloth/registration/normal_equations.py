@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from flatcloth.core.types import Bool, Float32, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 
 
 class ComparedView(NamedTuple):
@@ -69,10 +69,10 @@ class Limits(NamedTuple):
 class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
-    Of ``matrix`` only the lower triangle is summed. ``products`` (3, 3) are those of the texture values
-    (own, other, mixed); ``moments`` (4, 4) of the points (x, 1). ``tally`` (3,) is the number of points that
-    fall on the other image, the sum of their robust weights by distance, and of the squared distances with
-    these weights.
+    ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the points
+    (x, 1). ``tally`` (3,) is the number of points that fall on the other image, the sum of their robust
+    weights by distance, and of the squared distances with these weights. ``found`` (4, N) are the absolute
+    differences of each term, ``counts`` (2,) how many of the distance and of each channel there are.
     """
 
     matrix: Float64
@@ -81,6 +81,8 @@ class Sums(NamedTuple):
     parts: Float64
     moments: Float64
     tally: Float64
+    found: Float64
+    counts: Int64
 
 
 _Vector = tuple[float, float, float]
@@ -155,18 +157,13 @@ def _add(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def accumulate(
-    source: ComparedView,
-    target: ComparedView,
-    transforms: Transforms,
-    limits: Limits,
-    sums: Sums,
-    found: Float64,
+    source: ComparedView, target: ComparedView, transforms: Transforms, limits: Limits, sums: Sums
 ) -> None:
     """Add the contributions of the source's points to ``sums``.
 
-    ``found`` (N, 4) receives the differences; its values stay as they are where a point has no
-    corresponding one. Blocks of the image are always those of the view that moves.
+    Blocks of the image are always those of the view that moves.
     """
+    found, (points, textured) = sums.found, sums.counts
     shift, held, back = transforms.translation_m, transforms.held_rotation, transforms.held_shift_m
     least, full, fattening_px = limits.least_facing_cos, limits.full_facing_cos, limits.fattening_px
     fx, fy, cx, cy = target.camera
@@ -206,7 +203,8 @@ def accumulate(
         weight *= _facing(q[0] - shift[0], q[1] - shift[1], q[2] - shift[2], n, least, full)
         if weight <= 0.0:
             continue
-        found[i, 0] = distance
+        found[0, points] = abs(distance)
+        points += 1
         r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
         of = (r_own, c_own) if sign > 0 else (r, c)
         block = int(of[0] * limits.blocks_per_px) * limits.block_cols + int(of[1] * limits.blocks_per_px)
@@ -222,7 +220,7 @@ def accumulate(
         for k in range(3):
             own = np.float64(source.texture[k, r_own, c_own])
             value, right, down = _read(target.texture, k, r_at, c_at)
-            found[i, 1 + k] = value - own
+            found[1 + k, textured] = abs(value - own)
             if spread[1 + k] <= 0.0:
                 continue
             d = (right * fx / p[2], down * fy / p[2], 0.0)
@@ -234,6 +232,18 @@ def accumulate(
             sums.products[k, 0] += robust * value * value
             sums.products[k, 1] += robust * own * own
             sums.products[k, 2] += robust * value * own
+        textured += 1
+    sums.counts[0], sums.counts[1] = points, textured
+    _mirror(sums.matrix)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mirror(matrix: Float64) -> None:
+    """Fill the upper triangles of matrices (T, M, M), of which only the lower ones were summed."""
+    for term in range(matrix.shape[0]):
+        for a in range(matrix.shape[1]):
+            for b in range(a):
+                matrix[term, b, a] = matrix[term, a, b]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -99,13 +99,20 @@ def poses(
     axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
 ) -> tuple[Rigid3, ...]:
     """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
+    moved = turns_and_shifts(axis, held_point_m, angles_deg, common, own)
+    return tuple(Rigid3(rotation, shift_m) for rotation, shift_m in zip(*moved, strict=True))
+
+
+def turns_and_shifts(
+    axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
+) -> tuple[Float64, Float64]:
+    """Return :func:`poses` as rotations (N, 3, 3) and translations (N, 3), m."""
     side, front = across(axis)
     turned = moved_axis(axis, common)
     swings = rotations_by(own[:, 1:2] * side + own[:, 2:] * front)
     turns = rotations_by((np.radians(angles_deg) + own[:, 0])[:, None] * -turned.direction)
     there = turned.point_m - turns @ turned.point_m - held_point_m
-    shifts = held_point_m + np.einsum("nij,nj->ni", swings, there)
-    return tuple(Rigid3(rotation, shift) for rotation, shift in zip(swings @ turns, shifts, strict=True))
+    return swings @ turns, held_point_m + np.einsum("nij,nj->ni", swings, there)
 
 
 def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
@@ -157,18 +164,17 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     """Return the prior variances (..., 5 + 3 n) of the unknowns at grades (..., 3)."""
     turn, axis, swing = np.moveaxis(np.square(grade), -1, 0)
     tilt, fattening = axis / prior.axis_length_m**2, np.full_like(axis, prior.fattening_std_px**2)
-    return np.stack([axis, axis, tilt, tilt, fattening, *[turn, swing, swing] * n], axis=-1)
+    common = np.stack([axis, axis, tilt, tilt, fattening], axis=-1)
+    own = np.stack([turn, swing, swing], axis=-1)
+    return np.concatenate([common, *[own] * n], axis=-1)
 
 
-def pair_covariance(
-    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, grade: Float64 | None = None
-) -> Float64:
+def pair_covariance(one: Float64, other: Float64, prior: PosePrior, grade: Float64 | None = None) -> Float64:
     """Return the prior covariance (6, 6) of a pair's twist at a grade (3,), by default the largest.
 
-    ``one``, ``other`` (6, 7) are the two views' derivatives.
+    ``one``, ``other`` (6, 7) are the two views' derivatives about the centre of the twist.
     """
     likely = variances(1, grades(prior)[-1] if grade is None else grade, prior)
-    one, other = at_center(one, center_m), at_center(other, center_m)
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
@@ -176,15 +182,13 @@ def pair_covariance(
     return covariance + np.diag(rigid)
 
 
-def expected_displacement_m(
-    one: Float64, other: Float64, center_m: Float64, prior: PosePrior, posterior: Float64
-) -> float:
+def expected_displacement_m(one: Float64, other: Float64, prior: PosePrior, posterior: Float64) -> float:
     """Return the root mean square displacement of cloth by a pair's twist.
 
     ``posterior`` (G,) is the probability of each grade; the others as in :func:`pair_covariance`.
     """
     grade = np.sqrt(posterior @ np.square(grades(prior)))
-    variance = pair_covariance(one, other, center_m, prior, grade).diagonal()
+    variance = pair_covariance(one, other, prior, grade).diagonal()
     return math.sqrt(variance[3:].sum() + _EXTENT_M**2 * variance[:3].sum())
 
 

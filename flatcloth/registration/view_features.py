@@ -244,7 +244,7 @@ def _texture(surface: Surface, size_px: float) -> Float32:
     does not change the color differences.
     """
     inside = surface.usable.astype(np.float32)
-    red, green, blue = (image * inside for image in cv2.split(cv2.LUT(surface.frame.color, _LOG)))
+    red, green, blue = (cv2.LUT(plane, _LOG) * inside for plane in cv2.split(surface.frame.color))
     fine, coarse = (_blurred_share(inside, sigma) for sigma in (1.0, size_px))
     texture = np.empty((CHANNELS, *inside.shape), dtype=np.float32)
     third, half = np.float32(1 / 3), np.float32(0.5)
@@ -303,7 +303,7 @@ def compare(
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
-    sums = _no_sums(rows * cols)
+    sums = _no_sums(rows * cols, len(one.points_m) + len(other.points_m))
     limits = Limits(
         search_radius_m=search_radius_m,
         same_normal_cos=gates.same_normal_cos,
@@ -316,11 +316,9 @@ def compare(
         block_cols=cols,
     )
     ends = one.compared(), other.compared()
-    found = np.full((len(one.points_m) + len(other.points_m), TERMS), np.nan)
-    halves = found[: len(one.points_m)], found[len(one.points_m) :]
-    for source, target, source_held, target_held, sign, differences in (
-        (*ends, one_held, other_held, 1.0, halves[0]),
-        (*ends[::-1], other_held, one_held, -1.0, halves[1]),
+    for source, target, source_held, target_held, sign in (
+        (*ends, one_held, other_held, 1.0),
+        (*ends[::-1], other_held, one_held, -1.0),
     ):
         moved = target_held.inverse() @ source_held
         transforms = Transforms(
@@ -330,24 +328,24 @@ def compare(
             held_shift_m=target_held.translation_m - center_m,
             sign=sign,
         )
-        accumulate(source, target, transforms, limits, sums, differences)
-    distances, shades = np.abs(found[:, 0]), np.abs(found[:, 1:])
-    kept = [distances[np.isfinite(distances)], *shades[np.isfinite(shades[:, 0])].T]
+        accumulate(source, target, transforms, limits, sums)
+    points, textured = sums.counts.tolist()
+    kept = [sums.found[0, :points], *sums.found[1:, :textured]]
     energy = np.sqrt(sums.products[:, 0] * sums.products[:, 1])
     return Agreement(
-        matrix=sums.matrix + np.tril(sums.matrix, -1).transpose(0, 2, 1),
+        matrix=sums.matrix,
         gradient=sums.scores.sum(axis=1),
         scores=sums.scores,
         spread=np.array([_usual(term) for term in kept]),
         likeness=np.where(energy > 0, sums.products[:, 2] / np.where(energy > 0, energy, 1.0), 0.0),
-        count=len(kept[0]),
+        count=points,
         parts=sums.parts,
         inertia=_inertia(sums.moments),
         tally=sums.tally,
     )
 
 
-def _no_sums(blocks: int) -> Sums:
+def _no_sums(blocks: int, points: int) -> Sums:
     return Sums(
         matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
         scores=np.zeros((TERMS, blocks, UNKNOWNS)),
@@ -355,6 +353,8 @@ def _no_sums(blocks: int) -> Sums:
         parts=np.zeros(blocks),
         moments=np.zeros((4, 4)),
         tally=np.zeros(3),
+        found=np.zeros((TERMS, points)),
+        counts=np.zeros(2, dtype=np.int64),
     )
 
 
@@ -366,9 +366,14 @@ def _usual(differences: Float64) -> float:
 
 def _inertia(moments: Float64) -> Float64:
     """Sum of J' J (6, 6), where J is the derivative of a point by its motion; moments of (x, 1)."""
-    (x, y, z), count = moments[:3, 3], moments[3, 3]
-    inertia = np.diag([*np.full(3, moments[0, 0] + moments[1, 1] + moments[2, 2]), *np.full(3, count)])
-    inertia[:3, :3] -= moments[:3, :3]
-    inertia[:3, 3:] = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
-    inertia[3:, :3] = inertia[:3, 3:].T
-    return inertia
+    (xx, xy, xz, x), (_, yy, yz, y), (_, _, zz, z), (_, _, _, count) = moments.tolist()
+    return np.array(
+        [
+            [yy + zz, -xy, -xz, 0.0, -z, y],
+            [-xy, xx + zz, -yz, z, 0.0, -x],
+            [-xz, -yz, xx + yy, -y, x, 0.0],
+            [0.0, z, -y, count, 0.0, 0.0],
+            [-z, 0.0, x, 0.0, count, 0.0],
+            [y, -x, 0.0, 0.0, 0.0, count],
+        ]
+    )

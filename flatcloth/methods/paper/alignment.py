@@ -115,9 +115,10 @@ def not_worse_than_start(alignment: Alignment) -> Alignment:
 
     The search minimises another cost than is scored: it also avoids losing overlap, and going far.
     """
-    if alignment.initial_score.total <= alignment.score.total:
+    initial = alignment.initial_score
+    if initial is None or initial.total <= alignment.score.total:
         return alignment
-    return replace(alignment, current_from_new=alignment.initial, score=alignment.initial_score)
+    return replace(alignment, current_from_new=alignment.initial, score=initial)
 
 
 def correspond(
@@ -150,20 +151,15 @@ def correspond(
         means = [mean_z_angle_deg(view, axis, before_deg, z_angle_smoothing_m) for view in (current, new)]
         angles = [mean[view.valid] for mean, view in zip(means, (current, new), strict=True)]
     pixels = [_pixels_at(angle, view, a_m) for angle, view in zip(angles, (current, new), strict=True)]
-    axes = [
-        _principal_axis(view.uv_from_rc(rc), height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis))
-        for view, rc in zip((current, new), pixels, strict=True)
-    ]
+    places = [view.uv_from_rc(rc) for view, rc in zip((current, new), pixels, strict=True)]
     heights = [
         height_m(view.xyz_m[rc[:, 0], rc[:, 1]], axis)
         for view, rc in zip((current, new), pixels, strict=True)
     ]
     height = _common_height(heights[0], heights[1])
     lines = []
-    for view, rc, (center, direction), z, value in zip(
-        (current, new), pixels, axes, heights, (a_m, a_m + rotation_deg), strict=True
-    ):
-        uv = view.uv_from_rc(rc)
+    for uv, z, value in zip(places, heights, (a_m, a_m + rotation_deg), strict=True):
+        center, direction = _principal_axis(uv, z)
         lines.append(
             ZAngleLine(
                 z_angle_deg=value,

@@ -43,10 +43,11 @@ def column_curves(
     """
     angle = z_angle_deg(view.normal[view.valid], axis, angle_deg) if seen_deg is None else seen_deg
     within = np.abs(angle) < z_angle_limit_deg
-    uv = view.uv_from_rc(np.argwhere(view.valid)[within])
-    if frame_from_view is not None:
-        uv = frame_from_view.apply(uv)
-    column = np.rint(uv[:, 0] / view.pixel_size_m).astype(np.int64)
+    if frame_from_view is None:
+        u_m = np.nonzero(view.valid)[1][within] * view.pixel_size_m + view.origin_uv_m[0]
+    else:
+        u_m = frame_from_view.apply(view.uv_from_rc(np.argwhere(view.valid)[within]))[:, 0]
+    column = np.rint(u_m / view.pixel_size_m).astype(np.int64)
     if column.size == 0:
         none = np.zeros(0)
         return ColumnCurves(

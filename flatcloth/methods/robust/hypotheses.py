@@ -15,6 +15,7 @@ from scipy import fft
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2, height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationAxis
+from flatcloth.flattening.patches import median
 from flatcloth.methods.base import Hypothesis
 from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
@@ -51,7 +52,7 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
     before = None
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
-        near = off < max(0.012, float(np.median(off)))
+        near = off < max(0.012, median(off))
         if near.sum() < 3 or (before is not None and np.array_equal(near, before)):
             break
         best, before = fit_rigid2(points[near], target[near]), near
@@ -164,9 +165,9 @@ def _rasterised(uv: Float64, values: Float64, extent: int) -> tuple[Float64, Boo
 
 def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float) -> FlattenedView:
     """Return the main piece on a coarse grid: positions, normals and Z-angles (no colors), from its nodes."""
-    main = reference.uv_m[reference.is_main]
-    low = np.floor(main.min(axis=0) / _COARSE_M) - 1
-    high = np.ceil(main.max(axis=0) / _COARSE_M) + 2
+    main = np.ascontiguousarray(reference.uv_m[reference.is_main].T)
+    low = np.floor(main.min(axis=1) / _COARSE_M) - 1
+    high = np.ceil(main.max(axis=1) / _COARSE_M) + 2
     cols, rows = (high - low).astype(int)
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
     covered, node, there = reference.surface_at((grid + low) * _COARSE_M)
@@ -196,7 +197,7 @@ def evaluate(
 ) -> list[Hypothesis]:
     """Refine and score estimates and merge those that converge to one placement; the best is first."""
     found: list[Hypothesis] = []
-    corners = _corners(sampled)
+    corners = sampled.corners_m
     for source, initial in estimates:
         refined = refine(reference, sampled, initial)
         motion = refined.shape_from_component
@@ -218,18 +219,12 @@ def evaluate(
 def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothesis]:
     """Return the hypotheses by decreasing confidence, without those close to a better one."""
     kept: list[Hypothesis] = []
-    corners = _corners(sampled)
+    corners = sampled.corners_m
     for hypothesis in sorted(found, key=lambda h: -h.score.total):
         motion = hypothesis.current_from_new
         if all(_apart_m(motion, other.current_from_new, corners) > _DISTINCT_M for other in kept):
             kept.append(hypothesis)
     return kept
-
-
-def _corners(sampled: SampledComponent) -> Float64:
-    """Return two corners of a component's samples and their middle (3, 2)."""
-    uv = sampled.uv_m
-    return np.stack([uv.min(axis=0), uv.max(axis=0), uv.mean(axis=0)])
 
 
 def _apart_m(one: Rigid2, other: Rigid2, corners: Float64) -> float:

@@ -72,7 +72,8 @@ class RobustMethod(Method):
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
             return _no_plan("No view is left.")
-        rated = rate_candidates(self.shapes.shape(document), self._views.axis, self.angles_deg, rest, looked)
+        shape, around = self.shapes.shape(document), self.search.around(document)
+        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, around)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
@@ -105,12 +106,11 @@ class RobustMethod(Method):
         progress(0.1, f"flattening view {view_index}")
         self._views.flattening(view_index)
         shape = self.shapes.shape(document)
-        reference = self.search.reference(document)
         progress(0.4, "searching the placement")
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
         cameras = describe(self.shapes.registered((*shape.views, view_index)))
-        chosen = choose_placement(reference, components, found, view_index, cameras)  # 2c. choose
+        chosen = choose_placement(components, found, view_index, cameras)  # 2c. choose
         alignment = chosen.alignment
         key = (prefix(document), view_index, chosen.component, alignment.current_from_new)
         self._scores.put(key, alignment.score)  # whoever decides asks for it at once

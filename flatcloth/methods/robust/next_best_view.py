@@ -17,11 +17,12 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
-from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.scoring import neighbourhoods_of
 
 LEAST_OVERLAP_M2 = 0.03
 """Desirable overlap S_0, the paper's."""
@@ -51,6 +52,7 @@ def rate_candidates(
     angles_deg: Sequence[float],
     candidates: Iterable[int],
     seen: Iterable[int],
+    around: Neighbourhoods | None = None,
 ) -> list[Candidate]:
     """Rate views that have not been visited.
 
@@ -64,6 +66,8 @@ def rate_candidates(
         Angles of all views.
     candidates, seen : iterables of int
         The views to rate, and the visited ones (accepted or not).
+    around : Neighbourhoods, optional
+        Those of the shape, if they are known.
 
     Returns
     -------
@@ -74,16 +78,17 @@ def rate_candidates(
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
     best = _best_incidence_deg(shape)[placed]
     area = _node_area_m2(shape)
-    rim = _rim(shape, area)
+    rim = _rim(shape, area, around or neighbourhoods_of(shape))
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= _POOR_INCIDENCE_DEG
     limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(75.0))
-    rated = []
-    for view in candidates:
-        turn = camera_from_held(axis, angles_deg[view])
+    rated, views = [], list(candidates)
+    turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
+    shifts_m = axis.point_m - turns @ axis.point_m
+    for view, turn, shift_m in zip(views, turns, shifts_m, strict=True):
         visible, overlap, improved, opened_m2 = _looked(
-            xyz, normal, poorly, (turn.rotation, turn.translation_m), (steep, limit),
+            xyz, normal, poorly, (turn, shift_m), (steep, limit),
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
         shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / _JOINING_PAIRS) for a, b, n in gaps)
@@ -109,17 +114,19 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
-    if not (piece > 0).any():
+    floating = np.flatnonzero(piece > 0)
+    if not floating.size:
         return []
-    main = np.flatnonzero(piece == 0)
+    low, high = xyz[floating].min(axis=0) - _NEAR_M, xyz[floating].max(axis=0) + _NEAR_M
+    main = np.flatnonzero((piece == 0) & ((xyz >= low) & (xyz <= high)).all(axis=1))
     tree = cKDTree(xyz[main], compact_nodes=False, balanced_tree=False)  # quicker to build, asked once
+    distance, nearest = tree.query(xyz[floating], distance_upper_bound=_NEAR_M)
+    near = np.flatnonzero(np.isfinite(distance))
+    of, sizes = piece[floating[near]], np.bincount(piece[floating])
     found = []
-    for n in range(1, int(piece.max(initial=0)) + 1):
-        own = np.flatnonzero(piece == n)
-        distance, nearest = tree.query(xyz[own], distance_upper_bound=_NEAR_M)
-        near = np.isfinite(distance)
-        if near.any():
-            found.append((own[near], main[nearest[near]], own.size))
+    for n in np.unique(of):
+        own = near[of == n]
+        found.append((floating[own], main[nearest[own]], int(sizes[n])))
     return found
 
 
@@ -152,10 +159,8 @@ class _Rim:
     promise_m2: Float64
 
 
-def _rim(shape: JointShape, area_m2: float) -> _Rim:
+def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
     """Find the outline nodes, the expected normals and areas beyond them; ``area_m2`` is that of a node."""
-    has_place, links = shape.has_place, shape.links
-    around = neighbourhoods(links.once, links.views_of_once, has_place, shape.all_uv_m, shape.nodes.xyz_m)
     lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
     rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
@@ -166,7 +171,7 @@ def _rim(shape: JointShape, area_m2: float) -> _Rim:
     shown = [seen.node[seen.incidence_deg < 60.0] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
     promise = math.sqrt(area_m2) * 0.03 * 0.4 ** np.maximum(often - 1.0, 0.0)
-    return _Rim((np.cumsum(has_place) - 1)[rim], beyond, promise)
+    return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
 
 
 @njit(cache=True, nogil=True)

@@ -13,6 +13,7 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
+from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.hypotheses import (
     coarse_view,
     evaluate,
@@ -24,8 +25,8 @@ from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
     TextureFeatures,
+    neighbourhoods_of,
     sample_component,
-    score_placement,
     texture_features,
 )
 from flatcloth.methods.robust.shapes import JointShapes, prefix
@@ -63,6 +64,7 @@ class PlacementSearch:
         self._views, self._shapes, self._angles_deg = views, shapes, angles_deg
         self._config = views.config
         self._references: Cache[ReferenceShape] = Cache(2)
+        self._around: Cache[Neighbourhoods] = Cache(1)
         self._textures: Cache[TextureFeatures] = Cache(48)
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 
@@ -73,9 +75,13 @@ class PlacementSearch:
             shape = self._shapes.shape(document)
             surfaces = self._shapes.surfaces(shape)
             textures = {view: self._texture(view, surface) for view, surface in surfaces.items()}
-            return ReferenceShape(shape, surfaces, textures, self._views.axis)
+            return ReferenceShape(shape, surfaces, textures, self._views.axis, self.around(document))
 
         return self._references.get(prefix(document), make)
+
+    def around(self, document: Document) -> Neighbourhoods:
+        """Return what lies around the nodes of a document's shape (cached)."""
+        return self._around.get(prefix(document), lambda: neighbourhoods_of(self._shapes.shape(document)))
 
     def components(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         """Return the components of a view that are large enough for placement, sampled (cached)."""
@@ -165,7 +171,6 @@ class PlacementSearch:
 
 
 def choose_placement(
-    reference: ReferenceShape,
     components: Mapping[int, SampledComponent],
     found: Found,
     view_index: int,
@@ -195,7 +200,7 @@ def choose_placement(
             current_from_new=first.current_from_new,
             initial=first.initial,
             score=first.score,
-            initial_score=score_placement(reference, components[best], first.initial),
+            initial_score=None,
             correspondence=None,
         ),
         hypotheses=tuple(hypotheses[:4]),

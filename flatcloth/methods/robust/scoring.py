@@ -11,18 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
-from numba import njit
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
+from flatcloth.flattening.patches import median
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
+from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.methods.robust.joint import JointShape
 
 _COVER_M = 0.010
@@ -95,6 +96,12 @@ class SampledComponent:
     node: Int32
     area_m2: float
 
+    @cached_property
+    def corners_m(self) -> Float64:
+        """Two corners of the samples on their plane, and their middle (3, 2)."""
+        across = np.ascontiguousarray(self.uv_m.T)
+        return np.stack([across.min(axis=1), across.max(axis=1), self.uv_m.mean(axis=0)])
+
 
 class ReferenceShape:
     """A joint shape as the reference for comparisons with components.
@@ -107,6 +114,8 @@ class ReferenceShape:
         Those of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
+    around : Neighbourhoods, optional
+        Those of the shape, if they are known.
     """
 
     def __init__(
@@ -115,6 +124,7 @@ class ReferenceShape:
         surfaces: Mapping[int, Surface],
         textures: Mapping[int, TextureFeatures],
         axis: RotationAxis,
+        around: Neighbourhoods | None = None,
     ) -> None:
         self._axis = axis
         self.number = np.flatnonzero(shape.has_place).astype(np.int32)
@@ -122,7 +132,7 @@ class ReferenceShape:
         self.is_main = shape.piece[self.number] == 0
         self.xyz_m = shape.nodes.xyz_m[self.number]
         self.normal = shape.nodes.normal[self.number]
-        self.frames = _space_from_plane(shape)[self.number]
+        self.frames = _space_from_plane(shape, around or neighbourhoods_of(shape))[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
         self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
         self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
@@ -154,14 +164,13 @@ class ReferenceShape:
         offset = uv_m[covered] - self.uv_m[at]
         return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
 
-    def pull(self, uv_m: Float64, sampled: SampledComponent, radius_m: float) -> _Pull:
-        """Return how the surface under samples, placed at (K, 2), pulls them in space; see :func:`refine`."""
-        nearest = self._near.nearest(uv_m)
-        return _Pull(
-            *_pulled(
-                nearest, uv_m, sampled.xyz_m, sampled.normal,
-                (self.uv_m, self.xyz_m, self.normal, self.frames), radius_m,
-            )
+    @cached_property
+    def nodes(self) -> Nodes:
+        """The nodes, as a refinement takes them."""
+        near = self._near
+        return Nodes(
+            self.uv_m, self.xyz_m, self.normal, self.frames,
+            near.cell_uv_m, near.first, near.by_cell, near.within_m,
         )  # fmt: skip
 
     def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
@@ -173,86 +182,32 @@ class ReferenceShape:
         return _read_nearest(self._pixels, self._sizes_px, view, rc)
 
 
-class _Pull(NamedTuple):
-    """Normal equations of a motion about ``center_m`` of covered samples: ``hessian`` (3, 3), ``right`` (3,).
-
-    ``weight`` is the sum of the samples' weights.
-    """
-
-    center_m: Float64
-    weight: float
-    hessian: Float64
-    right: Float64
-    covered: int
-
-
-@njit(cache=True, nogil=True)
-def _pulled(
-    nearest: Int32,
-    uv: Float64,
-    xyz: Float64,
-    normal: Float64,
-    nodes: tuple[Float64, Float64, Float64, Float64],
-    radius: float,
-) -> tuple[Float64, float, Float64, Float64, int]:
-    """Sum over the samples that have a ``nearest`` of the nodes (uv, xyz, normal, frames); see _Pull."""
-    node_uv, node_xyz, node_normal, frames = nodes
-    center, hessian, right, row = np.zeros(2), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    covered, total = 0, 0.0
-    for k in range(nearest.size):
-        if nearest[k] >= 0:
-            covered += 1
-            center[0] += uv[k, 0]
-            center[1] += uv[k, 1]
-    center /= max(covered, 1)
-    for k in range(nearest.size):
-        n = nearest[k]
-        if n < 0:
-            continue
-        facing, square = 0.0, 0.0
-        off_u, off_v = uv[k, 0] - node_uv[n, 0], uv[k, 1] - node_uv[n, 1]
-        for a in range(3):
-            facing += normal[k, a] * node_normal[n, a]
-            there = node_xyz[n, a] + frames[n, a, 0] * off_u + frames[n, a, 1] * off_v
-            square += (xyz[k, a] - there) ** 2
-        if facing <= 0.5:
-            continue
-        weight = 1.0 / (1.0 + square / (radius * radius)) ** 2
-        total += weight
-        arm_u, arm_v = uv[k, 0] - center[0], uv[k, 1] - center[1]
-        for a in range(3):
-            row[0] = frames[n, a, 1] * arm_u - frames[n, a, 0] * arm_v
-            row[1], row[2] = frames[n, a, 0], frames[n, a, 1]
-            off = xyz[k, a] - node_xyz[n, a] - frames[n, a, 0] * off_u - frames[n, a, 1] * off_v
-            for i in range(3):
-                right[i] += weight * row[i] * off
-                for j in range(3):
-                    hessian[i, j] += weight * row[i] * row[j]
-    return center, total, hessian, right, covered
-
-
 def _read_nearest(images: Sequence[Float32], sizes: Int64, image: Int32, rc: Float64) -> Float64:
     """Return the values (K, 3) of places ``rc`` (K, 2), each in one of the images (K,); NaN outside it.
 
     The images are rows of pixels (H W, 3), of ``sizes`` (H, W).
     """
     size, found = sizes[image], np.full((len(rc), 3), np.nan)
-    inside = np.flatnonzero(((rc > -0.5) & (rc < size - 0.5)).all(axis=1))
+    within = (rc > -0.5) & (rc < size - 0.5)
+    inside = np.flatnonzero(within[:, 0] & within[:, 1])
     inside = inside[np.argsort(image[inside], kind="stable")]
     row, col = np.rint(rc[inside]).astype(np.int64).T
-    ends = np.cumsum(np.bincount(image[inside]))[:-1]
-    parts = np.split(row * size[inside, 1] + col, ends)
-    found[inside] = np.concatenate([one.take(at, axis=0) for one, at in zip(images, parts, strict=False)])
+    pixel, ends = row * size[inside, 1] + col, np.cumsum(np.bincount(image[inside])).tolist()
+    for one, start, end in zip(images, [0, *ends], ends, strict=False):
+        if end > start:
+            found[inside[start:end]] = one.take(pixel[start:end], axis=0)
     return found
 
 
-def _space_from_plane(shape: JointShape) -> Float64:
-    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
+def neighbourhoods_of(shape: JointShape) -> Neighbourhoods:
+    """Return the sums over the neighbours of each node of a shape."""
     links = shape.links
-    frames = neighbourhoods(
-        links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m
-    ).turned
-    normal = shape.nodes.normal
+    return neighbourhoods(links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
+
+
+def _space_from_plane(shape: JointShape, around: Neighbourhoods) -> Float64:
+    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
+    frames, normal = around.turned, shape.nodes.normal
     return nearest_isometries(
         frames - normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
     )
@@ -284,22 +239,22 @@ def score_placement(
     """
     uv = shape_from_component.apply(sampled.uv_m)
     covered, node, there = reference.surface_at(uv)
-    each_m2 = sampled.area_m2 / max(len(uv), 1)
-    overlap_m2 = float(covered.sum()) * each_m2
     at = np.flatnonzero(covered).astype(np.int32)
+    each_m2 = sampled.area_m2 / max(len(uv), 1)
+    overlap_m2 = at.size * each_m2
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
     parts = {
         "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
-        "overlap_cm2": 1e4 * overlap_m2, "overlap_share": float(covered.mean()) if len(uv) else 0.0,
+        "overlap_cm2": 1e4 * overlap_m2, "overlap_share": at.size / max(len(uv), 1),
     }  # fmt: skip
     if at.size:
         apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
-        facing = (sampled.normal[at] * reference.normal[node]).sum(axis=1)
+        facing = np.einsum("ki,ki->k", sampled.normal[at], reference.normal[node])
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
-        parts["other_cloth_share"] = float(((apart > 4.0 * scale) | ~agrees).mean())
-        parts["place_median_mm"] = 1e3 * float(np.median(apart))
+        parts["other_cloth_share"] = _share((apart > 4.0 * scale) | ~agrees)
+        parts["place_median_mm"] = 1e3 * median(apart)
         up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there, reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
         parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
@@ -308,11 +263,15 @@ def score_placement(
     placed = np.isfinite(own[:, 0])
     if placed.any():
         off = np.linalg.norm(uv[known][placed] - own[placed], axis=1)
-        parts["twice_share"] = float((off > TWICE_M).mean())
-        parts["outline_agreement"] = float(covered[known][placed].mean())
+        parts["twice_share"] = _share(off > TWICE_M)
+        parts["outline_agreement"] = _share(covered[known][placed])
     elif at.size:
         parts["twice_share"] = 0.0
     return AlignmentScore(confidence_of(parts), parts, "place_median_mm")
+
+
+def _share(which: Bool) -> float:
+    return int(np.count_nonzero(which)) / which.size
 
 
 def _color_agreement(
@@ -321,19 +280,25 @@ def _color_agreement(
     """Agreement of color relative to randomly paired samples; 0.5 without information."""
     seen = reference.texture_at(node, there)
     own = sampled.texture[at]
-    known = np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1)
-    if known.sum() < 10:
+    known = np.flatnonzero(np.isfinite(seen[:, 0]) & np.isfinite(own[:, 0]))
+    if known.size < 10:
         return 0.5
     seen, own = seen[known], own[known]
 
     def disagreement(a: Float64, b: Float64) -> float:
-        square = np.square((a - b) / _COLOR_STD).sum(axis=1)
+        off = (a - b) / _COLOR_STD
+        square = np.einsum("ki,ki->k", off, off)
         return float((square / (1.0 + square)).mean())
 
-    random = np.random.default_rng(0)
-    chance = disagreement(seen, own[random.permutation(len(own))])
+    chance = disagreement(seen, own[_shuffled(len(own))])
     telling = min(1.0, chance / _TELLING_COLOR)
     return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
+
+
+@lru_cache(maxsize=256)
+def _shuffled(count: int) -> Int64:
+    """Return the numbers below ``count`` (count,) in random order, always the same."""
+    return np.random.default_rng(0).permutation(count)
 
 
 def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
@@ -381,23 +346,12 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     The standard deviations show which directions the common cloth does not determine, such as those
     of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
-    motion = initial
-    radius_m = _REFINE_RADIUS_M
     scale = _PLACE_STD_M + 2.0 * reference.noise_m
-    hessian = np.zeros((3, 3))
-    for _ in range(rounds):
-        uv = motion.apply(sampled.uv_m)
-        pull = reference.pull(uv, sampled, radius_m)
-        if pull.covered < 6 or pull.weight < 3.0:
-            return Refined(shape_from_component=motion, std=np.full(3, np.inf))
-        hessian = pull.hessian
-        step = np.linalg.solve(hessian + 1e-9 * np.eye(3), pull.right)
-        motion = Rigid2(float(step[0]), float(step[1]), float(step[2])).about(pull.center_m) @ motion
-        radius_m = max(0.6 * radius_m, scale)
-        if abs(step[0]) < 1e-4 and float(np.hypot(step[1], step[2])) < 1e-5:
-            break
-    independent = _CORRELATED_SAMPLES
-    std = scale * np.sqrt(independent * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
+    samples = Samples(sampled.uv_m, sampled.xyz_m, sampled.normal)
+    motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
+    if hessian is None:
+        return Refined(shape_from_component=motion, std=np.full(3, np.inf))
+    std = scale * np.sqrt(_CORRELATED_SAMPLES * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
     return Refined(shape_from_component=motion, std=std)
 
 

@@ -194,7 +194,7 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
     for name, view in (("current", lesson.current), ("new", lesson.new), ("renewed", lesson.renewed.view)):
         parcel.picture(f"{name}_color", layers.rgba(view, "color", axis, 1))
     parcel.array("origin", lesson.origin, "uint8")
-    search = lesson.search
+    search, first = lesson.search, alignment.initial_score
     parcel.array("cost", search.cost, "float32")
     parcel.array("starts", search.starts * (180 / np.pi, 1e3, 1e3), "float32")
     parcel.array("path", search.path * (180 / np.pi, 1e3, 1e3), "float32")
@@ -212,7 +212,7 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
         "renewed_cm2": lesson.renewed.view.area_m2 * CM2,
         "initial": _motion(alignment.initial),
         "found": _motion(alignment.current_from_new),
-        "initial_score": alignment.initial_score.total,
+        "initial_score": None if first is None else first.total,
         "score": alignment.score.total,
         "score_parts": {k: finite(float(v)) for k, v in alignment.score.parts.items()},
         "search": {
