@@ -17,9 +17,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra, reverse_cuthill_mckee
+from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.flattening.banded import cuthill_mckee
 from flatcloth.methods.robust.connectivity import renumbered
 from flatcloth.methods.robust.relaxation import BorderedBand, add_products
 
@@ -329,9 +330,7 @@ class _System:
 def _in_narrow_order(rigid_part: Int32, ends: Int32) -> Int64:
     """Return the free nodes of pairs (K, 2), neighbours close to each other."""
     nodes, ends = renumbered(ends)
-    both = np.concatenate([ends, ends[:, ::-1]]).T
-    graph = coo_matrix((np.ones(both.shape[1], dtype=np.bool_), tuple(both)), shape=(nodes.size,) * 2)
-    order = nodes[reverse_cuthill_mckee(graph.tocsr(), symmetric_mode=True)]
+    order = nodes[cuthill_mckee(nodes.size, ends)]
     found: Int64 = order[rigid_part[order] < 0].astype(np.int64)
     return found
 

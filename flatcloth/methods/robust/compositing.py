@@ -121,12 +121,12 @@ def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[S
     own = uv[observation.node]
     kept = np.isfinite(own[:, 0])
     linked = np.zeros(len(kept), dtype=bool)
-    linked[observation.edges[kept[observation.edges].all(axis=1)]] = True
+    linked[observation.edges[both_ends(kept, observation.edges)]] = True
     kept &= linked
     if kept.sum() < 3:
         return None
     number = np.cumsum(kept) - 1
-    inside = kept[observation.edges].all(axis=1)
+    inside = both_ends(kept, observation.edges)
     samples = Samples(
         sampling_interval_px=interval_px,
         points_rc=np.rint(observation.rc[kept]).astype(np.int32),

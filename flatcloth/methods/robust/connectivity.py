@@ -74,6 +74,54 @@ def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
 
 
 @njit(cache=True, nogil=True)
+def near_and_apart(uv: Float64, xyz: Float64, near_m: float, far_m: float) -> Int64:
+    """Return the pairs (K, 2) of points at most ``near_m`` apart on the plane and over ``far_m`` in space.
+
+    Parameters
+    ----------
+    uv, xyz : (N, 2) and (N, 3) float64
+        Where the points lie on the plane and in space.
+    near_m, far_m : float
+        Distances, metres.
+    """
+    n, wide = len(uv), 0
+    cell, first = np.empty((n, 2), dtype=np.int64), np.zeros(_MOST_CELLS * (_MOST_CELLS + 1), dtype=np.int64)
+    for k in range(2):  # cells as wide as pairs may be; what lies far off shares the last
+        low = uv[:, k].min() if n else 0.0
+        for i in range(n):
+            cell[i, k] = 1 + int(min((uv[i, k] - low) / near_m, _MOST_CELLS - 3.0))
+    for i in range(n):
+        wide = max(wide, cell[i, 0] + 2)
+    for i in range(n):
+        first[cell[i, 1] * wide + cell[i, 0] + 1] += 1
+    first = np.cumsum(first)
+    filled, point, of = first.copy(), np.empty(n, dtype=np.int64), np.empty((5, n))
+    for i in range(n):
+        at = cell[i, 1] * wide + cell[i, 0]
+        s, filled[at] = filled[at], filled[at] + 1
+        point[s] = i
+        of[0, s], of[1, s] = uv[i, 0], uv[i, 1]
+        of[2, s], of[3, s], of[4, s] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+    pairs, count = np.empty((16, 2), dtype=np.int64), 0
+    for s in range(n):
+        u, v, x, y, z = of[:, s]
+        at = cell[point[s], 1] * wide + cell[point[s], 0]
+        for begin, end in ((s + 1, first[at + 2]), (first[at + wide - 1], first[at + wide + 2])):
+            for t in range(begin, end):
+                du, dv, dx, dy, dz = u - of[0, t], v - of[1, t], x - of[2, t], y - of[3, t], z - of[4, t]
+                if dx * dx + dy * dy + dz * dz > far_m * far_m and du * du + dv * dv <= near_m * near_m:
+                    if count == len(pairs):
+                        pairs = np.concatenate((pairs, pairs))
+                    pairs[count, 0], pairs[count, 1] = point[s], point[t]
+                    count += 1
+    return pairs[:count]
+
+
+_MOST_CELLS = 256
+"""Rows and columns of cells at most. Chosen: cloth of nearly four metres."""
+
+
+@njit(cache=True, nogil=True)
 def pairs_once(n: int, edges: Int32) -> tuple[Int32, Int32]:
     """Find the different pairs among those that several views contribute.
 
@@ -194,6 +242,11 @@ class Links:
         """Return for each pair (M,) whether the flags (N,) of both its nodes are set."""
         return both_ends(flags, self.once)[self.pair]
 
+    def of_last_view(self, some: Int64) -> slice:
+        """Return which of some pairs, ascending, are of the last view."""
+        first = np.searchsorted(self.observation, self.observation[-1])
+        return slice(int(np.searchsorted(some, first)), None)
+
     def with_view(self, seen: Observation) -> Links:
         """Return the pairs with those of one more view."""
         own = links_of([seen])
@@ -275,10 +328,9 @@ def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     count = int(own.max()) + 1
     if count == 0:
         return label
-    ends, others = np.concatenate([i, j]), np.concatenate([j, i])
-    weight = np.concatenate([evidence, evidence])
-    open_ = own[ends] < 0
-    ends, others, weight = ends[open_], others[open_], weight[open_]
+    from_i, from_j = np.flatnonzero(own[i] < 0), np.flatnonzero(own[j] < 0)
+    ends, others = np.concatenate([i[from_i], j[from_j]]), np.concatenate([j[from_i], i[from_j]])
+    weight = evidence[np.concatenate([from_i, from_j])]
     voters, voter = np.unique(ends, return_inverse=True)
     sweeps = 0
     while sweeps <= _SWEEPS:

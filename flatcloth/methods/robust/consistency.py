@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
+from flatcloth.methods.robust.connectivity import near_and_apart
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
 if TYPE_CHECKING:
@@ -86,11 +87,7 @@ def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
         Their points in space.
     """
     own = np.flatnonzero(np.isfinite(uv_m[:, 0]))
-    pairs = cKDTree(uv_m[own]).query_pairs(_NEAR_M, output_type="ndarray")
-    pairs = own[pairs]
-    apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
-    found: Int64 = pairs[apart > _FAR_M]
-    return found
+    return own.take(near_and_apart(uv_m[own], xyz_m[own], _NEAR_M, _FAR_M))
 
 
 def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:

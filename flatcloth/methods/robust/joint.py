@@ -389,8 +389,8 @@ def _relaxed_around(
     if new.sum() > _MOST_NEW * known.sum() or hinges_within(shape, members):
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
-    last = shape.links.observation[inside] == len(shape.observations) - 1
-    is_strained = (weight[last] < 0.25).sum() > _MOST_STRAINED * last.sum()
+    of_last = weight[shape.links.of_last_view(inside)]
+    is_strained = (of_last < 0.25).sum() > _MOST_STRAINED * of_last.size
     if is_strained or np.unique(overlaps(shape, uv)).size >= LEAST_PIECE:
         return None
     return uv, weight

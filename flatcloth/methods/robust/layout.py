@@ -225,7 +225,7 @@ def _grow(
     placed, leads = np.zeros(n, dtype=np.bool_), np.zeros(n)
     rotation = np.zeros(n_members, dtype=np.complex128)
     prediction, weight = np.empty(_MOST_PREDICTIONS, dtype=np.complex128), np.empty(_MOST_PREDICTIONS)
-    node, count = seed, 0
+    node, count, waiting = seed, 0, [seed]
     while node >= 0:
         known = 0
         for s in range(first[node], first[node + 1]):
@@ -258,11 +258,17 @@ def _grow(
                         for k in range(2):
                             rotation[member[e, k]] += evidence[e] * along * np.conj(offset[e, k])
                 else:
+                    if leads[other] <= 0.0:
+                        waiting.append(other)
                     leads[other] = max(leads[other], 0.0) + evidence[e]
-        node, most = -1, 0.0
-        for k in range(n):
-            if not placed[k] and leads[k] > most:
-                node, most = k, leads[k]
+        node, most, kept = -1, 0.0, 0
+        for other in waiting:
+            if leads[other] > 0.0:  # it has no place, nor was it in vain that it was its turn
+                waiting[kept] = other
+                kept += 1
+                if leads[other] > most or (leads[other] == most and other < node):
+                    node, most = other, leads[other]
+        del waiting[kept:]
     return z
 
 
@@ -352,7 +358,8 @@ def relax_around(
             z[nodes], ends, member, offset, stiff, members.size, _ARAP_STEPS, narrow, ~near[nodes]
         )
         z[nodes] = moved @ np.array([1.0, 1j])
-    told = np.flatnonzero(is_near | (links.observation[inside] == links.observation[-1]))
+    is_near[links.of_last_view(inside)] = True
+    told = np.flatnonzero(is_near)
     if told.size:
         is_told = inside[told]
         one, other = links.edges[is_told].T
