@@ -300,9 +300,12 @@ class RecordedViews:
 
     def _observed(self, progress: Progress) -> Float64:
         areas = np.zeros(len(self.recording))
+        if self.keeps_frames:  # another thread reads them too, from the last one on, until both meet
+            self._ahead.want(reversed(range(len(areas))))
         for n in range(len(areas)):
             progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")
-            self._ahead.want(range(n + 1, min(n + 3, len(areas))))
+            if not self.keeps_frames:
+                self._ahead.want(range(n + 1, min(n + 3, len(areas))))
             frame = self.frame(n)
             areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
         return areas

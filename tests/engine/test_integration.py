@@ -59,6 +59,21 @@ def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
     assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
 
 
+def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
+    reads: list[int] = []
+
+    class Counted(Cylinder):
+        def __getitem__(self, view_index: int) -> Any:
+            reads.append(view_index)
+            return super().__getitem__(view_index)
+
+    made = Integration(Counted(**SHEET), method="paper")  # type: ignore[arg-type]
+    made.keep_frames()
+    areas = made.observed_areas_m2()
+    assert sorted(reads) == list(range(len(STEPS)))
+    np.testing.assert_array_equal(areas, integration().observed_areas_m2())
+
+
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     made = integration()
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
