@@ -25,8 +25,8 @@ from flatcloth.garments.fit import TEMPERATURE, Fit, refine
 from flatcloth.garments.placing import LEAST_AREA_M2, contradiction, place_piece
 
 SUSPECT_MISFIT = 0.08
-"""Below this misfit the shape is a garment as it is, and no link is doubted: of 26 right shapes of the
-development 24 are below it (``python -m benchmarks garments``)."""
+"""Below this misfit the shape is a garment as it is, and no link is doubted: all 26 right shapes of the
+development are below it (``python -m benchmarks garments``)."""
 OFFERED_PROBABILITY = 0.90
 """A link less probable than this is offered for rejection. Chosen: one in ten of these would be wrong."""
 WRONG_PROBABILITY = 0.5
