@@ -34,7 +34,7 @@ INTEREST_DEG = 115.0
 OPEN = """
 import json, sys, time
 started = time.perf_counter()
-from flatcloth.integration import Integration
+from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 imported = time.perf_counter()
 recording = open_recording(sys.argv[1])
@@ -50,8 +50,8 @@ print(json.dumps(found))
 
 LOOK = """
 import json, sys
-from flatcloth.errors import FlatclothError
-from flatcloth.integration import Integration
+from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 made = Integration(open_recording(sys.argv[1]))
 for view in range(len(made.recording)):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,16 @@ from flatcloth.session.machine import NothingMore, Propose, Start
 # The benchmark's camera, cropped to the sheets.
 CAMERA = Intrinsics(width=340, height=420, fx=425.0, fy=425.0, cx=169.5, cy=209.5)
 STEP_PX = 0.02
+
+
+def test_what_programs_in_strings_import_is_there() -> None:
+    # Lint and types do not see it.
+    text = "".join(path.read_text() for path in Path(output.__file__).parent.glob("*.py"))
+    found = set(re.findall(r"^ *from (flatcloth[\w.]*) import (\w+)", text, flags=re.MULTILINE))
+    assert ("flatcloth.engine.integration", "Integration") in found
+    for module, name in sorted(found):
+        if not hasattr(importlib.import_module(module), name):
+            importlib.import_module(f"{module}.{name}")
 
 
 @pytest.mark.parametrize("name", sorted(sheets()))
