@@ -60,7 +60,7 @@ format: $(VENV)/.test $(VENV)/.page
 fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
 	PYTHONPATH=tests $(BIN)/python -m fuzzing
 
-bench: $(VENV)/.bench $(VENV)/.warm
+bench: $(VENV)/.bench $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m benchmarks
 
 clean:

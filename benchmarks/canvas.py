@@ -7,13 +7,13 @@ worst case. The pixels are those of a bundled recording, flattened finer than us
 from __future__ import annotations
 
 import itertools
-import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 from typing import Any
 
+from benchmarks.browser import CHROMIUM
 from benchmarks.output import Options, save
 
 RECORDING = "shirt-sleeve-clean"
@@ -122,7 +122,7 @@ def _in_browser(url: str) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         page = browser.new_page(viewport={"width": 1920, "height": 1080})
         page.set_default_timeout(120_000)
         page.goto(url)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import statistics
 import subprocess
 import sys
@@ -18,6 +17,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from benchmarks.browser import CHROMIUM
 from benchmarks.output import Options, save
 from flatcloth.engine.warmup import is_compiled
 
@@ -84,7 +84,7 @@ def run(options: Options) -> None:
 
     assert is_compiled(), "compile first: python -m flatcloth.engine.warmup"
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         starts = [_one_start(browser) for _ in range(1 if options.quick else STARTS)]
         fresh = _fresh_start(browser)
         version = browser.version

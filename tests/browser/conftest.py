@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -15,11 +14,10 @@ import pytest
 from forked_program import forked
 from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
+from benchmarks.browser import CHROMIUM
+
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
-# The one without windows opens a tab in half the CPU time.
-NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 GRAPHICS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 """Drawing in 3D without a graphics card; it makes all drawing slow."""
 FLAGS = [
