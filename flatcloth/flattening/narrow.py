@@ -60,7 +60,7 @@ def minimise_narrow(
     uv_m : (N, 2) float64
         Each component with the centroid and the mean direction of its start.
     is_left : (C,) bool
-        Those wanted that have to be minimised otherwise: not narrow in the order of their points.
+        The wanted components that are not narrow in the order of their points: left to ``minimise``.
     energy : (K,) float64
         H of component 0 before the first and after each iteration, if it is not left.
     """
@@ -76,7 +76,7 @@ def minimise_narrow(
         widest[c] = max(widest[c], abs(local[edges[e, 1]] - local[edges[e, 0]]))
     uv, energy, is_left = initial_uv_m.copy(), np.zeros(1), wanted.copy()
     for c in range(len(wanted)):
-        # In a narrow band, the order of the points is kept, nothing needs LAPACK and every step a factor.
+        # A narrow band keeps the order of its points; each step factors it in a loop, without LAPACK.
         is_left[c] &= of_pairs[c] > 0 and widest[c] > min(WIDE_BAND, 3.0 * math.sqrt(sizes[c]) + 8)
         if not wanted[c] or is_left[c] or of_pairs[c] == 0:
             continue

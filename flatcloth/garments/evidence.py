@@ -46,8 +46,8 @@ _HALF_TRUSTED = 1.0
 """Frontal views that saw an edge by which it counts half: a fold's silhouette is taken for an edge by
 one or two views, a hem is seen by six. Chosen; ``python -m benchmarks garments`` has what comes of it."""
 _LEVEL_STD_M = 0.0015
-"""Error of how much deeper the cloth of the other side lies beside an edge, in the mean of the views. Chosen:
-the noise of a D435 at 0.85 m; 1 and 2 mm lead to the same kinds."""
+"""Standard deviation of the mean depth difference between an edge and the other side's cloth beside it.
+Chosen: the noise of a D435 at 0.85 m; 1 and 2 mm lead to the same kinds."""
 _BEYOND_M = (0.004, 0.012, _FARTHEST_M)
 """Steps outwards at which another piece is looked for. Chosen."""
 _SAME_PLACE_M = 0.008

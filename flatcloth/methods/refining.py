@@ -128,7 +128,7 @@ def _fitted(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _nearest_for_long(u: float, v: float, nodes: Nodes) -> tuple[int, float]:
-    """Return the node nearest to a place, -1 if none is near, and how far that stays so wherever it moves."""
+    """Return the node nearest to a place, -1 if none is near, and how far it may move before that changes."""
     within, cells = nodes.within_m, nodes.first.size - 1
     column, row = math.floor(u / within), math.floor(v / within)
     right, down = u - column * within, v - row * within

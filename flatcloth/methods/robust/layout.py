@@ -263,7 +263,7 @@ def _grow(
                     leads[other] = max(leads[other], 0.0) + evidence[e]
         node, most, kept = -1, 0.0, 0
         for other in waiting:
-            if leads[other] > 0.0:  # it has no place, nor was it in vain that it was its turn
+            if leads[other] > 0.0:  # it has no place yet, and was not tried in vain
                 waiting[kept] = other
                 kept += 1
                 if leads[other] > most or (leads[other] == most and other < node):
