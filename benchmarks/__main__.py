@@ -11,7 +11,16 @@ from benchmarks.output import Options
 # Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own, or measure what the
 # page's threads do together.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
-ASKED_FOR = ("soak", "confidence", "accuracy", "stability", "paper_steps", "paper_candidates", "same")
+ASKED_FOR = (
+    "soak",
+    "confidence",
+    "accuracy",
+    "stability",
+    "paper_steps",
+    "paper_candidates",
+    "same",
+    "constants",
+)
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
 are about given recordings."""
 ON_ONE_CORE = (
@@ -56,7 +65,7 @@ def main() -> None:
         "--keep",
         default="",
         metavar="DIR",
-        help="accuracy, reliability, paper_steps, paper_candidates, same: keep what each recording gave",
+        help="of what measures each recording, constant or mutant: where that is kept",
     )
     arguments = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as flatcloth itself does

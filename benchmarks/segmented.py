@@ -60,6 +60,17 @@ def row_of(source: str, counts: tuple[int, ...]) -> dict[str, Any]:
     return {"recording": recording.name, "masks": masked, "strokes": segmented}
 
 
+def after_one_stroke(recording: Any, truth: Any) -> Remembered:
+    """Return the recording with the masks that are found without its own, and by one stroke."""
+    integration = Integration(recording)
+    frames = [recording[n] for n in range(len(recording))]
+    solver = SideSolver(observe(frames, integration.axis, integration.held_point_m, Config()))
+    seen = seen_truth(solver.observed, truth, truth.panel_of_interest, True)
+    found = solver.solve(())
+    stroke = stroke_at_largest_error(found, seen)
+    return masked_by(recording, found if stroke is None else solver.solve([stroke]))
+
+
 def masked_by(recording: Any, found: Segmentation) -> Remembered:
     """Return the recording with the masks of a segmentation."""
     return Remembered(MaskedRecording(recording, found))

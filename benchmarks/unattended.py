@@ -44,9 +44,9 @@ def unattended(source: str) -> tuple[Integration, Document, Remembered]:
     return integration, document, Remembered(read_truth(integration.recording.location))
 
 
-def integrated(recording: Any) -> tuple[Integration, Document]:
-    """Integrate an open recording by ``robust`` without an operator."""
-    integration = Integration(recording)
+def integrated(recording: Any, method: str | None = None) -> tuple[Integration, Document]:
+    """Integrate an open recording without an operator, by default by ``robust``."""
+    integration = Integration(recording, method=method)
     session = MemorySession(SessionState(len(recording)))
     Run(integration, session).finish()
     place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does

@@ -1,0 +1,151 @@
+"""Whether the tests of the numerics notice changes: single mutations at random, each against its own folder.
+
+Cosmic Ray changes one operator, comparison or number of a module of the numerics; the tests of the folder of
+the same name must fail then. A mutant that they do not notice is used to integrate recordings: if no result
+changes, to the last bit, it does not count as a change of behaviour. The sample is drawn with a fixed seed.
+With ``--keep DIR`` what was found of each mutant is kept, and not repeated.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from cosmic_ray import plugins
+from cosmic_ray.ast import get_ast
+from cosmic_ray.mutating import mutate_code
+
+from benchmarks.constants import NUMERICS, ROOT, keep_kernels, package_of, stale_kernels
+from benchmarks.output import Options, save, say
+from benchmarks.unattended import sources
+
+SEED, COUNT, QUICK_COUNT = 29, 300, 20
+LIMIT_S = 900
+"""A mutant whose tests take longer is noticed: loops that do not end."""
+OPERATORS = re.compile(
+    r"core/(ReplaceBinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|BitAnd_BitOr|BitOr_BitAnd)"
+    r"|ReplaceComparisonOperator_(Lt_GtE|LtE_Gt|Gt_LtE|GtE_Lt|Lt_LtE|Gt_GtE|Eq_NotEq|NotEq_Eq|Is_IsNot|IsNot_Is)"
+    r"|ReplaceAndWithOr|ReplaceOrWithAnd|ReplaceTrueWithFalse|ReplaceFalseWithTrue|AddNot|NumberReplacer"
+    r"|ReplaceUnaryOperator_(USub_UAdd|Invert_.*|Delete_(USub|Invert|Not)))$"
+)
+"""Of Cosmic Ray's operators those that a slip of the pen could be."""
+
+
+def run(options: Options) -> None:
+    """Try, print, and write ``results/mutants.json`` unless ``quick``."""
+    kept = Path(options.keep or tempfile.mkdtemp(prefix="mutants-"))
+    kept.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for file, operator, occurrence in sample(QUICK_COUNT if options.quick else COUNT):
+        own = kept / f"{file.replace('/', '-')}--{operator.partition('/')[2]}-{occurrence}.json"
+        if not own.exists():
+            own.write_text(json.dumps(row_of(file, operator, occurrence, sources(options.recordings))))
+        rows.append(json.loads(own.read_text()))
+        say("   ".join(str(value) for value in rows[-1].values()))
+    counts = Counter(row["found"] for row in rows)
+    noticed, missed = counts["noticed"], counts["missed"]
+    say(
+        f"{dict(counts)}: {noticed / max(noticed + missed, 1):.1%} of those that change behaviour are noticed"
+    )
+    if not options.quick:
+        rows.sort(key=lambda row: (row["found"], row["file"]))
+        save("mutants", {"seed": SEED, "counts": counts, "rows": rows}, sources(options.recordings))
+
+
+def sample(count: int) -> list[tuple[str, str, int]]:
+    """Return files, operators and occurrences: modules are drawn by their number of possible mutations."""
+    sites = []
+    for package in NUMERICS:
+        for path in sorted((ROOT / "flatcloth" / package).rglob("*.py")):
+            tree = get_ast(path.read_text())
+            for name in sorted(filter(OPERATORS.match, plugins.operator_names())):
+                operator = plugins.get_operator(name)()
+                found = sum(len(list(operator.mutation_positions(node))) for node in _nodes(tree))
+                sites += [(str(path.relative_to(ROOT)), name, k) for k in range(found)]
+    random.Random(SEED).shuffle(sites)
+    chosen = []
+    for file, name, k in sites:
+        source = (ROOT / file).read_text()
+        mutated = mutate_code(source, plugins.get_operator(name)(), k)
+        if mutated is not None and _code(mutated) != _code(source):
+            chosen.append((file, name, k))
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _nodes(node: Any) -> Any:
+    yield node
+    for child in getattr(node, "children", ()):
+        yield from _nodes(child)
+
+
+def _code(source: str) -> str:
+    """Return the code without annotations, which change nothing."""
+    module = ast.parse(source)
+    for node in ast.walk(module):
+        if isinstance(node, ast.arg | ast.AnnAssign):
+            node.annotation = ast.Constant(0)
+        if isinstance(node, ast.FunctionDef):
+            node.returns = None
+    return ast.dump(module)
+
+
+def row_of(file: str, operator: str, occurrence: int, recordings: list[str]) -> dict[str, Any]:
+    """Return what became of one mutant: noticed, missed, or without effect."""
+    source = (ROOT / file).read_text()
+    mutated = mutate_code(source, plugins.get_operator(operator)(), occurrence)
+    assert mutated is not None
+    lines = zip(source.splitlines(), mutated.splitlines(), strict=True)
+    line = next(n for n, (old, new) in enumerate(lines, start=1) if old != new)
+    row = {"file": file, "line": line, "mutant": mutated.splitlines()[line - 1].strip()}
+    with tempfile.TemporaryDirectory() as name:
+        tree, kernels = Path(name) / "tree", Path(name) / "kernels"
+        copied = ("flatcloth", "tests", "benchmarks", "recordings", "static", "pyproject.toml", "app.py")
+        tree.mkdir()
+        subprocess.run(["cp", "-al", *copied, str(tree)], cwd=ROOT, check=True)
+        (tree / file).unlink()
+        (tree / file).write_text(mutated)
+        kernels.mkdir()
+        keep_kernels(kernels, stale_kernels(file), tree)
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(tree),
+            "NUMBA_CACHE_DIR": str(kernels),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
+        folder = f"tests/{file.split('/')[1]}"
+        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", folder]
+        try:
+            passed = _passes(words, tree, environment)
+        except subprocess.TimeoutExpired:
+            passed = False
+        if not passed:
+            return {**row, "found": "noticed"}
+        for recording in recordings:
+            words = [sys.executable, "-m", "benchmarks.constants"]
+            words.append(repr((None, 1.0, str(Path(recording).resolve()), package_of(file))))
+            try:
+                found = subprocess.run(
+                    words, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S
+                ).stdout
+            except subprocess.TimeoutExpired:
+                return {**row, "found": "missed"}
+            before = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+            if not found or json.loads(found)["digest"] != json.loads(before)["digest"]:
+                return {**row, "found": "missed"}
+    return {**row, "found": "without effect"}
+
+
+def _passes(words: list[str], tree: Path, environment: dict[str, str]) -> bool:
+    done = subprocess.run(words, cwd=tree, env=environment, capture_output=True, timeout=LIMIT_S)
+    return done.returncode == 0
