@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.tables import PAGES, TABLES, filled
 from flatcloth.cli import main
 from flatcloth.viewer.protocol.actions import ACTIONS
 
@@ -42,7 +43,21 @@ def test_the_key_table_is_that_of_the_page() -> None:
     assert found[1] == key_table(), f"paste this into docs/keys.md:\n{key_table()}"
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "recordings/README.md"])
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_tables_of_figures_are_those_of_the_results(path: Path) -> None:
+    text = path.read_text()
+    assert filled(text) == text, "write them: python -m benchmarks tables"
+
+
+def test_each_table_that_can_be_made_is_in_a_page() -> None:
+    shown = {name for path in PAGES for name in re.findall(r"<!-- table (\S+) -->", path.read_text())}
+    assert shown == set(TABLES)
+
+
+LINKED = ["README.md", "CONTRIBUTING.md", "recordings/README.md", *(f"docs/{p.name}" for p in PAGES[1:])]
+
+
+@pytest.mark.parametrize("page", LINKED)
 def test_links_to_files_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text()
     targets = [t for t in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in t]

@@ -1,0 +1,344 @@
+"""Write the tables of figures in README and docs from ``benchmarks/results``; a test compares them.
+
+In a page a table stands between ``<!-- table NAME -->`` and ``<!-- end of table -->``. Nothing is measured
+here.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.output import RESULTS, Options, say
+
+ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+BLOCK = re.compile(r"(<!-- table (\S+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+BUNDLED = ("shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435")
+CHANGES = {
+    "start": "start by the largest component",
+    "edges": "occluding edges over the whole view",
+    "new area": "choice of the component by new area",
+    "parts": "all sizeable components placed",
+    "Z-angle": "acceptance by coarse texture, height and Z-angle",
+    "place": "acceptance by the place",
+    "S_0": "S_0 by the item's size",
+    "start stands": "the initial estimate stands if the search is worse",
+    "estimate": "initial estimate from places",
+    "noise": "Z-angles averaged",
+    "search": "Z-angle in the search",
+    "necks": "necks cut",
+    "all but place": "all but acceptance and initial estimate by the place",
+    "all but necks": "all but the cut of necks",
+}
+"""What the variants of ``paper_steps`` are."""
+RIGHT_MM, WRONG_MM = 10.0, 20.0
+"""A placement of the paper's method is right within the first and wrong beyond the second distance."""
+
+
+def run(options: Options) -> None:
+    """Write the tables of all pages."""
+    for path in PAGES:
+        text = path.read_text()
+        written = filled(text)
+        if written != text:
+            path.write_text(written)
+            say(f"{path.relative_to(ROOT)} written")
+
+
+def filled(page: str) -> str:
+    """Return a page with its tables made from the results."""
+    return BLOCK.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n{found[3]}", page)
+
+
+def result(name: str) -> Any:
+    """Return the figures of ``results/NAME.json``."""
+    return json.loads((RESULTS / f"{name}.json").read_text())["figures"]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share in percent; 0 without digits if there is none at all."""
+    return f"{100 * share:.{digits}f} %" if share else "0"
+
+
+def origin(name: str) -> str:
+    """Return the commit, the day and the machine of a result."""
+    found = json.loads((RESULTS / f"{name}.json").read_text())["provenance"]
+    return (
+        f"(`benchmarks/results/{name}.json`: commit {found['commit']}, {found['date']}, {found['machine']})"
+    )
+
+
+# ------------------------------------------------- results of recordings
+
+
+def accuracy_of_bundled() -> str:
+    """Return the three bundled recordings, for the README."""
+    rows = {row["recording"]: row for row in result("accuracy")}
+    head = ("recording", "absolute error mm, median / 95 %", "of reliable pixels", "relative error mm, 95 %")
+    return table(
+        (*head, "reliable", "coverage", "beyond 20 mm", "views"),
+        [
+            (
+                name,
+                f"{row['absolute_median_mm']:.1f} / {row['absolute_p95_mm']:.1f}",
+                f"{row['firm_median_mm']:.1f} / {row['firm_p95_mm']:.1f}",
+                f"{row['relative_p95_mm']:.1f}",
+                percent(row["firm_share"]),
+                f"{row['coverage']:.2f}",
+                percent(row["absolute_far_share"], 1),
+                row["views"],
+            )
+            for name, row in ((name, rows[name]) for name in BUNDLED)
+        ],
+    )
+
+
+def accuracy() -> str:
+    """Return the accuracy of all recordings, the largest errors first."""
+    chains = {row["recording"]: row["coverage_of_chains"] for row in result("reach")}
+    rows = sorted(result("accuracy"), key=lambda row: -row["absolute_p95_mm"])
+    head = ("recording", "error mm, median / 95 %", "> 20 mm", "relative, 95 %", "wrong side", "coverage")
+    return table(
+        (*head, "of chains", "reliable", "their error mm", "> 20 mm", "within"),
+        [
+            (
+                row["recording"],
+                f"{row['absolute_median_mm']:.1f} / {row['absolute_p95_mm']:.1f}",
+                percent(row["absolute_far_share"], 1),
+                f"{row['relative_p95_mm']:.1f}",
+                percent(row["wrong_side_share"], 1),
+                f"{row['coverage']:.2f}",
+                f"{chains[row['recording']]:.2f}" if row["recording"] in chains else "",
+                percent(row["firm_share"]),
+                f"{row['firm_median_mm']:.1f} / {row['firm_p95_mm']:.1f}",
+                percent(row["firm_far_share"], 1),
+                percent(row["within_3_std_share"], 1),
+            )
+            for row in rows
+        ],
+    )
+
+
+def summary() -> str:
+    """Return medians and worst figures of all recordings, and where they come from."""
+    rows = result("accuracy")
+
+    def line(name: str, key: str, worst: Callable[[list[float]], float], digits: int, share: bool) -> Any:
+        values = [row[key] for row in rows if row[key] is not None]
+        shown = [
+            percent(v, digits) if share else f"{v:.{digits}f}" for v in (np.median(values), worst(values))
+        ]
+        return name, *shown
+
+    lines = [
+        line("coverage of the cloth that any view shows", "coverage", min, 2, False),
+        line("error, median, mm", "absolute_median_mm", max, 1, False),
+        line("error, 95 %, mm", "absolute_p95_mm", max, 1, False),
+        line("pixels beyond 20 mm", "absolute_far_share", max, 1, True),
+        line("reliable pixels", "firm_share", min, 0, True),
+        line("reliable pixels beyond 20 mm", "firm_far_share", max, 1, True),
+        line("within three deviations plus 1 mm", "within_3_std_share", min, 1, True),
+    ]
+    head = (f"of {len(rows)} recordings", "median", "worst")
+    return f"{table(head, lines)}\n\n{origin('accuracy')}"
+
+
+def speed() -> str:
+    """Return the times in units U."""
+    names = {
+        "frame_u": "flatten a frame, U",
+        "proposal_u": "a proposal, median, U",
+        "slowest_proposal_u": "the slowest proposal, U",
+        "views_14_u": "integrate 14 views, U",
+        "unattended_u": "integrate all views that add cloth, U",
+        "command_on_1_to_warm": "`flatcloth run` on one core, times the integration alone",
+        "command_on_2_to_warm": "the same on two cores",
+    }
+    rows = result("speed")
+    head = ("", *(f"{row['recording']} (U = {row['unit_ms']} ms)" for row in rows))
+    lines = [(name, *(row[key] for row in rows)) for key, name in names.items()]
+    return f"{table(head, lines)}\n\n{origin('speed')}"
+
+
+# ------------------------------------------------- garments
+
+
+def garments_page(section: str) -> str:
+    """Return the first table of a section of ``results/garments.md``."""
+    text = (RESULTS / "garments.md").read_text()
+    after = text.split(f"# {section}\n", 1)[1]
+    found = re.search(r"(?:^\|.*\n)+", after, flags=re.MULTILINE)
+    assert found is not None, f"garments.md has no table below {section!r}"
+    return found[0].rstrip()
+
+
+def garment_figures() -> str:
+    """Return what all recordings together give."""
+    s = result("garments")["summary"]
+    return table(
+        ("figure", "measured"),
+        [
+            ("kind right", f"{s['kind_right']:.0f} of {s['recordings']:.0f}"),
+            ("points seen", f"{s['seen_points']:.0f}: median {s['seen_median_mm']:.1f} mm, "
+             f"{percent(s['seen_within_35_mm'])} within 35 mm"),
+            ("points predicted", f"{s['unseen_points']:.0f}: median {s['unseen_median_mm']:.0f} mm"),
+            ("points within three of their deviations", percent(s["within_3_std"])),
+            ("dimensions", f"median {percent(s['dimensions_median'], 1)} off, "
+             f"{percent(s['dimensions_within_3_percent'])} within 3 %"),
+            ("pieces placed with certainty",
+             f"{s['pieces_placed']:.0f}: median {s['pieces_median_mm']:.0f} mm, "
+             f"worst {s['pieces_worst_mm']:.0f} mm"),
+        ],
+    )  # fmt: skip
+
+
+# ------------------------------------------------- the paper's method
+
+
+def paper_and_robust() -> str:
+    """Return the paper's method, its departures on, beside ``robust``."""
+    robust = {row["recording"]: row for row in result("accuracy")}
+    steps = {(row["variant"], row["recording"]): row for row in result("paper_steps")}
+    names = sorted({name for _, name in steps}, key=lambda name: steps["all", name]["coverage"])
+    head = ("recording", "before: coverage", "> 20 mm", "relative", "now: coverage", "> 20 mm", "relative")
+    rows = []
+    for name in names:
+        cells: list[str] = [name]
+        for row in (steps["before", name], steps["all", name]):
+            cells += [f"{row['coverage']:.2f}", percent(row["far_share"]), f"{row['relative_p95_mm']:.0f}"]
+        row = robust[name]
+        cells += [
+            f"{row['coverage']:.2f}",
+            percent(row["absolute_far_share"]),
+            f"{row['relative_p95_mm']:.0f}",
+        ]
+        rows.append(cells)
+    return table((*head, "robust: coverage", "> 20 mm", "relative"), rows)
+
+
+def paper_steps() -> str:
+    """Return each change of the paper's method alone."""
+    rows = result("paper_steps")
+    variants = list(dict.fromkeys(row["variant"] for row in rows))
+    recordings = list(dict.fromkeys(row["recording"] for row in rows))
+    of = {(row["variant"], row["recording"]): row for row in rows}
+    lines = []
+    for variant in variants:
+        own = [of[variant, name] for name in recordings]
+        far, relative = [row["far_share"] for row in own], [row["relative_p95_mm"] for row in own]
+        lines.append(
+            (
+                CHANGES.get(variant, variant),
+                f"{np.mean([row['coverage'] for row in own]):.2f}",
+                f"{100 * np.median(far):.0f}, {percent(max(far))}",
+                f"{np.median(relative):.0f}, {max(relative):.0f}",
+                *(f"{row['coverage']:.2f}, {percent(row['far_share'])}" for row in own),
+            )
+        )
+    head = ("change alone", "mean coverage", "> 20 mm, median, most", "relative, median, most")
+    return table((*head, *recordings), lines)
+
+
+def paper_candidates() -> str:
+    """Return how far each agreement tells right placements from wrong ones."""
+    placements = [p for row in result("paper_candidates") for p in row["placements"]]
+    groups = {}
+    for noise in ("clean", "d435"):
+        own = [p for p in placements if p["recording"].endswith(noise) and p["off_mm"] is not None]
+        groups[f"right, {noise}"] = [p for p in own if p["off_mm"] <= RIGHT_MM]
+        groups[f"wrong, {noise}"] = [p for p in own if p["off_mm"] > WRONG_MM]
+    lines = []
+    for name in ("place", "intensity", "height", "z_angle"):
+        values = [[p[f"{name}_agreement"] for p in group] for group in groups.values()]
+        ranges = [", ".join(f"{v:.2f}" for v in np.percentile(own, (5, 50, 95))) for own in values]
+        lines.append((name.replace("_", "-"), *ranges))
+    return table(("agreement", *(f"{len(group)} {name}" for name, group in groups.items())), lines)
+
+
+# ------------------------------------------------- recordings without masks
+
+
+def segmentation() -> str:
+    """Return wrong and found shares after strokes, the largest wrong share after six first."""
+    rows = sorted(result("segmentation")["rows"], key=lambda row: -row["strokes"][6]["wrong"])
+
+    def cell(found: dict[str, float]) -> str:
+        return f"{100 * found['wrong']:.1f} / {100 * found['recall']:.1f}"
+
+    return table(
+        ("recording", "no stroke: wrong / found, %", "mean certainty", "1 stroke", "2 strokes", "6 strokes"),
+        [
+            (
+                row["recording"],
+                cell(row["unaided"]),
+                f"{row['certainty_unaided']:.2f}",
+                *(cell(row["strokes"][count]) for count in (1, 2, 6)),
+            )
+            for row in rows
+        ],
+    )
+
+
+def strokes() -> str:
+    """Return the times of first labels and strokes."""
+    rows = sorted(result("strokes"), key=lambda row: -row["first_labels_s"])
+
+    def times(found: Sequence[float]) -> str:
+        return ", ".join(f"{ms:.0f}" for ms in found)
+
+    return table(
+        ("recording", "first labels, s", "a stroke, ms: median, most", "with all small pictures"),
+        [
+            (row["recording"], f"{row['first_labels_s']:.1f}", times(row["labels_ms"]),
+             times(row["all_small_pictures_ms"]))
+            for row in rows
+        ],
+    )  # fmt: skip
+
+
+def segmented() -> str:
+    """Return shapes from found masks beside those from the recording's own."""
+
+    def cell(found: dict[str, Any]) -> str:
+        return f"{percent(found['coverage'], 1)}, {found['absolute_median_mm']:.2f} mm"
+
+    return table(
+        ("recording", "its masks", "2 strokes", "6 strokes"),
+        [
+            (row["recording"], cell(row["masks"]), *(cell(row["strokes"][n]) for n in ("2", "6")))
+            for row in result("segmented")
+        ],
+    )
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "bundled": accuracy_of_bundled,
+    "accuracy": accuracy,
+    "summary": summary,
+    "speed": speed,
+    "garments": lambda: garments_page("Garments"),
+    "garment-figures": garment_figures,
+    "garment-probabilities": lambda: garments_page("Reliability of the probability of the answer"),
+    "garment-limits": lambda: garments_page("Leave one garment out: the misfit limit"),
+    "garment-links": lambda: garments_page("Links of the shapes that no garment fits"),
+    "garment-links-unknown": lambda: garments_page("The same if the garment is of a kind that is not known"),
+    "garment-unknown": lambda: garments_page("Shapes of no known kind"),
+    "paper-and-robust": paper_and_robust,
+    "paper-steps": paper_steps,
+    "paper-candidates": paper_candidates,
+    "segmentation": segmentation,
+    "strokes": strokes,
+    "segmented": segmented,
+}
