@@ -80,12 +80,16 @@ def constants_of(path: Path) -> list[Constant]:
     """
     source = path.read_text()
     file = str(path.relative_to(ROOT))
-    return [*_assigned(ast.parse(source), source, file), *_inline(ast.parse(source), file)]
+    return [*_assigned(ast.parse(source), source, file), *_inline(ast.parse(source), source, file)]
 
 
 def _assigned(module: ast.Module, source: str, file: str) -> Iterator[Constant]:
     lines = source.splitlines()
-    classes = [node for node in module.body if isinstance(node, ast.ClassDef)]
+    classes = [
+        node
+        for node in module.body
+        if isinstance(node, ast.ClassDef) and "Enum" not in "".join(map(ast.unparse, node.bases))
+    ]
     for owner, body in [("", module.body), *((f"{c.name}.", c.body) for c in classes)]:
         for statement, following in zip(body, [*body[1:], ast.Pass()], strict=True):
             if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
@@ -100,7 +104,7 @@ def _assigned(module: ast.Module, source: str, file: str) -> Iterator[Constant]:
                 continue
             told = getattr(following.value, "value", None) if isinstance(following, ast.Expr) else None
             comment = lines[(statement.end_lineno or statement.lineno) - 1].partition("#")[2]
-            text = told if isinstance(told, str) else comment
+            text = " ".join((told if isinstance(told, str) else comment).split())
             if "y definition" in text:
                 continue
             values = statement.value.elts if isinstance(statement.value, ast.Tuple) else []
@@ -108,11 +112,11 @@ def _assigned(module: ast.Module, source: str, file: str) -> Iterator[Constant]:
             for k, name in enumerate(names if apart else names[:1]):
                 own = [n for n in ast.walk(values[k]) if n in numbers] if apart else numbers
                 if own and (not owner or any(n.value not in (0, 1) for n in own)):
-                    yield _constant(file, owner + name, own, " ".join(text.split()), is_inline=False)
+                    yield _constant(file, owner + name, own, text, is_inline=False)
 
 
-def _inline(module: ast.Module, file: str) -> Iterator[Constant]:
-    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+def _inline(module: ast.Module, source: str, file: str) -> Iterator[Constant]:
+    lines, functions = source.splitlines(), (ast.FunctionDef, ast.AsyncFunctionDef)
     seen: set[tuple[int, int]] = set()
     for function in (node for node in ast.walk(module) if isinstance(node, functions)):
         calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
@@ -123,7 +127,8 @@ def _inline(module: ast.Module, file: str) -> Iterator[Constant]:
             seen.add(_place(node))
             size = abs(node.value)
             if size not in FORMULA and NO_ROUNDING[0] < size < NO_ROUNDING[1]:
-                yield _constant(file, f"{function.name}()", [node], "", is_inline=True)
+                comment = lines[node.lineno - 1].partition("#")[2].strip()
+                yield _constant(file, f"{function.name}()", [node], comment, is_inline=True)
 
 
 def _is_number(node: ast.AST) -> bool:
