@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
-from benchmarks.unattended import sources, unattended
+from benchmarks.unattended import unattended
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import Document

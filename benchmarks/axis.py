@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options
-from benchmarks.unattended import Remembered, sources
 from flatcloth.core.config import RobustConfig
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2

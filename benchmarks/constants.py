@@ -14,23 +14,25 @@ import hashlib
 import importlib.abc
 import importlib.machinery
 import json
-import os
+import multiprocessing
 import re
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from numba.core.caching import _CacheLocator
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, save, save_page, say
-from benchmarks.unattended import sources
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import read_truth
 
 ROOT = Path(__file__).parents[1]
 NUMERICS = ("methods", "flattening", "segmentation", "garments", "registration")
@@ -193,57 +195,81 @@ class _Variant(importlib.abc.MetaPathFinder, importlib.machinery.SourceFileLoade
         super().exec_module(module)
 
 
-def figures_of_variant(source: str, package: str) -> dict[str, Any]:
-    """Integrate one recording in this process; return its figures and a digest of all that was computed."""
-    from benchmarks import accuracy, segmented, unattended
-    from flatcloth.recordings import open_recording
-    from flatcloth.recordings.truth import read_truth
+class Read:
+    """A recording and its truth, read once: processes that are forked off share them.
 
-    truth = unattended.Remembered(read_truth(source))
-    recording: Any = unattended.Remembered(open_recording(source))
-    began_s = time.process_time()
-    if package == "segmentation":
-        recording = segmented.after_one_stroke(recording, truth)
-    integration, document = unattended.integrated(recording, "paper" if package == "paper" else "robust")
-    view = integration.canonical(document).view
-    seconds = time.process_time() - began_s
-    figures = accuracy.figures_of(integration, document, truth)
-    digest = hashlib.sha256()
-    for array in (view.xyz_m, view.valid, view.placement_std_m):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    digest.update(repr(document.garment).encode())
-    return {**figures, "seconds": round(seconds, 2), "digest": digest.hexdigest()[:16]}
+    Reading needs nothing of the numerics, which each process imports for itself, as its variant has them.
+    """
 
+    def __init__(self, source: str) -> None:
+        self.name = Path(source).name
+        self.recording, self.truth = Remembered(open_recording(source)), Remembered(read_truth(source))
+        for view in range(len(self.recording)):
+            self.recording[view], self.truth[view]
 
-def measured(constant: Constant | None, factor: float, source: str, package: str) -> dict[str, Any]:
-    """Return the figures of a variant, computed in a process of its own."""
-    where = None if constant is None else (constant.file, constant.literals)
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-        if constant is not None and (stale := stale_kernels(constant.file)):
-            keep_kernels(Path(folder), stale)
-            environment["NUMBA_CACHE_DIR"] = folder
-        command = [sys.executable, "-m", "benchmarks.constants", repr((where, factor, source, package))]
+    def figures(self, package: str) -> dict[str, Any]:
+        """Integrate; return the figures and a digest of all that was computed."""
+        from benchmarks import accuracy, segmented, unattended
+
+        began_s = time.process_time()
+        recording: Any = self.recording
+        if package == "segmentation":
+            recording = segmented.after_one_stroke(recording, self.truth)
+        integration, document = unattended.integrated(recording, "paper" if package == "paper" else "robust")
+        view = integration.canonical(document).view
+        seconds = time.process_time() - began_s
+        figures = accuracy.figures_of(integration, document, self.truth)
+        digest = hashlib.sha256(repr(document.garment).encode())
+        for array in (view.xyz_m, view.valid, view.placement_std_m):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return {**figures, "seconds": round(seconds, 2), "digest": digest.hexdigest()[:16]}
+
+    def measured(self, package: str, constant: Constant | None = None, factor: float = 1.0) -> dict[str, Any]:
+        """Return the figures of a variant, or its error, from a process that is forked off."""
+        here, there = multiprocessing.Pipe(duplex=False)
+        child = multiprocessing.get_context("fork").Process(
+            target=self._work, args=(there, package, constant, factor)
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            if constant is not None and (stale := stale_kernels(constant)):
+                keep_kernels(Path(folder), stale)
+                numba.config.CACHE_DIR = folder
+            child.start()
+            there.close()
+            numba.config.CACHE_DIR = ""
+            found: dict[str, Any] = {"error": f"no result after {LIMIT_S} s"}
+            if here.poll(LIMIT_S):
+                try:
+                    found = here.recv()
+                except EOFError:
+                    found = {"error": "the process died"}
+            child.kill()
+            child.join()
+        return {"recording": self.name, **found}
+
+    def _work(self, there: Any, package: str, constant: Constant | None, factor: float) -> None:
+        if constant is not None:
+            sys.meta_path.insert(0, _Variant(constant.file, constant.literals, factor))
         try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=LIMIT_S
-            )
-        except subprocess.TimeoutExpired:
-            return {"recording": Path(source).name, "error": f"no result after {LIMIT_S} s"}
-    if done.returncode:
-        return {"recording": Path(source).name, "error": done.stderr.strip().splitlines()[-1][:200]}
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+            there.send(self.figures(package))
+        except Exception as error:  # noqa: BLE001
+            there.send({"error": f"{type(error).__name__}: {error}"[:200]})
 
 
 @functools.cache
-def stale_kernels(file: str) -> frozenset[Path]:
-    """Return the modules with compiled functions that a change of a module's numbers makes stale.
+def stale_kernels(constant: Constant) -> frozenset[Path]:
+    """Return the modules whose compiled functions a change of a constant makes stale; none if none uses it.
 
     These are the module and those that import it, directly or not: numba compiles constants, and functions of
     other modules, into what it keeps on disk.
     """
-    sources = {path: path.read_text() for path in (ROOT / "flatcloth").rglob("*.py")}
+    return importers(constant.file) if _is_compiled(constant) else frozenset()
+
+
+@functools.cache
+def importers(file: str) -> frozenset[Path]:
+    """Return the module and those with compiled functions that import it, directly or not."""
+    sources = _sources()
     found, new = set[Path](), {ROOT / file}
     while new:
         found |= new
@@ -251,6 +277,35 @@ def stale_kernels(file: str) -> frozenset[Path]:
         imported = re.compile("|".join(f"^from {re.escape(name)} import" for name in names), re.MULTILINE)
         new = {path for path, text in sources.items() if "njit" in text and imported.search(text)} - found
     return frozenset(path for path in found if "njit" in sources[path])
+
+
+@functools.cache
+def _sources() -> dict[Path, str]:
+    return {path: path.read_text() for path in (ROOT / "flatcloth").rglob("*.py")}
+
+
+def _is_compiled(constant: Constant) -> bool:
+    """Return whether a compiled function uses the constant, or another that is made from it."""
+    for path in importers(constant.file):
+        module = ast.parse(_sources()[path])
+        names = {constant.name}
+        for node in module.body:
+            if isinstance(node, ast.Assign) and names & {
+                n.id for n in ast.walk(node) if isinstance(n, ast.Name)
+            }:
+                names |= {n.id for t in node.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+        for node in ast.walk(module):
+            if isinstance(node, ast.FunctionDef) and "njit" in "".join(map(ast.unparse, node.decorator_list)):
+                if constant.is_inline and path == ROOT / constant.file:
+                    if any(_is_number(n) and _place(n) in constant.literals for n in ast.walk(node)):
+                        return True
+                elif names & _names(node):
+                    return True
+    return False
+
+
+def _names(*nodes: ast.AST) -> set[str]:
+    return {n.id for node in nodes for n in ast.walk(node) if isinstance(n, ast.Name)}
 
 
 def keep_kernels(folder: Path, stale: frozenset[Path], tree: Path = ROOT) -> None:
@@ -266,43 +321,47 @@ def keep_kernels(folder: Path, stale: frozenset[Path], tree: Path = ROOT) -> Non
 
 def run(options: Options) -> None:
     """Measure, print, and write ``results/constants.json`` and ``.md`` unless ``quick``."""
-    recordings = sources(options.recordings)
     kept = Path(options.keep) if options.keep else Path(tempfile.mkdtemp(prefix="constants-"))
     kept.mkdir(parents=True, exist_ok=True)
-    bases: dict[str, list[dict[str, Any]]] = {}
-    rows = []
-    for constant in all_constants():
-        package = package_of(constant.file)
-        if package not in bases:
-            file = kept / f"as-it-is--{package}.json"
-            bases[package] = _kept(file, lambda p=package: [measured(None, 1.0, r, p) for r in recordings])
-        file = kept / f"{constant.key}.json"
-        found = _kept(file, lambda c=constant, p=package: variants(c, p, recordings, bases[p]))
-        rows.append(row_of(constant, found, bases[package]))
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items() if key != "text"))
+    constants, rows = all_constants(), []
+    for source in sources(options.recordings):
+        study(constants, Read(source), kept)
+    for constant in constants:
+        found, base = measured_before(constant, kept)
+        if found["2.0"]:
+            rows.append(row_of(constant, found, base))
     if not options.quick:
         rows.sort(key=lambda row: (row["package"], -row["sensitivity"]))
-        save("constants", rows, recordings)
-        save_page("constants", page(rows), recordings)
+        save("constants", rows, sources(options.recordings))
+        save_page("constants", page(rows), sources(options.recordings))
 
 
-def variants(
-    constant: Constant, package: str, recordings: Sequence[str], base: Sequence[dict[str, Any]]
-) -> dict[str, list[dict[str, Any]]]:
-    """Return the figures of each factor, of as many recordings as it takes to see an effect."""
-    found: dict[str, list[dict[str, Any]]] = {str(factor): [] for factor in FACTORS}
-    for source in recordings:
-        for factor in FACTORS:
-            found[str(factor)].append(measured(constant, factor, source, package))
+def study(constants: Sequence[Constant], read: Read, kept: Path) -> None:
+    """Measure one recording for each constant that no other recording has shown an effect of."""
+    for constant in constants:
+        package = package_of(constant.file)
+        file = kept / f"as-it-is--{package}.json"
+        base = json.loads(file.read_text()) if file.exists() else []
+        if read.name not in [figures["recording"] for figures in base]:
+            base.append(read.measured(package))
+            file.write_text(json.dumps(base))
+        found, base = measured_before(constant, kept)
+        if read.name in [figures["recording"] for figures in found["2.0"]]:
+            continue
         if row_of(constant, found, base)["changes"] == "the result":
-            break
-    return found
+            continue
+        for factor in FACTORS:
+            found[str(factor)].append(read.measured(package, constant, factor))
+        (kept / f"{constant.key}.json").write_text(json.dumps(found))
+        row = row_of(constant, found, base)
+        say("   ".join(f"{key} {value}" for key, value in row.items()))
 
 
-def _kept(file: Path, make: Callable[[], Any]) -> Any:
-    if not file.exists():
-        file.write_text(json.dumps(make()))
-    return json.loads(file.read_text())
+def measured_before(constant: Constant, kept: Path) -> tuple[dict[str, list[dict[str, Any]]], list[Any]]:
+    """Return what is kept of a constant, by factor, and the figures of the recordings as they are."""
+    file = kept / f"{constant.key}.json"
+    found = json.loads(file.read_text()) if file.exists() else {str(factor): [] for factor in FACTORS}
+    return found, json.loads((kept / f"as-it-is--{package_of(constant.file)}.json").read_text())
 
 
 def package_of(file: str) -> str:
@@ -326,7 +385,7 @@ def row_of(constant: Constant, found: dict[str, list[dict[str, Any]]], base: lis
                 if abs(difference) > abs(worst.get(key, 0.0)) and abs(difference) >= least:
                     worst[key] = round(difference, 4)
             ratio = own["seconds"] / before["seconds"]
-            if ratio > 1.0 + TIME_NOISE and not stale_kernels(constant.file):  # else they were compiled
+            if ratio > 1.0 + TIME_NOISE and not stale_kernels(constant):  # else they were compiled
                 worst["time"] = round(max(ratio, worst.get("time", 0.0)), 2)
         sensitivity = max(sensitivity, *(abs(v) / COMPARED.get(k, 1.0) for k, v in worst.items()), 0.0)
         effects.append("; ".join(f"{k} {v:+g}" for k, v in worst.items()))
@@ -361,14 +420,3 @@ last digits": all are smaller than {COMPARED}.
 |---|---|---|---|---|---|
 {lines}
 """
-
-
-def _main() -> None:
-    where, factor, source, package = ast.literal_eval(sys.argv[1])
-    if where is not None:
-        sys.meta_path.insert(0, _Variant(*where, factor))
-    print(json.dumps(figures_of_variant(source, package)))
-
-
-if __name__ == "__main__":
-    _main()

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
 from benchmarks.problems import signed_areas
-from benchmarks.unattended import sources, unattended
+from benchmarks.unattended import unattended
 from flatcloth.core.geometry import camera_from_held, project, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, Int64
 from flatcloth.engine.evaluation import compare

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, save, save_page, say
-from benchmarks.unattended import sources, unattended
+from benchmarks.unattended import unattended
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import look_up, trimmed_fit

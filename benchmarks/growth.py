@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.inputs import sources
 from benchmarks.output import RESULTS, Options, recordings_of, save, say
-from benchmarks.unattended import sources, unattended
+from benchmarks.unattended import unattended
 from flatcloth.engine.evaluation import compare
 
 KEPT = ("coverage", "relative_median_mm", "relative_p95_mm", "absolute_median_mm", "absolute_p95_mm")

@@ -24,9 +24,9 @@ from cosmic_ray import plugins
 from cosmic_ray.ast import get_ast
 from cosmic_ray.mutating import mutate_code
 
-from benchmarks.constants import NUMERICS, ROOT, keep_kernels, package_of, stale_kernels
+from benchmarks.constants import NUMERICS, ROOT, importers, keep_kernels, package_of
+from benchmarks.inputs import sources
 from benchmarks.output import Options, save, say
-from benchmarks.unattended import sources
 
 SEED, COUNT, QUICK_COUNT = 29, 300, 20
 LIMIT_S = 900
@@ -38,6 +38,12 @@ OPERATORS = re.compile(
     r"|ReplaceUnaryOperator_(USub_UAdd|Invert_.*|Delete_(USub|Invert|Not)))$"
 )
 """Of Cosmic Ray's operators those that a slip of the pen could be."""
+
+INTEGRATED = """
+import json, sys
+from benchmarks.constants import Read
+print(json.dumps(Read(sys.argv[1]).figures(sys.argv[2])))
+"""
 
 
 def run(options: Options) -> None:
@@ -116,7 +122,7 @@ def row_of(file: str, operator: str, occurrence: int, recordings: list[str]) -> 
         (tree / file).unlink()
         (tree / file).write_text(mutated)
         kernels.mkdir()
-        keep_kernels(kernels, stale_kernels(file), tree)
+        keep_kernels(kernels, importers(file), tree)
         environment = {
             **os.environ,
             "PYTHONPATH": str(tree),
@@ -132,8 +138,7 @@ def row_of(file: str, operator: str, occurrence: int, recordings: list[str]) -> 
         if not passed:
             return {**row, "found": "noticed"}
         for recording in recordings:
-            words = [sys.executable, "-m", "benchmarks.constants"]
-            words.append(repr((None, 1.0, str(Path(recording).resolve()), package_of(file))))
+            words = [sys.executable, "-c", INTEGRATED, str(Path(recording).resolve()), package_of(file)]
             try:
                 found = subprocess.run(
                     words, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S

@@ -15,8 +15,8 @@ from unittest import mock
 import cv2
 import numpy as np
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, save
-from benchmarks.unattended import Remembered, sources
 from flatcloth.core.config import AlignmentConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2

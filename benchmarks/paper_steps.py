@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, save
-from benchmarks.unattended import Remembered, sources
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import compare

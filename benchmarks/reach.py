@@ -14,8 +14,9 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources, unattended
+from benchmarks.unattended import unattended
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells

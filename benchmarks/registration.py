@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, held_from_camera, project
 from flatcloth.core.types import Float64, RotationAxis

@@ -29,8 +29,8 @@ from benchmarks.confidence import (
     placements_of,
     watched,
 )
+from benchmarks.inputs import sources
 from benchmarks.output import RESULTS, Options, save, save_page, say
-from benchmarks.unattended import sources
 from flatcloth.core.types import Float64
 from flatcloth.engine.evaluation import compare
 from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, confidence_of

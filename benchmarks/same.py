@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, say
-from benchmarks.unattended import sources
 
 NOT_RESULTS = {"seconds", "created", "written", "version", "versions", "date"}
 """Keys of JSON files that differ between runs of the same commit."""

@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.first_strokes import FirstStroke, first_stroke
 from benchmarks.first_strokes import told as told_of_first
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources
 from flatcloth.core.config import Config
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64

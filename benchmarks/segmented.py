@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.segmentation import STROKES, scored, seen_truth, stroke_at_largest_error
-from benchmarks.unattended import Remembered, integrated, sources
+from benchmarks.unattended import integrated
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Decision

@@ -22,8 +22,8 @@ import numpy as np
 from scipy.sparse import csc_matrix, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
+from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import sources
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration

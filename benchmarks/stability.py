@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy import figures_of
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, say
-from benchmarks.unattended import Remembered, integrated, sources
+from benchmarks.unattended import integrated
 from flatcloth.core.types import RgbdFrame
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.segmentation import seen_truth, stroke_at_largest_error
-from benchmarks.unattended import Remembered, sources
 from flatcloth.core.strokes import Decision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
