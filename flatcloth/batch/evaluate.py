@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import Any
 
+from flatcloth.api.integrating import integrate
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.garment.truth import compare_garment, read_true_points
-from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import Integration
-from flatcloth.engine.segmenting import prepare
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import MemorySession, SessionState
 
 
 def evaluate_one(
@@ -41,32 +37,25 @@ def evaluate_one(
     FlatclothError
         If it cannot be read or integrated, has no truth, or the picture cannot be written.
     """
-    integration = Integration(open_recording(source), method=method, segmenter=prepare)
-    recording = integration.recording
+    recording = open_recording(source)
     truth = read_truth(recording.location)
-    started = time.perf_counter()
-    session = MemorySession(SessionState(len(recording)))
-    integration.canonical(Run(integration, session).finish(progress).document)
-    seconds = time.perf_counter() - started
-    known = place_sure_pieces(GarmentService(integration), session)  # as ``run`` does
-    document = session.state.document
-    view = integration.canonical(document).view
-    comparison = compare(view, truth, recording)
+    shape = integrate(recording, method=method, progress=progress, cores=1)
+    comparison = compare(shape.view, truth, recording)
     if pictures is not None:
         _write_picture(pictures, recording.name, comparison)
     return {
         "recording": recording.name,
         "method": method,
         **dataclasses.asdict(comparison.evaluation),
-        "views": sorted(document.used_views),
-        "seconds": round(seconds, 2),
-        **_garment(integration, known, truth),
+        "views": list(shape.views),
+        "seconds": round(shape.seconds["integrating"], 2),
+        **_garment(shape.data.garment, recording, truth),
     }
 
 
-def _garment(integration: Integration, known: KnownGarment | str, truth: Truth) -> dict[str, Any]:
+def _garment(known: KnownGarment | str, recording: Recording, truth: Truth) -> dict[str, Any]:
     """Return the garment compared with ``truth/points.json``; nothing where there is none."""
-    points = read_true_points(Path(integration.recording.location))
+    points = read_true_points(Path(recording.location))
     if points is None:
         return {}
     if isinstance(known, str):

@@ -13,7 +13,7 @@ import platform
 import socket
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,10 @@ from typing import Any
 import cv2
 
 from flatcloth import __version__
+from flatcloth.api.integrating import integrate
+from flatcloth.api.shape import Shape
 from flatcloth.batch.evaluate import evaluate_one
 from flatcloth.batch.garments import garment_columns
-from flatcloth.batch.integrate import Integrated, Stages, integrate
 from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, LASTING, MEMORY, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
@@ -32,8 +33,7 @@ from flatcloth.core.plain_files import read_plain
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.segmenting import prepare
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
 
 ERROR_FILE = "error.txt"
 SUPERSEDED = ".superseded"
@@ -58,7 +58,7 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     started, cpu_started = time.perf_counter(), time.process_time()
     _reset_peak_memory()
-    stages = Stages()
+    stages = _Stages()
     row: dict[str, Any] = {
         "name": task.name,
         "source": task.source,
@@ -98,34 +98,54 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
     return {**row, "again": True, "spent": spent}
 
 
-def _integrated(task: Task, folder: Path, stages: Stages, progress: Progress) -> dict[str, Any]:
+def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -> dict[str, Any]:
     with stages.stage("opening"):
-        integration = Integration(
-            open_recording(task.source, task.options), method=task.method, segmenter=prepare
-        )
-        integration.source_options = task.options.again().to_dict()
-    done = _patiently(integration, folder, stages, progress)
+        recording = open_recording(task.source, task.options)
+    shape = _patiently(recording, task.method, folder, progress)
+    for name, seconds in shape.seconds.items():
+        stages.add(name, seconds)
+    progress(1.0, "writing")
+    with stages.stage("writing"):
+        shape.write(folder)
     progress(1.0, "measuring")
     with stages.stage("measuring"):
-        coverage = coverage_estimate(integration, done.canonical)
-        write_thumbnail(done.canonical.view, folder)
+        coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
+        write_thumbnail(shape.view, folder)
     return {
-        **_told(done.outcome, integration),
+        **_told(shape.report, shape.data.integration),
         "coverage_estimate": round(coverage, 4),
         **garment_columns(folder),
     }
 
 
-def _patiently(integration: Integration, folder: Path, stages: Stages, progress: Progress) -> Integrated:
+def _patiently(recording: Recording, method: str, folder: Path, progress: Progress) -> Shape:
     """Integrate; wait for a session that another process is about to close."""
     until = time.monotonic() + _LOCK_WAIT_S
     while True:
         try:
-            return integrate(integration, folder, progress=progress, stages=stages)
+            return integrate(recording, method=method, session=folder, progress=progress, cores=1)
         except JournalError as error:
             if "is open in another" not in str(error) or time.monotonic() > until:
                 raise
             time.sleep(0.2)
+
+
+class _Stages:
+    """Seconds of wall time by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def add(self, name: str, seconds: float) -> None:
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, time.perf_counter() - started)
 
 
 def _told(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:

@@ -126,13 +126,10 @@ def integration_of(
     source: str, method: str | None, options: SourceOptions | None = None, config: Config | None = None
 ) -> Integration:
     """Open a recording for integration; the heavy modules load here, not for ``--help``."""
-    from flatcloth.engine.integration import Integration
-    from flatcloth.engine.segmenting import prepare
+    from flatcloth.api import integrating
     from flatcloth.recordings import open_recording
 
-    made = Integration(open_recording(source, options), config, method, segmenter=prepare)
-    made.source_options = {} if options is None else options.again().to_dict()
-    return made
+    return integrating.integration_of(open_recording(source, options), method, config)
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:

@@ -72,9 +72,7 @@ def _opened(
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:
         return None
-    folder = SessionFolder.open(
-        path, integration.recording, integration.config, options.method, integration.source_options
-    )
+    folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
         settle_axis(folder.folder, integration)
         compile_beside()

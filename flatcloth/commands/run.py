@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
 from flatcloth.commands.common import (
     ProgressBar,
     add_method,
     add_source,
-    integration_of,
     loading,
     source_options_of,
 )
@@ -38,23 +36,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     with loading():
-        from flatcloth.batch.integrate import integrate
-        from flatcloth.engine.outcome import told
-        from flatcloth.export.garment import told as garment_told
-        from flatcloth.session.header import kept_config
+        from flatcloth.api.integrating import integrate
+        from flatcloth.recordings import open_recording
 
-    base_from_camera, decisions = hand_eye_of(options), strokes_of(options)
-    kept = kept_config(options.out, options.method)
-    integration = integration_of(options.source, options.method, source_options_of(options), kept)
-    with ProgressBar(integration.recording.name) as bar:
-        done = integrate(
-            integration,
-            options.out,
-            base_from_camera=base_from_camera,
-            strokes=decisions,
-            progress=bar.show,
-            cores=len(os.sched_getaffinity(0)),
+    base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
+    recording = open_recording(options.source, source_options_of(options))
+    with ProgressBar(recording.name) as bar:
+        shape = integrate(
+            recording, method=options.method, session=options.out, strokes=strokes, progress=bar.show
         )
-    for line in (*told(done.outcome), *garment_told(done.garment)):
-        print(line)
-    print(f"Written to {options.out}: {', '.join(f.name for f in done.files)}")
+        bar.show(1.0, "writing")
+        files = shape.write(options.out, base_from_camera=base_from_camera)
+    print(shape)
+    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -20,6 +21,7 @@ from flatcloth.session.machine import (
     Reject,
     SessionState,
     Start,
+    Started,
     apply,
 )
 
@@ -58,8 +60,11 @@ def accept_by_score(integration: Integration, state: SessionState) -> Accept | R
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decision:
-    """A decision about a proposal: its view, the verdict, its score, and the reason of a rejection."""
+class ViewDecision:
+    """A decision about a view.
+
+    ``score`` is that of its placement, NaN of the start view; ``reason`` that of a rejection.
+    """
 
     view_index: int
     accepted: bool
@@ -83,10 +88,12 @@ class Run:
         Use no more views than are proposed to an operator.
     watch : callable
         Called with every command and answer after it was recorded, in order.
+    on_view : callable
+        Called after the start view and after each decision about a proposed view.
 
     Attributes
     ----------
-    decisions : list of Decision
+    decisions : list of ViewDecision
         The decisions of this run, in order.
     """
 
@@ -94,7 +101,8 @@ class Run:
     session: Keeper
     policy: Policy = accept_by_score
     watch: Callable[[Command | Event], None] = field(default=lambda _: None)
-    decisions: list[Decision] = field(default_factory=list)
+    on_view: Callable[[ViewDecision], None] = field(default=lambda _: None)
+    decisions: list[ViewDecision] = field(default_factory=list)
     is_limited: bool = False
 
     @property
@@ -102,8 +110,10 @@ class Run:
         """The present state of the session."""
         return self.session.state
 
-    def finish(self, progress: Progress = no_progress) -> SessionState:
+    def finish(self, progress: Progress = no_progress, cores: int = 1) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
+
+        With more than one of the ``cores``, likely views are flattened ahead; the result is the same.
 
         Raises
         ------
@@ -112,6 +122,16 @@ class Run:
         """
         self.integration.algorithm.is_unattended = not self.is_limited
         self.integration.keep_frames()
+        self.integration.flattens_ahead = cores > 1
+        if cores > 1:
+            self.integration.segment(self.state.document.strokes, progress)
+            self.integration.begin_beside()
+        try:
+            return self._finish(progress)
+        finally:
+            self.integration.end_beside()
+
+    def _finish(self, progress: Progress) -> SessionState:
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:
@@ -125,15 +145,22 @@ class Run:
         return self.state
 
     def _do(self, command: Command | Event) -> None:
-        pending = self.state.document.pending
+        decision, pending = None, self.state.document.pending
         if pending is not None and isinstance(command, Accept | Reject):
-            accepted = isinstance(command, Accept)
             reason = command.reason if isinstance(command, Reject) else ""
-            self.decisions.append(
-                Decision(view_index=pending.view_index, accepted=accepted, score=pending.score, reason=reason)
+            decision = ViewDecision(
+                view_index=pending.view_index,
+                accepted=isinstance(command, Accept),
+                score=pending.score,
+                reason=reason,
             )
+            self.decisions.append(decision)
+        elif isinstance(command, Started):
+            decision = ViewDecision(view_index=command.view_index, accepted=True, score=math.nan)
         self.session.record(command)
         self.watch(command)
+        if decision is not None:
+            self.on_view(decision)
 
     def _ask(self, command: Start | Propose, progress: Progress) -> None:
         self._do(command)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -115,8 +115,6 @@ class Integration(RecordedViews):
         The method, made for this recording, axis and masks.
     notes : tuple of str
         Remarks on this recording for the operator.
-    source_options : mapping
-        What the recording was opened with, for the header of a session (``SourceOptions.to_dict``).
 
     Raises
     ------
@@ -134,7 +132,6 @@ class Integration(RecordedViews):
         method: str | None = None,
         segmenter: Segmenter | None = None,
     ) -> None:
-        self.source_options: dict[str, Any] = {}
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
         self.method = entry.name

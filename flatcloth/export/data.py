@@ -24,7 +24,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.engine.sheet import floating_file
-from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, pixel_of_point, quaternion_wxyz
+from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.recordings.files.text import shortened
 
@@ -306,10 +306,10 @@ def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames
         "view_index": pick.view_index,
         "source_rc": _numbers(np.asarray(pick.source_rc), 3),
     }
-    found = [(n, *pixel_of_point(view, position)) for n, view in enumerate(views) if view.valid.any()]
+    found = nearest_pixel(views, position)
     view, pixel = views[0], None
-    if found:
-        number, (row, col), distance_m = min(found, key=lambda place: place[2])
+    if found is not None:
+        number, (row, col), distance_m = found
         view, pixel = views[number], ((row, col), distance_m)
         grasp["flattened"] = {
             "file": floating_file(number) if number else "flattened.npz",

@@ -107,6 +107,11 @@ class Recognition:
         return self.by_hand or max(self.probabilities, key=lambda name: self.probabilities[name])
 
     @property
+    def probability(self) -> float:
+        """The probability of :attr:`kind`."""
+        return self.probabilities[self.kind]
+
+    @property
     def outline_uv_m(self) -> Float64:
         """(V, 2) the fitted outline on the plane of the shape."""
         return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)

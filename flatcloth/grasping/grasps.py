@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,6 +113,15 @@ def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int],
     best = int(np.argmin(distance_m))
     row, col = divmod(int(np.flatnonzero(view.valid)[best]), view.shape[1])
     return (row, col), float(distance_m[best])
+
+
+def nearest_pixel(views: Sequence[FlattenedView], xyz_m: Floats) -> tuple[int, tuple[int, int], float] | None:
+    """Return which of several views has the pixel nearest to a point, the pixel, and its distance in m.
+
+    As :func:`pixel_of_point`; None if no view has a valid pixel.
+    """
+    found = [(n, *pixel_of_point(view, xyz_m)) for n, view in enumerate(views) if view.valid.any()]
+    return min(found, key=lambda place: place[2], default=None)
 
 
 def point_on_ray(

@@ -58,7 +58,7 @@ def read_hand_eye(path: Path) -> Rigid3:
     return rigid_from_matrix(np.array(rows, dtype=np.float64), path)
 
 
-def rigid_from_matrix(matrix: Float64, path: Path) -> Rigid3:
+def rigid_from_matrix(matrix: Float64, path: Path | str) -> Rigid3:
     """Return the rigid motion of a (4, 4) matrix; ``path`` is named in errors.
 
     Raises

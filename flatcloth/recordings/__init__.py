@@ -11,7 +11,7 @@ from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Recording, keep_source_options
 from flatcloth.recordings.manifest import HEADER
 from flatcloth.recordings.registry import every_format, format_of, open_by
 from flatcloth.recordings.source import SourceOptions
@@ -55,7 +55,9 @@ def open_recording(
     path = place_of(source)
     form = format_of(path, options)
     if form is not None:
-        return open_by(form, path, options)
+        recording = open_by(form, path, options)
+        keep_source_options(recording, options.again().to_dict())
+        return recording
     if not path.is_dir():
         raise RecordingError(f"{path}: not a recording. {_can_read()}.")
     inside = sorted(p.parent.name for p in path.glob(f"*/{HEADER}"))

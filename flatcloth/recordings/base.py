@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Sized
-from typing import Protocol
+from collections.abc import Mapping, Sized
+from typing import Any, Protocol
 
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 
@@ -60,6 +61,21 @@ class Recording(Protocol):
     def __getitem__(self, view_index: int) -> RgbdFrame:
         """Read one view; raises ``RecordingError`` with file, cause and remedy."""
         ...
+
+
+_SOURCE_OPTIONS = "source_options"
+
+
+def keep_source_options(recording: Recording, options: Mapping[str, Any]) -> None:
+    """Keep with a recording the options that it was opened with (``SourceOptions.to_dict``)."""
+    with contextlib.suppress(AttributeError):  # a format of another package may have __slots__
+        setattr(recording, _SOURCE_OPTIONS, dict(options))
+
+
+def source_options(recording: Recording) -> dict[str, Any]:
+    """Return the options that a recording was opened with, to open it again; empty if there are none."""
+    options: dict[str, Any] = getattr(recording, _SOURCE_OPTIONS, {})
+    return options
 
 
 def check_index(recording: Sized, view_index: int) -> None:

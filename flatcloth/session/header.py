@@ -20,7 +20,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.recordings.base import Recording, fingerprint
+from flatcloth.recordings.base import Recording, fingerprint, source_options
 
 FORMAT = "flatcloth-session/1"
 HEADER = "session.json"
@@ -129,7 +129,6 @@ def settle_header(
     recording: Recording,
     config: Config,
     method: str,
-    source_options: Mapping[str, Any] | None = None,
 ) -> Header:
     """Write ``session.json``, or check that the existing one describes the same session.
 
@@ -155,7 +154,7 @@ def settle_header(
             location=recording.location,
             fingerprint=fingerprint(recording),
             views=len(recording),
-            options=dict(source_options or {}),
+            options=source_options(recording),
         ),
         method=method,
         config=config.to_dict(),

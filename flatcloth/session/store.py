@@ -12,7 +12,6 @@ import logging
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -64,11 +63,8 @@ class SessionFolder:
         recording: Recording,
         config: Config,
         method: str,
-        source_options: Mapping[str, Any] | None = None,
     ) -> SessionFolder:
         """Create a session folder, or resume the session in it.
-
-        ``source_options``, which the recording was opened with, are kept for opening it again.
 
         A computation that ran when the process was killed is lost. An incomplete last line, and what
         follows a line with a number that no garment has, is dropped, with a notice.
@@ -84,7 +80,7 @@ class SessionFolder:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock_fd = _lock(folder)
-            header = settle_header(folder, recording, config, method, source_options)
+            header = settle_header(folder, recording, config, method)
             opened = cls(folder, header, lock_fd, JournalFile(folder / JOURNAL))
             sync_folder(folder)
             opened._check_owner()

@@ -22,6 +22,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings import SourceOptions, open_recording
+from flatcloth.recordings.base import keep_source_options
 from flatcloth.session.header import default_session_folder
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
@@ -259,7 +260,7 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
     for name, table in (("inside", angles), ("beyond", outside)):
         options = SourceOptions(angles=table)
         recording = open_recording(source, options)
-        SessionFolder.open(root / name, recording, Config(), "robust", options.to_dict()).close()
+        SessionFolder.open(root / name, recording, Config(), "robust").close()
     chosen = Places(root).chosen("folder", "inside")
     given = argparse.Namespace(angles=None, step=None)
     again = open_recording(chosen.source, _source_options(given, chosen))
@@ -274,7 +275,8 @@ def test_no_file_outside_the_root_is_read_for_a_session(
 ) -> None:
     root = tmp_path / "root"
     recording = open_recording(write_open3d(root / "scan"), SourceOptions(step_deg=10.0))
-    SessionFolder.open(root / "session", recording, Config(), "robust", {name: "~/secret"}).close()
+    keep_source_options(recording, {name: "~/secret"})
+    SessionFolder.open(root / "session", recording, Config(), "robust").close()
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(root)
     with pytest.raises(PlaceError, match="lies outside the folder"):
@@ -287,8 +289,8 @@ def test_no_file_outside_the_root_is_read_for_a_session(
 
 def test_what_a_session_is_opened_with_writes_no_camera_file(tmp_path: Path) -> None:
     recording = open_recording(write_open3d(tmp_path / "scan"), SourceOptions(step_deg=10.0))
-    said = {"camera_file": str(tmp_path / "camera.json"), "fov_deg": [60.0, 40.0]}
-    SessionFolder.open(tmp_path / "session", recording, Config(), "robust", said).close()
+    keep_source_options(recording, {"camera_file": str(tmp_path / "camera.json"), "fov_deg": [60.0, 40.0]})
+    SessionFolder.open(tmp_path / "session", recording, Config(), "robust").close()
     chosen = Places(tmp_path).chosen("folder", "session")
     assert _source_options(argparse.Namespace(), chosen).fov_deg is None
 

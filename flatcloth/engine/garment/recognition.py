@@ -100,7 +100,7 @@ class GarmentService:
     """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads."""
 
     def __init__(self, integration: Integration) -> None:
-        self._integration = integration
+        self.integration = integration
         self._lock = threading.Lock()
         self._shape: KnownGarment | None = None
         self._last: tuple[GarmentDecisions, KnownGarment] | None = None
@@ -122,7 +122,7 @@ class GarmentService:
         # Recognised is the shape as it hangs; what is doubted about it follows from that.
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
-            canonical = self._integration.canonical(document)
+            canonical = self.integration.canonical(document)
             if self._shape is None or self._shape.canonical is not canonical:
                 self._shape, self._last = self._recognised(canonical, document), None
             if self._last is None or self._last[0] != document.garment:
@@ -138,7 +138,7 @@ class GarmentService:
 
     def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
         """Return what is known without any decision."""
-        views = seen_from(self._integration, document)
+        views = seen_from(self.integration, document)
         if len(views) < 2:
             raise GarmentError(
                 "The shape was made of one view; a garment is not recognised by one. Add views."
@@ -147,7 +147,7 @@ class GarmentService:
         found = recognise(canonical.view, evidence)
         cloth, links = None, []
         if misfit_of(found.fit, evidence[0]) > SUSPECT_MISFIT:
-            cloth = self._integration.cloth(document)
+            cloth = self.integration.cloth(document)
         if cloth is not None:
             links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
         return KnownGarment(

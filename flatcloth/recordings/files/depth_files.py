@@ -24,7 +24,7 @@ from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_byte
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _EXR = b"v/1\x01"
 _NPY = b"\x93NUMPY"
-_FARTHEST_M = 100.0
+FARTHEST_M = 100.0
 """Programs write a very large number, or infinity, where a ray meets no surface."""
 
 KINDS = "16-bit PNG, TIFF, OpenEXR or NPY with one channel, or organised PCD"
@@ -84,12 +84,12 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
         return metres
     known = np.isfinite(values) & (values > 0)
     depth = np.where(known, values, 0.0).astype(np.float32)
-    if known.any() and np.median(depth[known]) > _FARTHEST_M and depth[known].min() > 10.0:
+    if known.any() and np.median(depth[known]) > FARTHEST_M and depth[known].min() > 10.0:
         raise RecordingError(
-            f"{path}: half of its floating-point values exceed {_FARTHEST_M:g} m. "
+            f"{path}: half of its floating-point values exceed {FARTHEST_M:g} m. "
             "Divide millimetres by 1000, or export 16-bit whole numbers."
         )
-    depth[depth > _FARTHEST_M] = 0.0
+    depth[depth > FARTHEST_M] = 0.0
     return depth
 
 

@@ -1,0 +1,223 @@
+"""The canonical shape of a garment, and what can be asked of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatcloth.core.errors import FlatclothError, GarmentError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Bool, FlattenedView, Float32, RotationAxis, Uint8
+from flatcloth.engine.headless import ViewDecision
+from flatcloth.engine.outcome import told as outcome_lines
+from flatcloth.export.garment import GarmentPoint, garment_points
+from flatcloth.export.garment import told as garment_lines
+from flatcloth.export.session_data import SessionData
+from flatcloth.garments.recognition import Recognition
+from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
+from flatcloth.grasping.grips import check_opening_m
+from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.grasping.hand_eye import HandEyeError, rigid_from_matrix
+
+_WRITERS = 2
+"""Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A canonical shape: the garment as it would lie on a table, with the 3D point of each pixel.
+
+    All arrays are (H, W, ...) numpy arrays on the flattened plane; do not modify them. Points are in the
+    object frame: the camera frame of view 0, with every view turned back by its angle (metres, x right,
+    y down, z forward).
+
+    Attributes
+    ----------
+    data : SessionData
+        The recording with its decisions, and the files made from them.
+    decisions : tuple of ViewDecision
+        The decisions about proposed views, in order; those of an earlier, resumed run are not included.
+    seconds : mapping
+        Wall time of the integration and of the recognition of the garment; empty for an opened session.
+    """
+
+    data: SessionData = field(repr=False)
+    decisions: tuple[ViewDecision, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def view(self) -> FlattenedView:
+        """The shape with all its arrays, pixel size and position on the plane."""
+        return self.data.canonical.view
+
+    @property
+    def rgb(self) -> Uint8:
+        """(H, W, 3) the flat image."""
+        return self.view.rgb
+
+    @property
+    def valid(self) -> Bool:
+        """(H, W) True on cloth."""
+        return self.view.valid
+
+    @property
+    def xyz_m(self) -> Float32:
+        """(H, W, 3) the point of each pixel on the hanging garment, object frame; NaN off the cloth."""
+        return self.view.xyz_m
+
+    @property
+    def normal(self) -> Float32:
+        """(H, W, 3) unit normals out of the cloth, object frame; NaN off the cloth."""
+        return self.view.normal
+
+    @property
+    def placement_std_m(self) -> Float32 | None:
+        """(H, W) standard deviation of each pixel's place on the plane; None with the method ``paper``."""
+        return self.view.placement_std_m
+
+    @property
+    def pixel_size_m(self) -> float:
+        """Size of a pixel on the cloth."""
+        return self.view.pixel_size_m
+
+    @property
+    def pieces(self) -> tuple[FlattenedView, ...]:
+        """Floating pieces: cloth that no view connects to the shape, each on a plane of its own."""
+        return self.data.canonical.floating
+
+    @property
+    def views(self) -> tuple[int, ...]:
+        """The views that the shape is made of, sorted."""
+        return tuple(sorted(self.data.document.used_views))
+
+    @property
+    def axis(self) -> RotationAxis:
+        """The turning axis, object frame; estimated if the recording has none."""
+        return self.data.frames.axis
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The content of ``outcome.json``: views, areas, uncertainty, garment; ready for JSON."""
+        return self.data.outcome
+
+    def garment(self) -> Recognition:
+        """Return what the shape was recognised as: kind, probabilities, dimensions and named points.
+
+        Raises
+        ------
+        GarmentError
+            If the shape shows too little, or was made of one view.
+        """
+        known = self.data.garment
+        if isinstance(known, str):
+            raise GarmentError(known)
+        return known.found
+
+    def named_points(self) -> dict[str, GarmentPoint]:
+        """Return the named points of the garment whose cloth was seen, with position and normal in space.
+
+        Empty if no known kind was recognised.
+        """
+        return {point.name: point for point in garment_points(self.data.garment)}
+
+    def grasp(
+        self, row: int, col: int, *, piece: int | None = None, opening_m: float | None = None
+    ) -> GraspPose:
+        """Return the pose of a parallel gripper at a pixel of the cloth.
+
+        Parameters
+        ----------
+        row, col : int
+            A pixel of the shape, or of the floating piece with the index ``piece``.
+        piece : int, optional
+            Index in :attr:`pieces`.
+        opening_m : float, optional
+            Distance of the fingers, by default 40 mm.
+
+        Returns
+        -------
+        GraspPose
+            In the object frame; ``camera_from_grasp(shape.axis, angle_deg)`` turns it with the item.
+
+        Raises
+        ------
+        FlatclothError
+            If there is no such piece, or the pixel is not on its cloth.
+        """
+        if piece is not None and not 0 <= piece < len(self.pieces):
+            raise FlatclothError(f"piece {piece}: the shape has {len(self.pieces)} floating pieces.")
+        view = self.view if piece is None else self.pieces[piece]
+        rows, cols = view.shape
+        if not (0 <= row < rows and 0 <= col < cols and view.valid[row, col]):
+            raise FlatclothError(f"pixel ({row}, {col}): no cloth there; choose one where valid is True.")
+        return self._pose(view, (row, col), opening_m)
+
+    def grasp_point(self, name: str, *, opening_m: float | None = None) -> GraspPose:
+        """Return the pose of a parallel gripper at a named point of the garment (see :meth:`grasp`).
+
+        Raises
+        ------
+        GarmentError
+            If the garment has no point of this name, or its cloth was not seen.
+        """
+        point = self.named_points().get(name)
+        if point is None:
+            seen = ", ".join(self.named_points()) or "none"
+            raise GarmentError(f"{name}: no named point of this garment that was seen; seen are {seen}.")
+        views = (self.view, *self.pieces)
+        found = nearest_pixel(views, point.position_held_m)
+        assert found is not None, "the cloth of the point was seen"
+        return self._pose(views[found[0]], found[1], opening_m)
+
+    def _pose(self, view: FlattenedView, pixel: tuple[int, int], opening_m: float | None) -> GraspPose:
+        grip = Grip() if opening_m is None else Grip(opening_m=opening_m)
+        check_opening_m(grip.opening_m)
+        pose = grasp_pose(view, view.xyz_m[pixel], view.normal[pixel], self.axis, grip, (pixel, 0.0))
+        if pose is None:
+            raise FlatclothError(f"pixel {pixel}: the cloth has no normal there; choose another pixel.")
+        return pose
+
+    def write(
+        self, folder: str | os.PathLike[str], *, base_from_camera: Rigid3 | ArrayLike | None = None
+    ) -> list[Path]:
+        """Write what ``flatcloth run`` writes (docs/exports.md) to a folder, and return the files.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Created if it is missing. Each file is replaced as a whole.
+        base_from_camera : Rigid3 or (4, 4) float, optional
+            Hand-eye transform: the grasp poses are then given in the robot's frame too.
+
+        Raises
+        ------
+        FlatclothError
+            If the folder cannot be written.
+        """
+        data = self.data
+        if base_from_camera is not None:
+            frames = replace(data.frames, base_from_camera=_rigid(base_from_camera))
+            data = replace(data, frames=frames)
+        return data.write(Path(folder), _WRITERS)
+
+    def lines(self) -> list[str]:
+        """Return a summary in a few lines of text: views, areas, uncertainty and garment."""
+        return [*outcome_lines(self.report), *garment_lines(self.data.garment)]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def _rigid(given: Rigid3 | ArrayLike) -> Rigid3:
+    if isinstance(given, Rigid3):
+        return given
+    matrix = np.asarray(given)
+    if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
+        raise HandEyeError(f"{BASE_FROM_CAMERA}: is not made of 4 rows of 4 finite numbers. Give a matrix.")
+    return rigid_from_matrix(matrix.astype(np.float64), BASE_FROM_CAMERA)

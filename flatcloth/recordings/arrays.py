@@ -1,0 +1,245 @@
+"""Recordings that are arrays in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.recordings.base import check_index
+from flatcloth.recordings.files.camera import checked_intrinsics
+from flatcloth.recordings.files.depth_files import FARTHEST_M
+from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
+
+_UNIT_TOLERANCE = 1e-3
+"""A direction may differ from length 1 by this, as in ``recording.json``; it is normalised. Chosen."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ArrayRecording:
+    """A recording in memory; made by :func:`recording_from_arrays`."""
+
+    name: str
+    intrinsics: Intrinsics
+    rotation_axis: RotationAxis | None
+    held_point_m: Float64 | None
+    angles_deg: tuple[float, ...]
+    color: Sequence[Uint8] = field(repr=False)
+    depth_m: Sequence[Float32] = field(repr=False)
+    masks: Sequence[Bool] | None = field(repr=False)
+    description: str = ""
+    location: str = "arrays"
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether every view has a mask of the side of interest."""
+        return self.masks is not None
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self.angles_deg)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Return one view; raises ``IndexError`` if there is no such view."""
+        check_index(self, view_index)
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=self.angles_deg[view_index],
+            color=self.color[view_index],
+            depth_m=self.depth_m[view_index],
+            mask=None if self.masks is None else self.masks[view_index],
+            intrinsics=self.intrinsics,
+        )
+
+
+def recording_from_arrays(
+    color: Iterable[ArrayLike],
+    depth: Iterable[ArrayLike],
+    intrinsics: Intrinsics | ArrayLike,
+    angles_deg: ArrayLike,
+    masks: Iterable[ArrayLike] | None = None,
+    *,
+    rotation_axis: RotationAxis | tuple[ArrayLike, ArrayLike] | None = None,
+    held_point_m: ArrayLike | None = None,
+    depth_scale_m: float | None = None,
+    name: str = "arrays",
+) -> ArrayRecording:
+    """Make a recording from arrays; images without lens distortion.
+
+    Parameters
+    ----------
+    color : (N, H, W, 3) uint8
+        The images of the N views, RGB; also a sequence of images.
+    depth : (N, H, W) float or integer
+        Depth along the optical axis, aligned to ``color``. Floating-point values are metres unless
+        ``depth_scale_m`` is given; 0 and values that are not finite mean that nothing was measured.
+    intrinsics : Intrinsics or (3, 3) float
+        The camera, or its matrix K, in pixels; pixel centres have integer coordinates.
+    angles_deg : (N,) float
+        Rotation of the item about the axis since the first view. A positive rotation moves a surface that
+        faces the camera to the right of the image.
+    masks : (N, H, W) bool or integer, optional
+        True (not 0) on the side of interest of the cloth. Without masks it is found from the views.
+    rotation_axis : RotationAxis or ((3,), (3,)), optional
+        Point (metres) and unit direction (upwards: negative y) of the turning axis, camera frame. Without it
+        the axis is estimated.
+    held_point_m : (3,) float, optional
+        Where the item is held, camera frame; by default the top of the item.
+    depth_scale_m : float, optional
+        Metres per unit of ``depth``: by default 0.001 for integers and 1 for floating-point values.
+    name : str
+        For titles and reports.
+
+    Returns
+    -------
+    ArrayRecording
+        Reads like any other recording. Arrays of the right type are not copied; do not modify them.
+
+    Raises
+    ------
+    RecordingError
+        If a shape, type or value does not fit; the message names the argument and the remedy.
+    """
+    angles = _numbers("angles_deg", angles_deg)
+    if angles.ndim != 1 or not 1 <= len(angles) <= MAX_VIEWS:
+        _fail("angles_deg", f"has the shape {angles.shape}", f"Give 1 to {MAX_VIEWS} angles, one per view.")
+    same = repeated(angles.tolist())
+    if same is not None:
+        _fail(
+            "angles_deg",
+            f"views {same[0]} and {same[1]} have the same angle",
+            "Every view needs its own angle, also modulo 360 degrees.",
+        )
+    colors = [_color(f"color[{n}]", image) for n, image in enumerate(color)]
+    _check_count("color", colors, angles)
+    size = colors[0].shape[:2]
+    for n, image in enumerate(colors):
+        _check_size(f"color[{n}]", image, size)
+    depths = [_depth(f"depth[{n}]", image, size, depth_scale_m) for n, image in enumerate(depth)]
+    _check_count("depth", depths, angles)
+    found = None
+    if masks is not None:
+        found = [_mask(f"masks[{n}]", image, size) for n, image in enumerate(masks)]
+        _check_count("masks", found, angles)
+    return ArrayRecording(
+        name=name,
+        intrinsics=_camera(intrinsics, size),
+        rotation_axis=None if rotation_axis is None else _axis(rotation_axis),
+        held_point_m=None if held_point_m is None else _vector("held_point_m", held_point_m),
+        angles_deg=tuple(angles.tolist()),
+        color=colors,
+        depth_m=depths,
+        masks=found,
+    )
+
+
+def _fail(where: str, cause: str, remedy: str) -> NoReturn:
+    raise RecordingError(f"{where}: {cause}. {remedy}")
+
+
+def _array(where: str, values: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError:
+        _fail(where, "has rows of different lengths", "Give an array.")
+
+
+def _numbers(where: str, values: ArrayLike) -> Float64:
+    array = _array(where, values)
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        _fail(where, "is not made of finite numbers", "Give numbers.")
+    return array.astype(np.float64)
+
+
+def _vector(where: str, values: ArrayLike) -> Float64:
+    vector = _numbers(where, values)
+    if vector.shape != (3,) or np.abs(vector).max() > FARTHEST_M:
+        _fail(where, "is no point near the camera", "Give three numbers, in metres.")
+    return vector
+
+
+def _check_count(where: str, images: Sequence[NDArray[Any]], angles: Float64) -> None:
+    if len(images) != len(angles):
+        _fail(where, f"has {len(images)} images for {len(angles)} angles", "Give one image per angle.")
+
+
+def _check_size(where: str, image: NDArray[Any], size: tuple[int, ...]) -> None:
+    if image.shape[:2] != size:
+        _fail(where, f"has the shape {image.shape}", f"Give {size[0]} x {size[1]} pixels, as in color[0].")
+
+
+def _color(where: str, values: ArrayLike) -> Uint8:
+    image = _array(where, values)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give uint8 (H, W, 3), RGB.")
+    return image
+
+
+def _depth(where: str, values: ArrayLike, size: tuple[int, ...], scale_m: float | None) -> Float32:
+    image = _array(where, values)
+    if image.dtype.kind not in "iuf" or image.ndim != 2:
+        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give numbers (H, W).")
+    _check_size(where, image, size)
+    if scale_m is not None and not 1e-6 <= scale_m <= 1.0:
+        _fail("depth_scale_m", f"is {scale_m:g}", "Give metres per unit of depth, 0.001 for millimetres.")
+    scale = scale_m or (1.0 if image.dtype.kind == "f" else 1e-3)
+    metres: Float32 = np.multiply(image, np.float32(scale), dtype=np.float32)
+    metres[~np.isfinite(metres)] = 0.0
+    if (metres < 0).any():
+        _fail(where, "has negative values", "Depth is measured along the optical axis, from 0.")
+    if not metres.any():
+        _fail(where, "has no depth, every pixel is 0", "Leave the view out.")
+    if np.median(metres[metres > 0]) > FARTHEST_M:
+        _fail(where, f"is mostly beyond {FARTHEST_M:g} m", "Give depth_scale_m, 0.001 for millimetres.")
+    metres[metres > FARTHEST_M] = 0.0
+    return metres
+
+
+def _mask(where: str, values: ArrayLike, size: tuple[int, ...]) -> Bool:
+    image = _array(where, values)
+    if image.dtype.kind not in "biu" or image.ndim != 2:
+        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give bool (H, W).")
+    _check_size(where, image, size)
+    mask: Bool = image != 0
+    return mask
+
+
+def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
+    height, width = size
+    if isinstance(given, Intrinsics):
+        if (given.height, given.width) != size:
+            _fail(
+                "intrinsics", f"are of {given.width}x{given.height} px", f"The images are {width}x{height}."
+            )
+        focal, center = (given.fx, given.fy), (given.cx, given.cy)
+    else:
+        k = _numbers("intrinsics", given)
+        if k.shape != (3, 3) or k[[0, 1, 2, 2], [1, 0, 0, 1]].any() or k[2, 2] != 1:
+            _fail("intrinsics", "is no camera matrix", "Give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
+        focal, center = (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2]))
+
+    def fail(cause: str, remedy: str) -> NoReturn:
+        _fail("intrinsics", cause, remedy)
+
+    return checked_intrinsics((width, height), focal, center, fail)
+
+
+def _axis(given: RotationAxis | tuple[ArrayLike, ArrayLike]) -> RotationAxis:
+    where = "rotation_axis"
+    point, direction = (given.point_m, given.direction) if isinstance(given, RotationAxis) else tuple(given)
+    unit = _vector(f"{where} direction", direction)
+    length = float(np.linalg.norm(unit))
+    if abs(length - 1.0) > _UNIT_TOLERANCE:
+        _fail(f"{where} direction", f"has length {length:g}", "Give a unit vector.")
+    if unit[1] > 0 or abs(unit[2]) > 0.9:
+        _fail(
+            f"{where} direction",
+            "does not point up",
+            "Give a direction with negative y, across the line of sight; negate the angles with it.",
+        )
+    return RotationAxis(point_m=_vector(f"{where} point", point), direction=unit / length)

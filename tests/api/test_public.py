@@ -1,0 +1,96 @@
+"""The public names: all there, documented, and loaded only when they are used."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import flatcloth
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", flatcloth.__all__)
+def test_each_public_name_is_there_and_described(name: str) -> None:
+    assert getattr(flatcloth, name) is not None
+    assert name in dir(flatcloth)
+    assert name == "__version__" or f"`{name}" in (ROOT / "docs" / "api.md").read_text()
+
+
+def test_what_runs_and_what_is_checked_are_the_same_names() -> None:
+    tree = ast.parse(Path(flatcloth.__file__).read_text())
+    typed = next(node for node in ast.walk(tree) if isinstance(node, ast.If))
+    found = {
+        (alias.asname, node.module)
+        for node in typed.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert found == set(flatcloth._HOME_OF.items())
+
+
+def test_an_unknown_name_is_no_attribute() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'integrat'"):
+        flatcloth.integrat  # noqa: B018
+
+
+def test_importing_loads_nothing_else() -> None:
+    loaded = json.loads(
+        run(
+            "import sys, json; before = set(sys.modules); import flatcloth\n"
+            "print(json.dumps(sorted(set(sys.modules) - before)))"
+        )
+    )
+    assert [name for name in loaded if name.startswith("flatcloth")] == ["flatcloth"]
+    assert not {"numpy", "scipy", "numba", "cv2", "viser"} & set(loaded)
+
+
+def test_opening_a_recording_loads_no_numerics_and_integrating_no_page() -> None:
+    code = "import sys, flatcloth; flatcloth.{}; print(*sys.modules)"
+    opening = set(run(code.format("open_recording")).split())
+    assert not {"scipy", "numba", "viser", "open3d", "matplotlib"} & opening
+    integrating = set(run(code.format("integrate")).split())
+    assert not {"viser", "starlette", "uvicorn", "open3d", "matplotlib"} & integrating
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/api.md"])
+def test_programs_in_the_documentation_run(page: str, tmp_path: Path) -> None:
+    programs = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+    assert programs
+    for program in programs:
+        assert "import flatcloth" in program
+        few = re.sub(
+            r"(recording = flatcloth.open_recording.*)", r"\1\nrecording = few(recording, 6)", program
+        )
+        run(
+            f"import os, sys; os.chdir({str(tmp_path)!r}); sys.path.append({str(ROOT / 'examples')!r})\n"
+            f"from from_arrays import few\n{few}"
+        )
+    assert (tmp_path / "result" / "outcome.json").exists()
+
+
+def test_the_notebook_runs_from_top_to_bottom_and_keeps_no_output() -> None:
+    notebook = json.loads((ROOT / "examples" / "flatcloth.ipynb").read_text())
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
+    program = "\n".join("".join(cell["source"]) for cell in cells)
+    shown = run(f"import matplotlib; matplotlib.use('agg')\n{program}")
+    assert "long_sleeved_shirt" in shown
+
+
+def test_the_example_prints_grasps() -> None:
+    done = subprocess.run(
+        [sys.executable, "examples/from_arrays.py"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert "approach" in done.stdout
