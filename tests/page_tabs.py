@@ -7,9 +7,11 @@ import time
 from typing import Any
 
 import httpx
+import msgspec
 from websockets.sync.client import ClientConnection, connect
 
 from flatcloth.viewer import PageServer
+from flatcloth.viewer.protocol.answers import ServerMessage
 
 WAIT_S = 20
 
@@ -37,6 +39,12 @@ def open_socket(server: PageServer, path: str = "/ws", **options: Any) -> Client
     return connect(f"ws://{address}{path}", **{**usual, **options})
 
 
+def decoded(text: str | bytes) -> dict:
+    """Return a message of the server, which must be one of those that the page has types for."""
+    msgspec.json.decode(text, type=ServerMessage)
+    return json.loads(text)
+
+
 class Tab:
     """A tab of the page: remembers what it was told."""
 
@@ -61,7 +69,7 @@ class Tab:
         """Read until ``found(last message)`` is true, and return that message."""
         end = time.monotonic() + WAIT_S
         while True:
-            message = json.loads(self._socket.recv(timeout=end - time.monotonic()))
+            message = decoded(self._socket.recv(timeout=end - time.monotonic()))
             if message["type"] == "state":
                 self.state = message
             elif message["type"] == "note":

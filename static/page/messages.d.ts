@@ -1,4 +1,4 @@
-// Made by flatcloth/viewer/protocol/typescript.py from messages.py; not to be edited.
+// Made by flatcloth/viewer/protocol/typescript.py; not to be edited.
 
 /** Perform a session action; ``view_index`` is the view the user means, if the action has one. */
 export interface Do {
@@ -282,8 +282,9 @@ export interface PickPoint {
   name: string;
 }
 
-/** All that the page may say to the server. */
-export type ClientMessage = Do
+/** Every message that the page sends. */
+export type ClientMessage =
+  | Do
   | Move
   | Choose
   | Preview
@@ -320,3 +321,576 @@ export type ClientMessage = Do
   | DecideLink
   | PreviewPoint
   | PickPoint;
+
+/** The whole state of the page. What the present mode does not have is None, or the default. */
+export interface PageState {
+  type: "state";
+  revision: number;
+  mode: "live" | "session";
+  phase: string;
+  method: string;
+  recording: RecordingInfo;
+  notes: string[];
+  auto: AutoInfo;
+  edges: boolean;
+  layers: Layers | null;
+  pick: PickInfo | null;
+  picks: ListedPick[];
+  log: Note[];
+  settings: SettingsTable;
+  present_view: number | null;
+  angle_deg: number | null;
+  views: ViewRow[];
+  actions: ActionRow[];
+  reject_reasons: string[];
+  step: number;
+  start_view: number | null;
+  finished: string | null;
+  undo: string | null;
+  redo: string | null;
+  n_later: number;
+  request: AwaitedRequest | null;
+  progress: Progress | null;
+  pending: PendingInfo | null;
+  drawing: boolean;
+  review: ReviewInfo | null;
+  sides: SidesInfo | null;
+  garment: GarmentInfo | null;
+  live: LiveInfo | null;
+  capture: CaptureStatus | null;
+}
+
+/** The recording that is open. */
+export interface RecordingInfo {
+  name: string;
+  description: string;
+  n_views: number;
+}
+
+/** Whether Auto decides. */
+export interface AutoInfo {
+  running: boolean;
+}
+
+/** The pictures of the shape; ``revision`` is part of their addresses. */
+export interface Layers {
+  rows: number;
+  cols: number;
+  pixel_size_m: number;
+  origin_uv_m: [number, number];
+  revision: number;
+  names: string[];
+  area_cm2: number;
+  pieces: FloatingPiece[];
+  legends: Record<string, Legend>;
+  overlay: OverlayInfo | null;
+}
+
+/** A piece that is not joined to the shape yet; ``grid`` is its place on the sheet. */
+export interface FloatingPiece {
+  label: string;
+  file: string;
+  area_cm2: number;
+  reason: string;
+  views: number[];
+  color: string;
+  placed: boolean;
+  grid: Grid;
+}
+
+/** The size of a raster of the flattened plane, and where its first pixel lies. */
+export interface Grid {
+  rows: number;
+  cols: number;
+  pixel_size_m: number;
+  origin_uv_m: [number, number];
+}
+
+/** The legend of a layer; ``map``, ``low``, ``high`` and ``colors`` belong to a ramp. */
+export interface Legend {
+  kind: "classes" | "none" | "ramp";
+  title: string;
+  classes: ColorClass[];
+  map: string;
+  low: number;
+  high: number;
+  colors: string[];
+}
+
+/** A color of a legend, and what it stands for. */
+export interface ColorClass {
+  label: string;
+  color: string;
+}
+
+/** Where the proposal lies; ``placement`` maps its own plane to the shape's. */
+export interface OverlayInfo {
+  rows: number;
+  cols: number;
+  pixel_size_m: number;
+  origin_uv_m: [number, number];
+  revision: number;
+  view_index: number;
+  center_uv_m: [number, number];
+  differences: Record<string, Legend>;
+  placement: Placement;
+}
+
+/** A rigid motion of the plane: a rotation about the origin, then a shift. */
+export interface Placement {
+  theta_rad: number;
+  u_m: number;
+  v_m: number;
+}
+
+/** All numbers of the current pick. */
+export interface PickInfo {
+  id: number;
+  name: string;
+  rc: [number, number];
+  uv_m: [number, number];
+  in_shape: boolean;
+  position_held_m: [number, number, number];
+  position_camera_m: [number, number, number];
+  normal_held: [number | null, number | null, number | null];
+  normal_camera: [number | null, number | null, number | null];
+  angle_deg: number;
+  z_angle_deg: number | null;
+  view_index: number;
+  source_rc: [number | null, number | null];
+  miss_m: number;
+  grip: GripInfo | null;
+}
+
+/** How a pick is gripped; ``axis_deg`` is the gripper's axis as a line on the plane. */
+export interface GripInfo {
+  axis_from: string;
+  axis_deg: number | null;
+  axis_uv: [number, number] | null;
+  axis_held: [number, number, number];
+  approach_held: [number, number, number];
+  opening_m: number;
+  outline_distance_m: number | null;
+  position_std_m: number | null;
+  normal_std_deg: number | null;
+  axis_std_deg: number | null;
+  placement_std_m: number | null;
+}
+
+/** A pick of the list; ``uv_m`` is None if the present shape does not contain it. */
+export interface ListedPick {
+  id: number;
+  name: string;
+  view_index: number;
+  position_held_m: [number, number, number];
+  uv_m: [number, number] | null;
+}
+
+/** A notification for the operator; ``time_s`` counts from the epoch. */
+export interface Note {
+  type: "note";
+  id: number;
+  level: "error" | "info" | "warning";
+  text: string;
+  time_s: number;
+}
+
+/** The settings of the page in the order of their dialog. */
+export interface SettingsTable {
+  advance: Switch;
+  auto_threshold: Slider;
+  step_mm: Slider;
+  step_deg: Slider;
+  follow: Switch;
+  turn_to_pick: Switch;
+}
+
+/** A setting that is on or off. */
+export interface Switch {
+  name: string;
+  title: string;
+  description: string;
+  value: boolean;
+  default: boolean;
+  low: null;
+  high: null;
+  step: null;
+}
+
+/** A setting with a range. */
+export interface Slider {
+  name: string;
+  title: string;
+  description: string;
+  value: number;
+  default: number;
+  low: number;
+  high: number;
+  step: number;
+}
+
+/** A view on the timeline: what was decided about it, and what it added to the shape. */
+export interface ViewRow {
+  index: number;
+  angle_deg: number;
+  state: "accepted" | "fixed" | "later" | "pending" | "rejected" | "skipped" | "start" | "unused";
+  detail: string;
+  score: number | null;
+  follows: number;
+  why_not: string | null;
+  why_not_reopen: string | null;
+  flagged: boolean;
+  order: number | null;
+  added_cm2: number | null;
+  flags: string[];
+}
+
+/** An action of the page; ``why_not`` is the reason if it is not allowed now. */
+export interface ActionRow {
+  name: string;
+  title: string;
+  keys: string[];
+  description: string;
+  group: string;
+  mode: string;
+  why_not: string | null;
+}
+
+/** The computation that a session waits for. */
+export interface AwaitedRequest {
+  kind: string;
+  view_index: number | null;
+}
+
+/** How much of a computation is done, of 1, and what it does. */
+export interface Progress {
+  type: "progress";
+  share: number;
+  text: string;
+}
+
+/** The proposal. What the method computes with it has a default while it is being drawn. */
+export interface PendingInfo {
+  view_index: number;
+  side: string | null;
+  proposed_score: number | null;
+  score: number | null;
+  why: string;
+  again: boolean;
+  nudge: Motion;
+  parts: Record<string, number | null>;
+  reason: string;
+  rotation_deg: number | null;
+  pieces: PendingPart[];
+  also: PlacedPartInfo[];
+  extends: string | null;
+  brings: JoinedPieceInfo | null;
+  foreseen: Foreseen | null;
+  checks: Check[];
+  margin: number | null;
+  cameras: string;
+  undetermined: string[];
+  hypotheses: HypothesisInfo[];
+}
+
+/** A rigid motion of the plane for reading. */
+export interface Motion {
+  theta_deg: number;
+  u_mm: number;
+  v_mm: number;
+}
+
+/** A connected part of the proposed view; ``waits``: the method found no place for it. */
+export interface PendingPart {
+  component: number;
+  area_cm2: number;
+  waits: boolean;
+  chosen: boolean;
+}
+
+/** A further component that is placed with the proposal: its area, and a place on the sheet. */
+export interface PlacedPartInfo {
+  view_index: number;
+  component: number;
+  area_cm2: number;
+  place_uv_m: [number, number];
+}
+
+/** The floating piece that the proposal joins to the shape, and its motion on the sheet. */
+export interface JoinedPieceInfo {
+  label: string;
+  placement: Placement;
+}
+
+/** What accepting the proposal would add, measure again, and join. */
+export interface Foreseen {
+  added_cm2: number;
+  again_cm2: number;
+  joins: string[];
+}
+
+/** A check of the proposal; ``passed`` is None if the cloth in common does not tell. */
+export interface Check {
+  name: string;
+  title: string;
+  value: number | null;
+  limit: number;
+  unit: string;
+  passed: boolean | null;
+  place_uv_m: [number, number] | null;
+}
+
+/** A place that the method found for the proposal. */
+export interface HypothesisInfo {
+  theta_deg: number;
+  u_mm: number;
+  v_mm: number;
+  source: string;
+  score: number | null;
+}
+
+/** ``token`` changes when the pictures of the views do; ``flags`` are the texts of the views' flags. */
+export interface ReviewInfo {
+  token: string;
+  flags: Record<string, string>;
+}
+
+/** What is known of the side of interest; ``revision`` grows with every change of the labels. */
+export interface SidesInfo {
+  revision: number;
+  token: string;
+  n_strokes: number;
+  text: string;
+  certainty: number | null;
+  undecided_cm2: number | null;
+  conflicts: string[];
+  pixels_per_m: number;
+}
+
+/** What is known of the garment; ``revision`` grows with each answer, ``text`` says why there is none. */
+export interface GarmentInfo {
+  revision: number;
+  working: boolean;
+  text: string;
+  kinds: string[];
+  found: FoundGarment | null;
+}
+
+/** The garment: its kind (None: of no known kind), dimensions, outline and named points. */
+export interface FoundGarment {
+  kind: string | null;
+  likeliest: string;
+  by_hand: boolean;
+  probabilities: [string, number][];
+  dimensions: Dimension[];
+  outline_uv_m: [number, number][];
+  points: GarmentPointInfo[];
+  upright_rad: number;
+  pieces: GarmentPiece[];
+  links: DoubtedLinkInfo[];
+}
+
+/** A dimension of the garment and its standard deviation. */
+export interface Dimension {
+  name: string;
+  mm: number;
+  std_mm: number;
+}
+
+/** A named point of the garment; ``xyz_m`` is None if no view saw its cloth. */
+export interface GarmentPointInfo {
+  name: string;
+  uv_m: [number, number];
+  std_mm: number;
+  seen: boolean;
+  held: boolean;
+  xyz_m: [number | null, number | null, number | null] | null;
+}
+
+/** A floating piece that the garment has a place for, and its outline there. */
+export interface GarmentPiece {
+  label: string;
+  probability: number;
+  std_mm: number;
+  sure: boolean;
+  state: "placed" | "proposed" | "refused";
+  outline_uv_m: [number, number][][];
+}
+
+/** A link that no garment allows: how probable it is, and the outline of the part. */
+export interface DoubtedLinkInfo {
+  probability: number;
+  area_cm2: number;
+  outline_uv_m: [number, number][][];
+}
+
+/** How the recording is played in live mode. */
+export interface LiveInfo {
+  playing: boolean;
+  forward: boolean;
+  fps: number;
+}
+
+/** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
+export interface CaptureStatus {
+  type: "capture";
+  camera: string;
+  camera_fps: number;
+  ended: string | null;
+  warnings: string[];
+  folder: string;
+  phase: string;
+  why_not: Record<string, string | null>;
+  step_deg: number;
+  hold_s: number;
+  frames: number;
+  target_deg: number;
+  turn_by_deg: number;
+  taken: number;
+  still_s: number;
+  speed_px_s: number | null;
+  announced: boolean;
+  kept_deg: number[];
+  view: CapturedView | null;
+}
+
+/** The view that was captured last. */
+export interface CapturedView {
+  number: number;
+  angle_deg: number;
+  frames: number;
+  noise_mm: number;
+  warnings: string[];
+}
+
+/** The values under the pointer, of the shape and of the proposal, and the place in a source image. */
+export interface HoverAnswer {
+  type: "hover";
+  id: number;
+  shape: PixelValues | null;
+  proposal: PixelValues | null;
+  source: SourcePlace | null;
+}
+
+/** All values of a pixel of the flattened view. */
+export interface PixelValues {
+  rc: [number, number];
+  uv_mm: [number, number];
+  rgb: [number, number, number];
+  xyz_mm: [number, number, number];
+  height_mm: number;
+  normal: [number | null, number | null, number | null];
+  z_angle_deg: number | null;
+  z_angle_now_deg: number | null;
+  view_index: number;
+  source_rc: [number | null, number | null];
+  density_px_cm2: number | null;
+  incidence_deg: number | null;
+  stretch: number | null;
+  placement_std_mm: number | null;
+}
+
+/** A pixel of the source image of a view. */
+export interface SourcePlace {
+  view_index: number;
+  rc: [number | null, number | null];
+}
+
+/** What a ray of the 3D scene hits first, and where that lies on the plane; None: nothing. */
+export interface RayAnswer {
+  type: "hover_ray";
+  id: number;
+  xyz_m: [number, number, number] | null;
+  uv_m: [number, number] | null;
+}
+
+/** A new pick is stored; its numbers follow with the state. */
+export interface Picked {
+  type: "picked";
+  id: number;
+  position_held_m: [number, number, number];
+}
+
+/** A distance: on the plane, along the cloth and through the air. ``path_uv_m`` follows the cloth. */
+export interface Measured {
+  type: "measured";
+  id: number;
+  flat_mm: number;
+  cloth_mm: number | null;
+  air_mm: number | null;
+  path_uv_m: [number, number][];
+}
+
+/** The score of a moved proposal, and that after refinement; ``why`` says why there is none. */
+export interface PreviewAnswer {
+  type: "preview";
+  id: number;
+  why: string;
+  score: number | null;
+  apart_mm: number | null;
+  refined_score: number | null;
+  refined_apart_mm: number | null;
+}
+
+/** The residuals of pairs of points, before and after the motion that fits them. */
+export interface PairsAnswer {
+  type: "pairs";
+  residual_mm: number[];
+  fitted_mm: number[];
+  rms_mm: number;
+}
+
+/** The outline and the named points of the garment while a point is dragged. */
+export interface GarmentPreview {
+  type: "garment_preview";
+  id: number;
+  outline_uv_m: [number, number][];
+  points: GarmentPointInfo[];
+}
+
+/** The view and the pixel where the next stroke settles most; None: nowhere, ``text`` says why. */
+export interface StrokeAdvice {
+  type: "where_to_stroke";
+  view_index: number | null;
+  rc: [number, number] | null;
+  text: string;
+}
+
+/** Another recording was opened; the tab connects again. */
+export interface Switched {
+  type: "switched";
+}
+
+/** A frame of live mode; its picture follows in the same message, unless ``grid`` is None. */
+export interface FrameInfo {
+  type: "frame";
+  sequence: number;
+  view_index: number;
+  angle_deg: number;
+  reason: string;
+  flatten_ms: number | null;
+  server_fps: number;
+  playing: boolean;
+  forward: boolean;
+  layer: string;
+  grid: Grid | null;
+  area_cm2: number | null;
+  legend: Legend | null;
+  pick_uv_m: [number, number] | null;
+}
+
+/** Every message that the server sends as text. */
+export type ServerMessage =
+  | PageState
+  | Note
+  | Progress
+  | CaptureStatus
+  | HoverAnswer
+  | RayAnswer
+  | Picked
+  | Measured
+  | PreviewAnswer
+  | PairsAnswer
+  | GarmentPreview
+  | StrokeAdvice
+  | Switched;

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from page_tabs import WAIT_S, Tab
 
 from flatcloth.core.errors import JournalError
@@ -60,12 +61,10 @@ def test_a_state_that_cannot_be_published_is_told_once(server, monkeypatch):
     application = server.application
     with Tab(server) as tab:
         tab.proposed()
-        told = application._state_of_page
-        monkeypatch.setattr(
-            application, "_state_of_page", lambda revision: told(revision) | {"step": math.nan}
-        )
+        made = application._page_state
+        monkeypatch.setattr(application, "_page_state", lambda: structs.replace(made(), step=object()))
         tab.say(type="pick", u_m=0.0, v_m=0.15)
-        assert "not JSON compliant" in tab.note()["text"]
+        assert "JSON does not know" in tab.note()["text"]
         monkeypatch.undo()
         tab.say(type="set", follow=False)
         assert tab.state_where(lambda s: not s["settings"]["follow"]["value"])["picks"]

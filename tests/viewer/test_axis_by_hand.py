@@ -143,12 +143,13 @@ class Keeping(MemoryFolder):
 
 
 def logged(server: PageServer) -> list[str]:
-    return [note["text"] for note in server.application.last_snapshot.get("log", [])]
+    state = server.application.last_state
+    return [] if state is None else [note.text for note in state.log]
 
 
 def ready(server: PageServer) -> bool:
-    state = server.application.last_snapshot
-    return state.get("phase") == "ready" and bool(state.get("layers"))
+    state = server.application.last_state
+    return state is not None and state.phase == "ready" and state.layers is not None
 
 
 def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
@@ -156,10 +157,10 @@ def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
     wanted = RotationAxis(point_m=np.add(CENTER_M, (0.01, 0.0, 0.0)), direction=np.array([0.0, -1.0, 0.0]))
     with PageServer(integration, folder, port=0) as server:  # type: ignore[arg-type]
         wait_until(lambda: ready(server))
-        before = server.application.last_snapshot["layers"]["revision"]
+        before = server.application.last_state.layers.revision
         server.application.adjust_axis(wanted)  # type: ignore[attr-defined]
         wait_until(lambda: any("52%" in text for text in logged(server)))
-        wait_until(lambda: server.application.last_snapshot["layers"]["revision"] > before)
+        wait_until(lambda: server.application.last_state.layers.revision > before)
         assert folder.kept == [wanted]
         assert integration.turned == [wanted]
         panel = server._scene._axis_panel
@@ -177,11 +178,11 @@ def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
         folder.full = False
         integration.gate.clear()
         server.application.receive(1, json.dumps({"type": "do", "action": "step"}))
-        wait_until(lambda: server.application.last_snapshot["phase"] == "computing")
+        wait_until(lambda: server.application.last_state.phase == "computing")
         server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
         wait_until(lambda: any("during a computation" in text for text in logged(server)))
         server.application.receive(1, json.dumps({"type": "do", "action": "cancel"}))
-        wait_until(lambda: server.application.last_snapshot["phase"] == "ready")
+        wait_until(lambda: server.application.last_state.phase == "ready")
         integration.gate.set()
     assert integration.turned == []
     assert folder.kept == []

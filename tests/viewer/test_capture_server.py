@@ -11,9 +11,10 @@ from typing import Any
 
 import cv2
 import httpx
+import msgspec
 import numpy as np
 import pytest
-from page_tabs import get, open_socket, post
+from page_tabs import decoded, get, open_socket, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
@@ -181,9 +182,11 @@ class Tab:
         end = time.monotonic() + WAIT_S
         while True:
             data = self._socket.recv(timeout=end - time.monotonic())
-            message = (
-                json.loads(data) if isinstance(data, str) else unpacked(data)[0] | {"png": unpacked(data)[1]}
-            )
+            if isinstance(data, str):
+                message = decoded(data)
+            else:
+                info, png = unpacked(data)
+                message = msgspec.to_builtins(info) | {"png": png}
             if message["type"] == "state":
                 self.notes = [note["text"] for note in message["log"]]
             if message["type"] == "note":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 
+import msgspec
 import numpy as np
 import pytest
 from garment_evidence import at_mean, blank_view, evidence_from
@@ -84,14 +85,14 @@ class Page:
         self.controller = GarmentController(service, lambda job: job(), self.told.set, self.tell)
 
     def tell(self, _client, message) -> None:
-        self.answers.append(message)
+        self.answers.append(msgspec.to_builtins(message))
         self.heard.set()
 
     def follow(self, document: Document = TWO_VIEWS):
         self.told.clear()
         self.controller.follow(document, busy=False)
         assert self.told.wait(20)
-        return self.controller.plain()
+        return msgspec.to_builtins(self.controller.info())
 
     def decide(self, message):
         made: list = []
@@ -139,7 +140,7 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
     ):
         with pytest.raises(FlatclothError, match=r"no (place|kind|point)"):
             page.decide(message)
-    unseen = next(p["name"] for p in page.controller.plain()["found"]["points"] if not p["seen"])
+    unseen = next(p.name for p in page.controller.info().found.points if not p.seen)
     with pytest.raises(FlatclothError, match="predicted only"):
         page.controller.seen_point(unseen)
 
@@ -154,13 +155,13 @@ def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> N
     assert page.heard.wait(20)
     (answer,) = page.answers
     assert (answer["type"], answer["id"]) == ("garment_preview", 3)
-    assert next(p for p in answer["points"] if p["name"] == "hem_left")["uv_m"] == [0.1, 0.2]
+    assert next(p for p in answer["points"] if p["name"] == "hem_left")["uv_m"] == (0.1, 0.2)
 
 
 def test_nothing_is_recognised_of_one_view_or_while_auto_runs_and_a_reason_is_told(page, service) -> None:
     page.controller.follow(TWO_VIEWS, busy=True)
     page.controller.follow(Document(start_view=0), busy=False)
-    assert not page.controller.plain()["working"]
+    assert not page.controller.info().working
     service.error = GarmentError("The shape has 20 cm2 of cloth.")
     try:
         said = page.follow()
@@ -173,18 +174,18 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     page.follow()
     three = dataclasses.replace(TWO_VIEWS, accepted=(*TWO_VIEWS.accepted, Accepted(2, Rigid2())))
     page.controller.follow(three, busy=True)
-    assert page.controller.plain()["working"]
+    assert page.controller.info().working
     with pytest.raises(FlatclothError, match="look again"):
         page.decide(messages.DecidePiece(label="B", accepted=True))
     page.controller.follow(TWO_VIEWS, busy=True)
-    assert not page.controller.plain()["working"]
+    assert not page.controller.info().working
     assert page.decide(messages.DecidePiece(label="B", accepted=True)).piece.accepted
 
 
 def test_the_garment_is_recognised_again_when_the_largest_piece_becomes_the_shape(page) -> None:
     page.follow()
     page.controller.follow(dataclasses.replace(TWO_VIEWS, largest_after=(1,)), busy=False)
-    assert page.controller.plain()["working"]
+    assert page.controller.info().working
 
 
 @pytest.fixture
@@ -201,7 +202,7 @@ def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, d
     assert (link["probability"], link["area_cm2"]) == (0.4, pytest.approx(28))
     (loop,) = link["outline_uv_m"]
     assert 0.045 < np.min(loop, axis=0)[0] < 0.055
-    revision = page.controller.plain()["revision"]
+    revision = page.controller.info().revision
     command = page.decide(messages.DecideLink(revision=revision, index=0, taken_off=True))
     assert isinstance(command, DecideLink)
     assert command.part.taken_off

@@ -26,6 +26,7 @@ def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_n
     assert told == {
         "type": "preview",
         "id": 7,
+        "why": "",
         "score": pytest.approx(0.7),
         "apart_mm": pytest.approx(10.0),
         "refined_score": pytest.approx(0.8),

@@ -19,6 +19,7 @@ from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
+from flatcloth.viewer.protocol.state import ViewRow
 
 
 def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,13 +55,13 @@ def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_ri
     service = ReviewService(integration, None, lambda: None, jobs.append, lambda: None)
     accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
     document = Document(start_view=0, accepted=accepted)
-    state: dict[str, Any] = {"views": [{"index": index, "flagged": False} for index in range(4)]}
+    rows = tuple(ViewRow(index=index, angle_deg=0.0, state="accepted") for index in range(4))
 
-    def told() -> list[tuple[int | None, bool, list[str]]]:
-        views = service.told(state, document)["views"]
-        return [(view["order"], view["flagged"], view["flags"]) for view in views]
+    def told() -> list[tuple[int | None, bool, tuple[str, ...]]]:
+        views, _ = service.of_views(rows, document)
+        return [(view.order, view.flagged, view.flags) for view in views]
 
-    assert told() == [(0, False, []), (2, False, ["by_hand"]), (None, False, []), (1, False, [])]
+    assert told() == [(0, False, ()), (2, False, ("by_hand",)), (None, False, ()), (1, False, ())]
     service._flags = Flags(0.5, frozenset({3}))
-    assert told()[3] == (1, True, ["overridden"])
+    assert told()[3] == (1, True, ("overridden",))
     assert jobs == []

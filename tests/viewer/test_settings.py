@@ -34,8 +34,8 @@ def test_settings_are_kept_with_the_session_and_reset(tmp_path: Path) -> None:
     book.change(step_mm=5.0, advance=True)
     again = SettingsStore(tmp_path, FIRST)
     assert again.now == dataclasses.replace(FIRST, step_mm=5.0, advance=True)
-    assert again.told()["step_mm"]["value"] == 5.0
-    assert again.told()["step_mm"]["default"] == 2.0
+    assert again.table().step_mm.value == 5.0
+    assert again.table().step_mm.default == 2.0
     again.reset()
     assert SettingsStore(tmp_path, FIRST).now == FIRST
     # All effective ones are in the file, so that it tells how the session was worked on.

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from types import SimpleNamespace
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_tabs import WAIT_S, Tab
+from page_tabs import WAIT_S, Tab, decoded
 from viewer_fakes import CylinderIntegration, CylinderPlayer, MemoryFolder, point_on_cylinder
 
 from flatcloth.cli import main
@@ -20,6 +20,7 @@ from flatcloth.core.errors import FlatteningError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.modes.live import packed, unpacked
 from flatcloth.viewer.modes.playhead import Playhead, RateMeter, ticks_due
+from flatcloth.viewer.protocol.answers import FrameInfo
 
 STILL = 1e-4
 """Frames a second: the clock does not tick while a test runs."""
@@ -64,10 +65,11 @@ def test_the_rate_is_that_of_the_last_second():
 
 
 def test_a_frame_comes_out_as_it_was_packed():
-    assert unpacked(packed({"reason": "zu wenig Stoff ä"}, b"\x00PNG")) == (
-        {"reason": "zu wenig Stoff ä"},
-        b"\x00PNG",
-    )
+    info = FrameInfo(
+        sequence=3, view_index=1, angle_deg=20.0, reason="zu wenig Stoff ä", flatten_ms=None, server_fps=0.0,
+        playing=True, forward=False, layer="color",
+    )  # fmt: skip
+    assert unpacked(packed(info, b"\x00PNG")) == (info, b"\x00PNG")
 
 
 # --- the server ------------------------------------------------------------------------------------
@@ -111,13 +113,14 @@ class LiveTab(Tab):
         """Return the next message; frames are kept in ``frames``, with their picture as ``image``."""
         data = self._socket.recv(timeout=WAIT_S)
         if isinstance(data, str):
-            message = json.loads(data)
+            message = decoded(data)
             if message["type"] == "state":
                 self.state = message
             return message
-        frame, image = unpacked(data)
-        decoded = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED) if image else None
-        self.frames.append({**frame, "image": decoded})
+        info, image = unpacked(data)
+        frame = msgspec.to_builtins(info)
+        picture = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED) if image else None
+        self.frames.append({**frame, "image": picture})
         return self.frames[-1]
 
     def until_told(self, text):

@@ -22,7 +22,7 @@ from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
 from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table, command_of, nudge_about
-from flatcloth.viewer.protocol.picture import attributes_at
+from flatcloth.viewer.protocol.picture import values_at
 from flatcloth.viewer.scene.scene import quaternion_from_matrix, quaternion_from_z
 
 AXIS = CylinderRecording().rotation_axis
@@ -63,21 +63,21 @@ def test_every_action_has_a_name_of_its_own_and_explains_itself():
 
 
 def test_the_table_says_why_not():
-    table = {a["name"]: a["why_not"] for a in action_table(SessionState(n_views=3))}
+    table = {a.name: a.why_not for a in action_table(SessionState(n_views=3))}
     assert "undo" in table["undo"]
     assert table["restart"] is None
     assert "step first" in table["left"]
 
 
 def test_each_mode_says_that_the_others_actions_are_not_its_own():
-    session = {a["name"]: a for a in action_table(SessionState(n_views=3))}
-    live = {a["name"]: a for a in action_table(None)}
-    assert "--live" in session["live_play"]["why_not"]
-    assert live["live_play"]["why_not"] is None
+    session = {a.name: a for a in action_table(SessionState(n_views=3))}
+    live = {a.name: a for a in action_table(None)}
+    assert "--live" in session["live_play"].why_not
+    assert live["live_play"].why_not is None
     for name in ("step", "accept", "auto", "left", "blink"):
-        assert "live mode" in live[name]["why_not"]
-        assert live[name]["mode"] == "session"
-    assert live["layer_stretch"]["why_not"] is None
+        assert "live mode" in live[name].why_not
+        assert live[name].mode == "session"
+    assert live["layer_stretch"].why_not is None
 
 
 def test_a_step_of_a_session_without_start_view_is_its_start():
@@ -178,13 +178,13 @@ def test_legends_have_units_and_name_the_views_used():
 def test_attributes_are_those_of_the_pixel_under_the_pointer():
     view = cylinder_view({0: 0.0})
     u, v = view.uv_from_rc(np.array([3, 5]))
-    found = attributes_at(view, u + 0.49 * view.pixel_size_m, v - 0.49 * view.pixel_size_m, AXIS)
+    found = values_at(view, u + 0.49 * view.pixel_size_m, v - 0.49 * view.pixel_size_m, AXIS)
     assert found is not None
-    assert found["rc"] == [3, 5]
-    np.testing.assert_allclose(found["xyz_mm"], 1000 * view.xyz_m[3, 5], rtol=1e-6)
-    assert found["height_mm"] == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)
-    assert attributes_at(view, u, v - 1.0, AXIS) is None
-    assert attributes_at(view, float(view.origin_uv_m[0]) - view.pixel_size_m, v, AXIS) is None
+    assert found.rc == (3, 5)
+    np.testing.assert_allclose(found.xyz_mm, 1000 * view.xyz_m[3, 5], rtol=1e-6)
+    assert found.height_mm == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)
+    assert values_at(view, u, v - 1.0, AXIS) is None
+    assert values_at(view, float(view.origin_uv_m[0]) - view.pixel_size_m, v, AXIS) is None
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.3, -0.7, 0.2), (1e-9, 0, -1)])

@@ -140,7 +140,7 @@ def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) 
 
 def test_the_cloth_under_the_pointer_may_be_none() -> None:
     integration: Any = None
-    assert place_under(integration, 0, None, None) is None
+    assert place_under(integration, 0, None) is None
 
 
 def test_a_crop_at_the_border_is_filled_up() -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 
 from flatcloth.cameras import capture
 from flatcloth.cameras.base import CameraError, CameraFrame
@@ -34,6 +35,8 @@ from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import Shown
 from flatcloth.viewer.modes.playhead import RateMeter
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import FrameInfo
+from flatcloth.viewer.protocol.state import ActionRow, CapturedView, CaptureStatus, PageState, ViewRow
 from flatcloth.viewer.routes.capture import capture_routes
 
 if TYPE_CHECKING:
@@ -148,7 +151,7 @@ class CaptureApplication(LiveApplication):
             self._put(None, self._publish)
         if changed or now_s - self._told_s >= STATUS_INTERVAL_S:
             self._told_s = now_s
-            self._sink.tell(None, {"type": "capture", **self.status()})
+            self._sink.tell(None, self.status())
         if not self._busy.is_set() and self._loop.head.playing:
             self._busy.set()
             self._beside.put(lambda: self._look(frame, now_s))
@@ -268,59 +271,61 @@ class CaptureApplication(LiveApplication):
 
     # --- what is told --------------------------------------------------------------------------
 
-    def status(self) -> dict[str, Any]:
-        """Return the status of the capture as JSON values."""
+    def status(self) -> CaptureStatus:
+        """Return the status of the capture."""
         with self._lock:
-            return self._status()
+            guided, state = self._guided, Capture(step_deg=0.0)
+            taken = view = None
+            phase = "idle"
+            if guided is not None:
+                state, taken = guided.state, guided.taken
+                phase = state.phase.value
+            if taken is not None:
+                view = CapturedView(
+                    number=self._view_number,
+                    angle_deg=state.target_deg,
+                    frames=taken.frames,
+                    noise_mm=round(taken.noise_mm, 2),
+                    warnings=tuple(taken.warnings),
+                )
+            return CaptureStatus(
+                camera=self._feed.camera.name,
+                camera_fps=round(self._camera_fps, 1),
+                ended=self._ended,
+                warnings=tuple(self._warnings),
+                folder=str(self._settings.folder),
+                phase=phase,
+                why_not={action: _why_not(action, phase) for action in _ALLOWED},
+                step_deg=self._settings.step_deg,
+                hold_s=HOLD_S,
+                frames=self._settings.frames,
+                target_deg=state.target_deg,
+                turn_by_deg=state.turn_by_deg,
+                taken=state.taken,
+                still_s=round(state.still_s, 2),
+                speed_px_s=None if state.speed_px_s is None else round(state.speed_px_s, 1),
+                announced=state.announced,
+                kept_deg=tuple(state.kept_deg),
+                view=view,
+            )
 
-    def _status(self) -> dict[str, Any]:
-        guided, ended = self._guided, self._ended
-        state = None if guided is None else guided.state
-        taken = None if guided is None else guided.taken
-        phase = "idle" if state is None else state.phase.value
-        return {
-            "camera": self._feed.camera.name,
-            "camera_fps": round(self._camera_fps, 1),
-            "ended": ended,
-            "warnings": list(self._warnings),
-            "folder": str(self._settings.folder),
-            "phase": phase,
-            "why_not": {action: _why_not(action, phase) for action in _ALLOWED},
-            "step_deg": self._settings.step_deg,
-            "hold_s": HOLD_S,
-            "frames": self._settings.frames,
-            **_progress(state),
-            "view": None
-            if taken is None
-            else {
-                "number": self._view_number,
-                "angle_deg": state.target_deg if state is not None else taken.angle_deg,
-                "frames": taken.frames,
-                "noise_mm": round(taken.noise_mm, 2),
-                "warnings": list(taken.warnings),
-            },
-        }
+    def _page_state(self) -> PageState:
+        state, status = super()._page_state(), self.status()
+        kept = tuple(
+            ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
+            for i, angle in enumerate(status.kept_deg)
+        )
+        return structs.replace(
+            state,
+            capture=status,
+            views=kept,
+            present_view=None,
+            recording=structs.replace(state.recording, n_views=len(kept)),
+            actions=tuple(_allowed(action, status) for action in state.actions),
+        )
 
-    def _state_of_page(self, revision: int) -> dict[str, Any]:
-        state = super()._state_of_page(revision)
-        status = self.status()
-        kept = status["kept_deg"]
-        state["capture"] = status
-        state["views"] = [
-            {"index": i, "angle_deg": angle, "state": "accepted", "detail": "", "why_not": "It is on disk."}
-            for i, angle in enumerate(kept)
-        ]
-        state["present_view"] = None
-        state["recording"]["n_views"] = len(kept)
-        for action in state["actions"]:
-            if action["mode"] == "capture":
-                action["why_not"] = status["why_not"][action["name"]]
-            else:
-                action["why_not"] = _NOT_WITH_A_CAMERA.get(action["name"], action["why_not"])
-        return state
-
-    def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
-        return {**super()._about(shown, layer), "view_index": -1}
+    def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
+        return structs.replace(super()._frame_info(shown, layer), view_index=-1)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes for turntables and robots, and for the picture of the view under review."""
@@ -336,21 +341,6 @@ class CaptureApplication(LiveApplication):
         self._put(None, self._publish)
 
 
-def _progress(state: Capture | None) -> dict[str, Any]:
-    if state is None:
-        state = Capture(step_deg=0.0)
-    speed = state.speed_px_s
-    return {
-        "target_deg": state.target_deg,
-        "turn_by_deg": state.turn_by_deg,
-        "taken": state.taken,
-        "still_s": round(state.still_s, 2),
-        "speed_px_s": None if speed is None else round(speed, 1),
-        "announced": state.announced,
-        "kept_deg": list(state.kept_deg),
-    }
-
-
 def _place(state: Capture) -> tuple[Phase, int, float]:
     return state.phase, len(state.kept_deg), state.target_deg
 
@@ -361,6 +351,13 @@ _ALLOWED = {
     "capture_repeat": ("review", "There is no view to repeat yet."),
 }
 """For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
+
+
+def _allowed(action: ActionRow, status: CaptureStatus) -> ActionRow:
+    """Return an action with the reason why a camera's page does not allow it now."""
+    if action.mode == "capture":
+        return structs.replace(action, why_not=status.why_not[action.name])
+    return structs.replace(action, why_not=_NOT_WITH_A_CAMERA.get(action.name, action.why_not))
 
 
 def _why_not(action: str, phase: str) -> str | None:

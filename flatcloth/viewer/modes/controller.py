@@ -18,16 +18,19 @@ import numpy as np
 from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8, finite
+from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, attributes_at
+from flatcloth.viewer.protocol.picture import Picture, values_at
+from flatcloth.viewer.protocol.sent import Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
-from flatcloth.viewer.protocol.snapshot import Note, PageStatus
+from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
+from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.routes.sources import place_under
 from flatcloth.viewer.worker import Worker
 
@@ -52,10 +55,10 @@ MESSAGES_KEPT = 100
 class ClientSink(Protocol):
     """The open tabs. All methods may be called from any thread and return immediately."""
 
-    def show(self, state: dict[str, Any]) -> None:
+    def show(self, state: PageState) -> None:
         """Send the whole state to every tab."""
 
-    def tell(self, client: int | None, message: dict[str, Any]) -> None:
+    def tell(self, client: int | None, message: ServerMessage) -> None:
         """Send one message to one tab, or to all of them."""
 
     def send_frame(self, client: int, data: bytes) -> None:
@@ -129,7 +132,7 @@ class PageController(ABC):
         self._picture: Picture | None = None
         self._note_ids = itertools.count(1)
         self._revision = 0
-        self._snapshot: dict[str, Any] = {}
+        self._last_state: PageState | None = None
         self._front = Worker("flatcloth-session", self._recover)
 
     # --- from any thread ---------------------------------------------------------------------
@@ -140,9 +143,9 @@ class PageController(ABC):
         return self._picture
 
     @property
-    def last_snapshot(self) -> dict[str, Any]:
-        """The state that was sent last; must not be changed."""
-        return self._snapshot
+    def last_state(self) -> PageState | None:
+        """The state that was sent last; None before the first."""
+        return self._last_state
 
     @property
     def is_swamped(self) -> bool:
@@ -199,21 +202,20 @@ class PageController(ABC):
         """Let the cameras follow the view, or not."""
         self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
-    def describe(self, hover: messages.Hover) -> dict[str, Any]:
-        """Answer a hover read-out; fast, it only reads the present picture."""
+    def describe(self, hover: messages.Hover) -> HoverAnswer:
+        """Answer what is under the pointer; fast, it only reads the present picture."""
         picture, axis = self._picture, self._integration.axis
         shape = proposal = None
         if picture is not None:
             at = hover.u_m, hover.v_m, axis, picture.angle_deg
-            shape = attributes_at(picture.view, *at)
-            proposal = None if picture.overlay is None else attributes_at(picture.overlay.view, *at)
-        source = None if hover.view is None else place_under(self._integration, hover.view, proposal, shape)
-        return {"type": "hover", "id": hover.id, "shape": shape, "proposal": proposal, "source": source}
+            shape = values_at(picture.view, *at)
+            proposal = None if picture.overlay is None else values_at(picture.overlay.view, *at)
+        source = None if hover.view is None else place_under(self._integration, hover.view, proposal or shape)
+        return HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
 
-    def describe_ray(self, hover: messages.HoverRay) -> dict[str, Any]:
+    def describe_ray(self, hover: messages.HoverRay) -> RayAnswer:
         """Answer what a ray of the 3D scene hits, and where that lies on the plane; reads only."""
-        place = hit_by(self._picture, self._scene_view.visible_points(), hover.origin_m, hover.direction)
-        return {"type": "hover_ray", "id": hover.id, **place}
+        return hit_by(self._picture, self._scene_view.visible_points(), hover)
 
     def grasps(self, base_from_camera: Rigid3 | None = None, *, with_garment: bool = True) -> dict[str, Any]:
         """Return the list of picks as it is exported, with the seen points of the garment if wanted.
@@ -270,7 +272,7 @@ class PageController(ABC):
     def _recover(self, error: BaseException) -> None:
         """Say that the session's thread failed, and begin again with the session as the journal has it."""
         note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
-        self._sink.tell(None, {"type": "note", **note.plain()})
+        self._sink.tell(None, note)
         self._restart()
 
     def _restart(self) -> None:  # noqa: B027 - what is shown without decisions is shown again by itself
@@ -312,8 +314,8 @@ class PageController(ABC):
 
     def _highlight(self, pick: Pick) -> None:
         """Let the tabs mark a new pick in the scene before its numbers and the scene itself follow."""
-        position = [float(x) for x in pick.position_held_m]
-        self._sink.tell(None, {"type": "picked", "id": pick.id, "position_held_m": position})
+        x, y, z = map(float, pick.position_held_m)
+        self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z)))
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg
@@ -329,34 +331,46 @@ class PageController(ABC):
         if faces_away(current.pick, self._integration.axis, picture.angle_deg):
             self._turn_to(current.pick.view_index)
 
-    def _measured(self, asked: messages.Measure) -> dict[str, Any]:
+    def _measured(self, asked: messages.Measure) -> Measured:
         if self._picture is None:
             raise FlatclothError("Nothing is flattened yet, so nothing can be measured.")
         ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
         found = measure(self._picture.view, ends[0], ends[1])
-        return {
-            "type": "measured",
-            "id": asked.id,
-            "flat_mm": 1000 * found.flat_m,
-            "cloth_mm": finite(1000 * found.cloth_m),
-            "air_mm": finite(1000 * found.air_m),
-            "path_uv_m": found.path_uv_m.tolist(),
-        }
+        return Measured(
+            id=asked.id,
+            flat_mm=1000 * found.flat_m,
+            cloth_mm=1000 * found.cloth_m,
+            air_mm=1000 * found.air_m,
+            path_uv_m=found.path_uv_m.tolist(),
+        )
 
     @abstractmethod
     def _take(self, client: int, message: messages.Message) -> None:
         """Process a message that depends on the mode."""
 
     @abstractmethod
-    def _state_of_page(self, revision: int) -> dict[str, Any]:
+    def _page_state(self) -> PageState:
         """Return the state for the tabs."""
+
+    def _state_of(self, picture: Picture | None, **mode: Any) -> PageState:
+        """Return the state of the page with a picture; ``mode`` as for :func:`page_state`."""
+        return page_state(
+            self._revision,
+            self._page_status,
+            self._page_settings.table(),
+            self._picks,
+            self._places,
+            picture,
+            self._integration,
+            **mode,
+        )
 
     def _publish(self) -> None:
         self._revision += 1
-        self._snapshot = {**self._state_of_page(self._revision), "settings": self._page_settings.told()}
-        self._sink.show(self._snapshot)
+        self._last_state = self._page_state()
+        self._sink.show(self._last_state)
 
-    def _tell(self, client: int | None, level: str, text: str) -> None:
+    def _tell(self, client: int | None, level: NoteLevel, text: str) -> None:
         note = self._note(level, text)
         if client is None:
             self._page_status = replace(
@@ -367,9 +381,9 @@ class PageController(ABC):
                 return
             except Exception:  # noqa: BLE001 - a state that cannot be published must not be published to say so
                 _log.exception("the state of the page cannot be published")
-        self._sink.tell(client, {"type": "note", **note.plain()})
+        self._sink.tell(client, note)
 
-    def _note(self, level: str, text: str) -> Note:
+    def _note(self, level: NoteLevel, text: str) -> Note:
         return Note(id=next(self._note_ids), level=level, text=text, time_s=time.time())
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:

@@ -23,6 +23,9 @@ from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
+from flatcloth.viewer.protocol.sent import typed
+from flatcloth.viewer.protocol.state import FoundGarment, GarmentInfo
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -47,7 +50,7 @@ class GarmentStatus:
     working: bool = False
     text: str = NOT_YET
     known: KnownGarment | None = None
-    told: dict[str, Any] | None = None
+    told: FoundGarment | None = None
 
 
 class GarmentController:
@@ -70,7 +73,7 @@ class GarmentController:
         service: GarmentService,
         put: Callable[[Callable[[], None]], None],
         told: Callable[[], None],
-        tell: Callable[[int | None, dict[str, Any]], None],
+        tell: Callable[[int | None, ServerMessage], None],
     ) -> None:
         self._service, self._put, self._told, self._tell = service, put, told, tell
         self._worker = Worker("flatcloth-garment")
@@ -112,7 +115,7 @@ class GarmentController:
         if self._asked is not document:
             return  # the shape has changed since
         known: KnownGarment | None = None
-        told: dict[str, Any] | None = None
+        told: FoundGarment | None = None
         text = ""
         try:
             known = self._service.of(document)
@@ -191,8 +194,8 @@ class GarmentController:
                 known.by_evidence, known.evidence, view, known.found.kind, (*others, pull), with_pieces=False
             )
             found = with_placed_cloth(found, known.pieces, known.canonical.floating)
-            told = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
-            self._tell(client, told)
+            preview = {"type": "garment_preview", "id": message.id, **drawn(found, known)}
+            self._tell(client, typed(preview, GarmentPreview))
 
         self._worker.put(work)
 
@@ -245,27 +248,28 @@ class GarmentController:
 
     # --- told ---------------------------------------------------------------------------------------
 
-    def plain(self) -> dict[str, Any]:
+    def info(self) -> GarmentInfo:
         """Return the garment for the page."""
         status = self.status
-        return {
-            "revision": status.revision,
-            "working": status.working,
-            "text": status.text,
-            "kinds": [kind.name for kind in known_kinds()],
-            "found": status.told,
-        }
+        return GarmentInfo(
+            revision=status.revision,
+            working=status.working,
+            text=status.text,
+            kinds=tuple(kind.name for kind in known_kinds()),
+            found=status.told,
+        )
 
 
-def _told(known: KnownGarment) -> dict[str, Any]:
+def _told(known: KnownGarment) -> FoundGarment:
     """Return what is known of a garment, for the page."""
     found = known.found
-    return {
+    values = {
         **summary(known),
         "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
         "pieces": _pieces(known) if found.kind != NONE else [],
         "links": _links(known),
     }
+    return typed(values, FoundGarment)
 
 
 def _labels(canonical: Canonical) -> dict[int, str]:

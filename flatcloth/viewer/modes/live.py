@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import struct
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
@@ -21,8 +22,10 @@ from flatcloth.viewer.modes.player import LiveLoop, Player, Shown
 from flatcloth.viewer.modes.playhead import Playhead
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
+from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.snapshot import live_snapshot
+from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
+from flatcloth.viewer.protocol.state import LiveInfo, PageState
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -155,11 +158,13 @@ class LiveApplication(PageController):
         self._shown, self._picture = shown, shown.picture
         return shown.picture
 
-    def _state_of_page(self, revision: int) -> dict[str, Any]:
-        return live_snapshot(
-            revision, self._loop.head, self._shown, self._page_status, self._picks, self._integration,
-            self._places,
-        )  # fmt: skip
+    def _page_state(self) -> PageState:
+        head, shown = self._loop.head, self._shown
+        return self._state_of(
+            None if shown is None else shown.picture,
+            live=LiveInfo(playing=head.playing, forward=head.forward, fps=head.fps),
+            present_view=None if shown is None else shown.frame,
+        )
 
     # --- the loop's threads ------------------------------------------------------------------
 
@@ -181,54 +186,55 @@ class LiveApplication(PageController):
 
     def _frame(self, shown: Shown, layer: str) -> bytes:
         picture, integration = shown.picture, self._integration
-        about = self._about(shown, layer)
+        info = self._frame_info(shown, layer)
         if picture is None:
-            return packed(about, b"")
+            return packed(info, b"")
         axis, angles_deg = integration.axis, integration.recording.angles_deg
-        about["grid"] = grid_of(picture.view)
-        about["area_cm2"] = picture.view.area_m2 * 1e4
-        about["legend"] = layers.legend(picture.view, layer, axis, angles_deg)
-        about["pick_uv_m"] = self._pick_uv_m(picture)
-        return packed(about, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
+        info = structs.replace(
+            info,
+            grid=Grid(**grid_of(picture.view)),
+            area_cm2=picture.view.area_m2 * 1e4,
+            legend=typed(layers.legend(picture.view, layer, axis, angles_deg), Legend),
+            pick_uv_m=self._pick_uv_m(picture),
+        )
+        return packed(info, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
 
-    def _about(self, shown: Shown, layer: str) -> dict[str, Any]:
-        """Return the data sent with every frame, also with one that could not be flattened."""
+    def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
+        """Return what is sent with every frame, also with one that could not be flattened."""
         head = self._loop.head
-        return {
-            "type": "frame",
-            "sequence": shown.sequence,
-            "view_index": shown.frame,
-            "angle_deg": shown.angle_deg,
-            "reason": shown.reason,
-            "flatten_ms": shown.flatten_ms,
-            "server_fps": shown.fps,
-            "playing": head.playing,
-            "forward": head.forward,
-            "layer": layer,
-            "grid": None,
-        }
+        return FrameInfo(
+            sequence=shown.sequence,
+            view_index=shown.frame,
+            angle_deg=shown.angle_deg,
+            reason=shown.reason,
+            flatten_ms=shown.flatten_ms,
+            server_fps=shown.fps,
+            playing=head.playing,
+            forward=head.forward,
+            layer=layer,
+        )
 
-    def _pick_uv_m(self, picture: Picture) -> list[float] | None:
+    def _pick_uv_m(self, picture: Picture) -> UV | None:
         current = self._picks.current
         if current is None or not picture.view.valid.any():
             return None
         rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
         if distance_m > LOST_AT_M:
             return None
-        uv_m: list[float] = picture.view.uv_from_rc(np.array(rc)).tolist()
-        return uv_m
+        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+        return u_m, v_m
 
 
-def packed(about: dict[str, Any], image: bytes) -> bytes:
+def packed(info: FrameInfo, image: bytes) -> bytes:
     """Return a frame as sent: the length of its JSON (4 bytes, little-endian), JSON, PNG."""
-    text = json.dumps(about, allow_nan=False).encode()
+    text = encoded(info)
     return _LENGTH.pack(len(text)) + text + image
 
 
-def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """Return JSON and PNG of a frame, as the page decodes it."""
+def unpacked(data: bytes) -> tuple[FrameInfo, bytes]:
+    """Return what :func:`packed` packed, as the page decodes it."""
     end = _LENGTH.size + _LENGTH.unpack_from(data)[0]
-    return json.loads(data[_LENGTH.size : end]), data[end:]
+    return msgspec.json.decode(data[_LENGTH.size : end], type=FrameInfo), data[end:]
 
 
 def _changed(head: Playhead, wish: messages.Play) -> Playhead:

@@ -11,15 +11,16 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, Rigid2, finite
+from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
 from flatcloth.viewer.protocol.picture import Overlay
 from flatcloth.viewer.worker import Worker
 
@@ -45,7 +46,7 @@ class RepairService:
         ``tell(client, message)`` sends a message to a tab.
     """
 
-    def __init__(self, integration: Integration, tell: Callable[[int, dict[str, Any]], None]) -> None:
+    def __init__(self, integration: Integration, tell: Callable[[int, ServerMessage], None]) -> None:
         self._integration, self._tell = integration, tell
         self._wanted: dict[int, tuple[int, Document]] = {}
         self._lock = threading.Lock()
@@ -86,17 +87,16 @@ class RepairService:
     def _answer(self, client: int) -> None:
         with self._lock:
             number, document = self._wanted.pop(client)
-        told: dict[str, Any]
         try:
             found = self._integration.refined_score(document)
         except FlatclothError as error:
-            told = {"why": str(error)}
+            answer = PreviewAnswer(id=number, why=str(error))
         except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("a preview could not be computed")
-            told = {"why": f"Unexpected error: {error!r}. See the terminal."}
+            answer = PreviewAnswer(id=number, why=f"Unexpected error: {error!r}. See the terminal.")
         else:
-            told = refined_score_message(found)
-        self._tell(client, {"type": "preview", "id": number, **told})
+            answer = preview_answer(number, found)
+        self._tell(client, answer)
 
 
 def meant(document: Document, view_index: int) -> Pending:
@@ -128,14 +128,15 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
 
 
-def refined_score_message(found: RefinedScore) -> dict[str, Any]:
+def preview_answer(number: int, found: RefinedScore) -> PreviewAnswer:
     """Return the score of a placement and of its refinement for a tab."""
-    return {
-        "score": finite(found.score.total),
-        "apart_mm": found.score.apart_mm,
-        "refined_score": finite(found.refined_score.total),
-        "refined_apart_mm": found.refined_score.apart_mm,
-    }
+    return PreviewAnswer(
+        id=number,
+        score=found.score.total,
+        apart_mm=found.score.apart_mm,
+        refined_score=found.refined_score.total,
+        refined_apart_mm=found.refined_score.apart_mm,
+    )
 
 
 def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
@@ -153,14 +154,13 @@ def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
     return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
 
 
-def fit_message(fit: PairFit) -> dict[str, Any]:
+def pairs_answer(fit: PairFit) -> PairsAnswer:
     """Return the result of fitted pairs for a tab."""
-    return {
-        "type": "pairs",
-        "residual_mm": (1000 * fit.residual_m).tolist(),
-        "fitted_mm": (1000 * fit.fitted_m).tolist(),
-        "rms_mm": 1000 * fit.rms_m,
-    }
+    return PairsAnswer(
+        residual_mm=(1000 * fit.residual_m).tolist(),
+        fitted_mm=(1000 * fit.fitted_m).tolist(),
+        rms_mm=1000 * fit.rms_m,
+    )
 
 
 def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tuple[Rigid2 | None, str]:

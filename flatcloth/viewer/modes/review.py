@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -23,6 +24,7 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -94,30 +96,32 @@ class ReviewService:
         if begins:
             self._later(self._work)
 
-    def told(self, state: dict[str, Any], document: Document) -> dict[str, Any]:
-        """Return the state of the page with order, area added and flags of each view."""
+    def of_views(
+        self, views: tuple[ViewRow, ...], document: Document
+    ) -> tuple[tuple[ViewRow, ...], ReviewInfo]:
+        """Return the views of the page with order, area added and flags of each, and the texts of flags."""
         orders = {a.view_index: n for n, a in enumerate(document.accepted, start=1)}
         if document.start_view is not None:
             orders[document.start_view] = 0
         accepted = {a.view_index: a for a in (*document.accepted, *(w.decision for w in document.later))}
         added = self._areas.added_m2(document)
-        views = []
-        for view in state["views"]:
-            order, decision = orders.get(view["index"]), accepted.get(view["index"])
+        rows = []
+        for view in views:
+            order, decision = orders.get(view.index), accepted.get(view.index)
             area = None if order is None else added[order]
             flags = () if decision is None else self._flags.of(decision)
-            views.append(
-                {
-                    **view,
-                    "flagged": not SUSPECT.isdisjoint(flags),
-                    "order": order,
-                    "added_cm2": None if area is None else 1e4 * area,
-                    "flags": list(flags),
-                }
+            rows.append(
+                structs.replace(
+                    view,
+                    flagged=not SUSPECT.isdisjoint(flags),
+                    order=order,
+                    added_cm2=None if area is None else 1e4 * area,
+                    flags=tuple(flags),
+                )
             )
         axis = self._integration.axis
         place = hash((axis.point_m.tobytes(), axis.direction.tobytes(), document.strokes)) & 0xFFFFFFFF
-        return {**state, "views": views, "review": {"token": f"{self._token}{place:x}", "flags": FLAGS}}
+        return tuple(rows), ReviewInfo(token=f"{self._token}{place:x}", flags=FLAGS)
 
     # --- the worker --------------------------------------------------------------------------
 

@@ -7,9 +7,10 @@ import math
 import threading
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
@@ -44,7 +45,9 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
 from flatcloth.viewer.protocol.allowed import command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture
-from flatcloth.viewer.protocol.snapshot import center_uv_m, snapshot
+from flatcloth.viewer.protocol.sent import NoteLevel, Progress
+from flatcloth.viewer.protocol.snapshot import center_uv_m
+from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -256,7 +259,7 @@ class Application(PageController):
             fitted = fit.by @ overlay.shown(pending)
             self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
             fit = repair.fit_of(fitted, pairs)
-        self._sink.tell(client, repair.fit_message(fit))
+        self._sink.tell(client, repair.pairs_answer(fit))
 
     def _sides_told(self, changed: str) -> None:
         """Say what a stroke changed; the labels of the cloth are others."""
@@ -349,7 +352,7 @@ class Application(PageController):
         if request is not None and self._cancel is None:
             cancelled = threading.Event()
             self._cancel = (request.token, cancelled)
-            self._page_status = replace(self._page_status, progress=(0.0, "Waiting"))
+            self._page_status = replace(self._page_status, progress=Progress(share=0.0, text="Waiting"))
             document = self._state.document
             self._back.put(lambda: self._work_on_request(document, request, cancelled))
 
@@ -377,15 +380,17 @@ class Application(PageController):
         shown = None if self._picture is None else self._picture.document
         self._garment.follow(shown, busy=self._page_status.auto)
 
-    def _end_auto(self, level: str, text: str) -> None:
+    def _end_auto(self, level: NoteLevel, text: str) -> None:
         self._page_status = replace(self._page_status, auto=False)
         self._follow_garment()
         self._tell(None, level, text)
 
-    def _state_of_page(self, revision: int) -> dict[str, Any]:
-        page = self._page_status, self._picks, self._picture, self._integration, self._places
-        told = self._review.told(snapshot(revision, self._state, *page), self._state.document)
-        return {**told, "sides": self._sides.plain(), "garment": self._garment.plain()}
+    def _page_state(self) -> PageState:
+        state = self._state_of(self._picture, session=self._state)
+        views, review = self._review.of_views(state.views, self._state.document)
+        return structs.replace(
+            state, views=views, review=review, sides=self._sides.info(), garment=self._garment.info()
+        )
 
     # --- the worker --------------------------------------------------------------------------
 
@@ -418,11 +423,12 @@ class Application(PageController):
     def _note_progress(self, request: Request, share: float, text: str) -> None:
         if self._state.request != request:
             return
-        self._page_status = replace(self._page_status, progress=(share, text))
+        progress = Progress(share=share, text=text)
+        self._page_status = replace(self._page_status, progress=progress)
         now_s = time.monotonic()
         if now_s - self._progress_at_s >= PROGRESS_INTERVAL_S:
             self._progress_at_s = now_s
-            self._sink.tell(None, {"type": "progress", "share": share, "text": text})
+            self._sink.tell(None, progress)
 
     def _work_on_axis(self, axis: RotationAxis) -> None:
         text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis

@@ -6,7 +6,7 @@ import logging
 import secrets
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from starlette.concurrency import run_in_threadpool
@@ -23,7 +23,9 @@ from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, sma
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.state import SidesInfo
 from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
@@ -84,22 +86,22 @@ class SideController:
         """End the thread."""
         self._worker.stop(timeout_s=2.0)
 
-    def plain(self) -> dict[str, Any] | None:
+    def info(self) -> SidesInfo | None:
         """Return the status for the page, None if the recording has masks of its own."""
         if not self.available:
             return None
         status, recording = self.status, self._integration.recording
-        return {
-            "revision": status.revision,
-            "token": self._token,
-            "n_strokes": status.n_strokes,
-            "text": status.text,
-            "certainty": status.certainty,
-            "undecided_cm2": status.undecided_cm2,
-            "conflicts": list(status.conflicts),
+        return SidesInfo(
+            revision=status.revision,
+            token=self._token,
+            n_strokes=status.n_strokes,
+            text=status.text,
+            certainty=status.certainty,
+            undecided_cm2=status.undecided_cm2,
+            conflicts=status.conflicts,
             # Pixels of an image that a metre of the item covers, at the distance of the axis.
-            "pixels_per_m": recording.intrinsics.fx / float(self._integration.axis.point_m[2]),
-        }
+            pixels_per_m=recording.intrinsics.fx / float(self._integration.axis.point_m[2]),
+        )
 
     # --- decisions -----------------------------------------------------------------------------
 
@@ -206,7 +208,7 @@ class SideController:
         self.status = SideStatus(revision=self.status.revision + 1, text=text)
         self._told("")
 
-    def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[dict[str, Any]], None]) -> None:
+    def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[StrokeAdvice], None]) -> None:
         """Find where the next stroke would determine most; ``answer`` is called on another thread."""
         sides = self._integration.sides
         if sides is None:
@@ -216,20 +218,14 @@ class SideController:
             try:
                 found = sides.solver().where_next(strokes)
             except FlatclothError as error:
-                answer({"type": "where_to_stroke", "view_index": None, "rc": None, "text": str(error)})
+                answer(StrokeAdvice(view_index=None, rc=None, text=str(error)))
                 return
             if found is None:
                 text = "The views determine all cloth: no stroke tells more."
-                answer({"type": "where_to_stroke", "view_index": None, "rc": None, "text": text})
+                answer(StrokeAdvice(view_index=None, rc=None, text=text))
                 return
-            answer(
-                {
-                    "type": "where_to_stroke",
-                    "view_index": found.view_index,
-                    "rc": [float(x) for x in found.rc],
-                    "text": found.text,
-                }
-            )
+            row, col = map(float, found.rc)
+            answer(StrokeAdvice(view_index=found.view_index, rc=(row, col), text=found.text))
 
         self._worker.put(work)
 

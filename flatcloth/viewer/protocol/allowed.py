@@ -31,6 +31,7 @@ from flatcloth.viewer.protocol.actions import (
     NOT_LIVE,
     Action,
 )
+from flatcloth.viewer.protocol.state import ActionRow
 
 
 def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
@@ -104,23 +105,23 @@ def _description(action: Action, state: SessionState | None) -> str:
     return f"{action.title}: {items[-1].name}." if items else action.description
 
 
-def action_table(state: SessionState | None) -> list[dict[str, Any]]:
+def action_table(state: SessionState | None) -> tuple[ActionRow, ...]:
     """Return the table for the page, with the reason if an action is not allowed now.
 
     Without a state it is the table of live mode, which has no decisions.
     """
-    return [
-        {
-            "name": a.name,
-            "title": a.title,
-            "keys": list(a.keys),
-            "description": _description(a, state),
-            "group": a.group,
-            "mode": a.mode,
-            "why_not": _why_not_live(a) if state is None else why_not(a.name, state),
-        }
-        for a in ACTIONS
-    ]
+    return tuple(
+        ActionRow(
+            name=action.name,
+            title=action.title,
+            keys=action.keys,
+            description=_description(action, state),
+            group=action.group,
+            mode=action.mode,
+            why_not=_why_not_live(action) if state is None else why_not(action.name, state),
+        )
+        for action in ACTIONS
+    )
 
 
 def _why_not_live(action: Action) -> str | None:

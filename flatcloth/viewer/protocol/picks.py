@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,11 +21,13 @@ from flatcloth.grasping.grasps import (
     point_on_ray,
 )
 from flatcloth.grasping.grips import GripStore, grip_numbers
+from flatcloth.session.journal import Pick
+from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.protocol.answers import RayAnswer
+from flatcloth.viewer.protocol.messages import HoverRay
 from flatcloth.viewer.protocol.picture import Picture
-
-if TYPE_CHECKING:
-    from flatcloth.session.journal import Pick
-    from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.protocol.sent import typed
+from flatcloth.viewer.protocol.state import ListedPick, PickInfo
 
 TOO_FAR_M = 0.030
 """A click in 3D farther than this from the shape picks nothing; a nearer one picks its nearest point."""
@@ -144,6 +145,30 @@ class PickStore:
         else:
             self._set(CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id)), picture)
 
+    def listed(self, picture: Picture | None, places: PlaceStore) -> tuple[ListedPick, ...]:
+        """Return the list for the page, with the place of each pick on the shape."""
+        found = []
+        for pick in self.picks:
+            place = None if picture is None else places.place(picture, pick.position_held_m)
+            x, y, z = map(float, pick.position_held_m)
+            found.append(
+                ListedPick(
+                    id=pick.id,
+                    name=pick.name,
+                    view_index=pick.view_index,
+                    position_held_m=(x, y, z),
+                    uv_m=place.uv_m if place is not None and place.in_shape else None,
+                )
+            )
+        return tuple(found)
+
+    def current_info(self, picture: Picture | None, places: PlaceStore) -> PickInfo | None:
+        """Return the numbers of the current pick; None without one, or before the first picture."""
+        if self.current is None or picture is None:
+            return None
+        place = places.place(picture, self.current.pick.position_held_m)
+        return pick_info(self.current, place, picture, self._axis, self.pose(picture))
+
     def redraw(self, picture: Picture | None) -> None:
         """Draw the current pick on another shape, whose outline may differ."""
         if self.current is not None:
@@ -212,20 +237,18 @@ def faces_away(pick: Pick, axis: RotationAxis, angle_deg: float) -> bool:
     return bool(np.isfinite(towards) and towards < 0)
 
 
-def hit_by(
-    picture: Picture | None, points_m: Floats, origin_m: Sequence[float], direction: Sequence[float]
-) -> dict[str, Any]:
-    """Return what a ray hits first, ``xyz_m``, and where it lies on the plane, ``uv_m``; None: nothing."""
-    nothing: dict[str, Any] = {"xyz_m": None, "uv_m": None}
-    if picture is None or not len(points_m) or not np.linalg.norm(direction) > 0:
+def hit_by(picture: Picture | None, points_m: Floats, hover: HoverRay) -> RayAnswer:
+    """Return what a ray hits first among the points of the scene."""
+    nothing = RayAnswer(id=hover.id)
+    if picture is None or not len(points_m) or not np.linalg.norm(hover.direction) > 0:
         return nothing
-    hit = point_on_ray(points_m, np.array(origin_m), np.array(direction))
+    hit = point_on_ray(points_m, np.array(hover.origin_m), np.array(hover.direction))
     if hit is None:
         return nothing
-    xyz = points_m[hit]
-    rc, distance_m = pixel_of_point(picture.view, xyz)
-    uv = picture.view.uv_from_rc(np.array(rc)).tolist() if distance_m <= TOO_FAR_M else None
-    return {"xyz_m": [float(x) for x in xyz], "uv_m": uv}
+    x, y, z = map(float, points_m[hit])
+    rc, distance_m = pixel_of_point(picture.view, points_m[hit])
+    uv = tuple(picture.view.uv_from_rc(np.array(rc)).tolist()) if distance_m <= TOO_FAR_M else None
+    return RayAnswer(id=hover.id, xyz_m=(x, y, z), uv_m=uv)
 
 
 def _shown(picture: Picture | None) -> Picture:
@@ -253,29 +276,29 @@ class PlaceStore:
         return self._places[key]
 
 
-def numbers(
+def pick_info(
     current: CurrentPick, place: Place, picture: Picture, axis: RotationAxis, pose: GraspPose | None
-) -> dict[str, Any]:
+) -> PickInfo:
     """Return all numbers of the current pick, with its grasp pose, for the page and the clipboard."""
     pick = current.pick
     position = np.asarray(pick.position_held_m, dtype=np.float64)
     normal = np.asarray(pick.normal_held, dtype=np.float64)
     at_camera, normal_camera = camera_from_held(axis, picture.angle_deg).apply_with_normal(position, normal)
-    z_angle = float(picture.view.z_angle_deg[place.rc]) if place.in_shape else None
-    return {
+    values = {
         "id": pick.id,
         "name": pick.name,
-        "rc": list(place.rc),
-        "uv_m": list(place.uv_m),
+        "rc": place.rc,
+        "uv_m": place.uv_m,
         "in_shape": place.in_shape,
-        "position_held_m": position.tolist(),
-        "position_camera_m": at_camera.tolist(),
+        "position_held_m": position,
+        "position_camera_m": at_camera,
         "normal_held": [finite(x) for x in normal.tolist()],
         "normal_camera": [finite(x) for x in normal_camera.tolist()],
         "angle_deg": picture.angle_deg,
-        "z_angle_deg": finite(z_angle),
+        "z_angle_deg": finite(float(picture.view.z_angle_deg[place.rc])) if place.in_shape else None,
         "view_index": pick.view_index,
-        "source_rc": list(pick.source_rc),
+        "source_rc": pick.source_rc,
         "miss_m": current.miss_m,
         "grip": grip_numbers(pose),
     }
+    return typed(values, PickInfo)

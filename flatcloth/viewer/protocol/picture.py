@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
-from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, lay_out, overlay_on
+from flatcloth.engine.integration import Integration, Proposal
+from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, lay_out, overlay_on
+from flatcloth.engine.views import ViewCloud
 from flatcloth.garments.deciding import decided_pieces
+from flatcloth.methods.base import AlignmentScore, JoinedPiece
 from flatcloth.methods.paper.merging import shows
-from flatcloth.rendering.layers import legends
+from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.machine import Document, Pending
-from flatcloth.viewer.protocol.verdict import checks, foreseen
+from flatcloth.viewer.protocol.answers import PixelValues
+from flatcloth.viewer.protocol.sent import UV, Legend, typed
+from flatcloth.viewer.protocol.state import Check, Foreseen, PlacedPartInfo
 
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration, Proposal
-    from flatcloth.engine.views import ViewCloud
-    from flatcloth.methods.base import AlignmentScore, JoinedPiece
-
-
-@dataclass(frozen=True, kw_only=True)
-class PartPlacedWithIt:
-    """A further component that is placed with the proposal: its area, and a place on the sheet.
-
-    The place is in the middle of the cloth that it alone adds, if there is any.
-    """
-
-    view_index: int
-    component: int
-    area_cm2: float
-    place_uv_m: tuple[float, float]
+APART_LIMIT_MM = 1000.0 * CONFLICT_M  # as in the 3D scene
+SHARE_LIMIT = 0.1
+"""As without an operator: of a larger share that contradicts, no view is accepted."""
+_JOINS_M2 = 2e-4
+"""A piece is joined if the proposal covers so much of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +44,10 @@ class Overlay:
     score: AlignmentScore
     proposal: Proposal
     sheet: Sheet
-    foreseen: dict[str, Any] = field(default_factory=dict)
-    checks: tuple[dict[str, Any], ...] = ()
+    foreseen: Foreseen | None = None
+    checks: tuple[Check, ...] = ()
     joined_piece: JoinedPiece | None = None
-    also: tuple[PartPlacedWithIt, ...] = ()
+    also: tuple[PlacedPartInfo, ...] = ()
 
     def shown(self, pending: Pending) -> Rigid2:
         """Return the placement in force as it is on the sheet."""
@@ -91,7 +84,7 @@ class Picture:
     angle_deg: float
     cloud: ViewCloud
     energies: tuple[tuple[float, ...], ...]
-    legends: dict[str, Any]
+    legends: dict[str, Legend]
     document: Document | None = None
     overlay: Overlay | None = None
     sheet: Sheet | None = None
@@ -123,7 +116,9 @@ def make_picture(integration: Integration, document: Document, previous: Picture
         angle_deg=angles_deg[present],
         cloud=integration.cloud(present),
         energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
-        legends=legends(view, integration.axis, angles_deg) if same is None else same.legends,
+        legends=same.legends
+        if same
+        else typed(legends(view, integration.axis, angles_deg), dict[str, Legend]),
         overlay=overlay,
         sheet=sheet,
     )
@@ -155,11 +150,11 @@ def _overlay(integration: Integration, document: Document, sheet: Sheet, before:
     return replace(
         made,
         foreseen=foreseen(made, made.piece(pending), others),
-        checks=tuple(checks(made, integration.axis)),
+        checks=checks(made, integration.axis),
     )
 
 
-def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) -> tuple[PartPlacedWithIt, ...]:
+def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) -> tuple[PlacedPartInfo, ...]:
     own = integration.part(pending.view_index, pending.component)
     own_from_plane = pending.current_from_new.inverse()
     found = []
@@ -170,7 +165,7 @@ def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) ->
         points = alone if len(alone) else uv
         u_m, v_m = points[np.argmin(np.linalg.norm(points - np.median(points, axis=0), axis=1))]
         found.append(
-            PartPlacedWithIt(
+            PlacedPartInfo(
                 view_index=placed.view_index,
                 component=placed.component,
                 area_cm2=1e4 * part.area_m2,
@@ -203,37 +198,88 @@ def _other_components(
     return found
 
 
-def attributes_at(
-    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
-) -> dict[str, Any] | None:
-    """Return all attributes of the pixel at a position of the plane, None off the cloth.
+def foreseen(overlay: Overlay, own: int, others: Sequence[tuple[FlattenedView, Bool]]) -> Foreseen:
+    """Return what accepting a proposal on the piece ``own`` would add (cm2), measure again, and join.
 
-    ``z_angle_deg`` is the Z-angle at which its view saw it, ``z_angle_now_deg`` that at the rotation
-    ``angle_deg``, which can be compared between views.
+    ``others`` are the other components of the view, each with where it is new: they come along.
+    """
+    view, sheet = overlay.view, overlay.sheet
+    pixel_cm2 = 1e4 * view.pixel_size_m**2
+    added = int((overlay.new_points & view.valid).sum()) + sum(int(fresh.sum()) for _, fresh in others)
+    whole = int(view.valid.sum()) + sum(int(part.valid.sum()) for part, _ in others)
+    rc = np.rint(sheet.view.rc_from_uv(view.uv_from_rc(np.argwhere(view.valid)))).astype(int)
+    inside = ((rc >= 0) & (rc < sheet.view.shape)).all(axis=1)
+    on = sheet.piece[rc[inside, 0], rc[inside, 1]]
+    covered = np.bincount(on[on >= 0], minlength=len(sheet.pieces) + 1) * view.pixel_size_m**2
+    joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own and area_m2 >= _JOINS_M2]
+    return Foreseen(added_cm2=pixel_cm2 * added, again_cm2=pixel_cm2 * (whole - added), joins=tuple(joins))
+
+
+def checks(overlay: Overlay, axis: RotationAxis) -> tuple[Check, ...]:
+    """Return the checks: title, value and limit with their unit, whether it is passed, where it is worst.
+
+    ``passed`` is None if the cloth in common does not tell.
+    """
+    apart = difference(overlay.sheet.view, overlay.view, axis)
+    common = apart.common
+    median_mm = 1000 * float(np.median(apart.distance_m[common])) if common.any() else float("nan")
+    with np.errstate(invalid="ignore"):
+        far = common & (apart.distance_m * 1000 > APART_LIMIT_MM)
+    parts = overlay.score.parts
+    crossed = 1.0 - parts["outline_agreement"] if "outline_agreement" in parts else float("nan")
+    twice = parts.get("twice_share", float("nan"))
+    shared = _middle(overlay.view, common)
+    worst = _middle(overlay.view, far) or shared
+    limit = 100 * SHARE_LIMIT
+    return (
+        _check("apart", "Distance in space", median_mm, APART_LIMIT_MM, "mm", worst),
+        _check("twice", "Cloth covered twice", 100 * twice, limit, "%", shared),
+        _check("outline", "Outline crossed", 100 * crossed, limit, "%", shared),
+    )
+
+
+def _check(name: str, title: str, value: float, limit: float, unit: str, place: UV | None) -> Check:
+    known = finite(value)
+    passed = None if known is None else known <= limit
+    return Check(name=name, title=title, value=known, limit=limit, unit=unit, passed=passed, place_uv_m=place)
+
+
+def _middle(view: FlattenedView, where: Bool) -> UV | None:
+    """Return a place (u, v) among pixels, near their middle."""
+    rc = np.argwhere(where)
+    if not len(rc):
+        return None
+    nearest = rc[np.argmin(np.square(rc - np.median(rc, axis=0)).sum(axis=1))]
+    u_m, v_m = view.uv_from_rc(nearest).tolist()
+    return u_m, v_m
+
+
+def values_at(
+    view: FlattenedView, u_m: float, v_m: float, axis: RotationAxis, angle_deg: float = 0.0
+) -> PixelValues | None:
+    """Return all values of the pixel at a position of the plane, None off the cloth.
+
+    ``angle_deg`` is the rotation that ``z_angle_now_deg`` refers to.
     """
     row, col = (int(x) for x in np.floor(view.rc_from_uv(np.array([u_m, v_m])) + 0.5))
     rows, cols = view.shape
     if not (0 <= row < rows and 0 <= col < cols) or not view.valid[row, col]:
         return None
     xyz = view.xyz_m[row, col].astype(np.float64)
-    return {
+    quality = [None] * 3 if view.quality is None else [finite(x) for x in view.quality[row, col].tolist()]
+    std_m = None if view.placement_std_m is None else float(view.placement_std_m[row, col])
+    values = {
         "rc": [row, col],
         "uv_mm": [1000 * u_m, 1000 * v_m],
-        "rgb": view.rgb[row, col].tolist(),
-        "xyz_mm": (1000 * xyz).tolist(),
+        "rgb": view.rgb[row, col],
+        "xyz_mm": 1000 * xyz,
         "height_mm": 1000 * float(height_m(xyz, axis)),
         "normal": [finite(x) for x in view.normal[row, col].tolist()],
         "z_angle_deg": finite(float(view.z_angle_deg[row, col])),
         "z_angle_now_deg": finite(float(z_angle_deg(view.normal[row, col], axis, angle_deg))),
         "view_index": int(view.view_index[row, col]),
         "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
-        **_quality_at(view, row, col),
-        "placement_std_mm": None
-        if view.placement_std_m is None
-        else finite(1000 * float(view.placement_std_m[row, col])),
+        **dict(zip(("density_px_cm2", "incidence_deg", "stretch"), quality, strict=True)),
+        "placement_std_mm": None if std_m is None else finite(1000 * std_m),
     }
-
-
-def _quality_at(view: FlattenedView, row: int, col: int) -> dict[str, float | None]:
-    values = [None] * 3 if view.quality is None else [finite(x) for x in view.quality[row, col].tolist()]
-    return dict(zip(("density_px_cm2", "incidence_deg", "stretch"), values, strict=True))
+    return typed(values, PixelValues)

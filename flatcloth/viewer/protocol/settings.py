@@ -26,6 +26,8 @@ from flatcloth.core.config import Config
 from flatcloth.core.decoding import decoded, fitted
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.viewer.protocol.sent import typed
+from flatcloth.viewer.protocol.state import SettingsTable
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"
@@ -142,9 +144,9 @@ class SettingsStore:
         """
         self._keep(self.defaults)
 
-    def told(self) -> dict[str, dict[str, Any]]:
-        """Return the table for the page by name, with values and defaults."""
-        return {
+    def table(self) -> SettingsTable:
+        """Return the table for the page, with values and defaults."""
+        rows = {
             setting.name: {
                 **dataclasses.asdict(setting),
                 "value": getattr(self.now, setting.name),
@@ -152,6 +154,7 @@ class SettingsStore:
             }
             for setting in SETTINGS
         }
+        return typed(rows, SettingsTable)
 
     def _keep(self, settings: Settings) -> None:
         if self._path is not None:

@@ -1,4 +1,4 @@
-"""The messages of the page as TypeScript, to check the page's modules against them.
+"""The messages of the page and of the server as TypeScript, to check the page's modules against them.
 
 ``python -m flatcloth.viewer.protocol.typescript`` writes ``static/page/messages.d.ts``; a test compares the
 two. The page itself needs no TypeScript: only ``make lint`` reads the file.
@@ -7,10 +7,13 @@ two. The page itself needs no TypeScript: only ``make lint`` reads the file.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from typing import Any, get_args
 
 from msgspec import NODEFAULT, inspect
 
 from flatcloth.core.resources import static_folder
+from flatcloth.viewer.protocol.answers import FrameInfo, ServerMessage
 from flatcloth.viewer.protocol.messages import KINDS
 
 _SCALARS: dict[type, str] = {
@@ -19,33 +22,58 @@ _SCALARS: dict[type, str] = {
     inspect.StrType: "string",
     inspect.BoolType: "boolean",
     inspect.NoneType: "null",
+    inspect.AnyType: "any",
 }
 
 
 def declarations() -> str:
-    """Return one interface per message, and the union of all, as the text of a ``.d.ts`` file."""
-    kinds = [_interface(kind) for kind in KINDS.values()]
-    names = " | ".join(kind.__name__ for kind in KINDS.values())
-    return "\n".join(
-        [
-            "// Made by flatcloth/viewer/protocol/typescript.py from messages.py; not to be edited.",
-            "",
-            *kinds,
-            "/** All that the page may say to the server. */",
-            f"export type ClientMessage = {names};".replace(" | ", "\n  | "),
-            "",
-        ]
-    )
+    """Return the text of a ``.d.ts`` file: one interface a struct, and the unions of all messages."""
+    sent, taken = list(KINDS.values()), list(get_args(ServerMessage))
+    lines = ["// Made by flatcloth/viewer/protocol/typescript.py; not to be edited.", ""]
+    lines += [_interface(kind, optional=True) for kind in sent]
+    lines += ["/** Every message that the page sends. */", _union("ClientMessage", sent), ""]
+    lines += [_interface(kind, optional=False) for kind in _with_parts([*taken, FrameInfo])]
+    lines += ["/** Every message that the server sends as text. */", _union("ServerMessage", taken), ""]
+    return "\n".join(lines)
 
 
-def _interface(kind: type) -> str:
+def _union(name: str, kinds: Iterable[type]) -> str:
+    return f"export type {name} =" + "".join(f"\n  | {kind.__name__}" for kind in kinds) + ";"
+
+
+def _with_parts(kinds: Iterable[type]) -> list[type]:
+    """Return structs and the structs in their fields, each once."""
+    found: dict[type, None] = {}
+
+    def visit(about: Any) -> None:
+        if isinstance(about, inspect.StructType):
+            if about.cls in found:
+                return
+            found[about.cls] = None
+            for field in about.fields:
+                visit(field.type)
+            return
+        for name in ("type", "types", "item_type", "item_types", "value_type"):
+            inner = getattr(about, name, ())
+            for each in inner if isinstance(inner, tuple) else (inner,):
+                visit(each)
+
+    for kind in kinds:
+        visit(inspect.type_info(kind))
+    return list(found)
+
+
+def _interface(kind: type, *, optional: bool) -> str:
+    """Return a struct as an interface; ``optional``: fields with a default may be left out."""
     about = inspect.type_info(kind)
     assert isinstance(about, inspect.StructType)
     summary = (kind.__doc__ or "").strip().splitlines()[0]
-    rows = [f"/** {summary} */", f"export interface {kind.__name__} {{", f"  type: {json.dumps(about.tag)};"]
+    rows = [f"/** {summary} */", f"export interface {kind.__name__} {{"]
+    if about.tag is not None:
+        rows.append(f"  type: {json.dumps(about.tag)};")
     for field in about.fields:
-        optional = "" if field.default is NODEFAULT and field.default_factory is NODEFAULT else "?"
-        rows.append(f"  {field.encode_name}{optional}: {_type(field.type)};")
+        required = field.default is NODEFAULT and field.default_factory is NODEFAULT
+        rows.append(f"  {field.encode_name}{'?' if optional and not required else ''}: {_type(field.type)};")
     return "\n".join([*rows, "}", ""])
 
 
@@ -60,6 +88,10 @@ def _type(about: inspect.Type) -> str:
         return f"[{', '.join(_type(t) for t in about.item_types)}]"
     if isinstance(about, inspect.VarTupleType | inspect.ListType):
         return f"{_grouped(_type(about.item_type))}[]"
+    if isinstance(about, inspect.DictType):
+        return f"Record<{_type(about.key_type)}, {_type(about.value_type)}>"
+    if isinstance(about, inspect.StructType):
+        return about.cls.__name__
     if type(about) in _SCALARS:
         return _SCALARS[type(about)]
     raise TypeError(f"A message has a field of a type that has no TypeScript here: {about!r}.")

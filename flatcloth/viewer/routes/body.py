@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import msgspec
 from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+
+from flatcloth.viewer.protocol.sent import encoded
 
 
 async def read_body(request: Request, most_bytes: int) -> bytes:
@@ -22,3 +26,8 @@ async def read_body(request: Request, most_bytes: int) -> bytes:
     except ClientDisconnect as error:
         raise ValueError("it was cut short") from error
     return body
+
+
+def json_answer(values: msgspec.Struct) -> Response:
+    """Return a struct as JSON that browsers do not keep."""
+    return Response(encoded(values), media_type="application/json", headers={"Cache-Control": "no-store"})

@@ -8,7 +8,7 @@ such address), 409 (not allowed now) or 503 (the camera has ended).
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -19,7 +19,8 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
-from flatcloth.viewer.routes.body import read_body
+from flatcloth.viewer.protocol.state import CaptureStatus
+from flatcloth.viewer.routes.body import json_answer, read_body
 
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -34,7 +35,7 @@ class Captures(Protocol):
         """The picture of the last view, empty if there is none."""
         ...
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> CaptureStatus:
         """Return the status of the capture."""
         ...
 
@@ -51,8 +52,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
     """Return the routes of a guided capture."""
 
     async def status(_request: Request) -> Response:
-        told = await run_in_threadpool(captures.status)
-        return JSONResponse(told, headers={"Cache-Control": "no-store"})
+        return json_answer(await run_in_threadpool(captures.status))
 
     async def view(_request: Request) -> Response:
         if not captures.view_png:
@@ -80,7 +80,7 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
         except FlatclothError as error:
             return _refused(str(error), 409)
         captures.announce()
-        return JSONResponse(await run_in_threadpool(captures.status))
+        return json_answer(await run_in_threadpool(captures.status))
 
     return [
         Route("/capture", status),

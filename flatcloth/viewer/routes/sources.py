@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Projection, Visibility, project, visibility_in
 from flatcloth.rendering import layers
 from flatcloth.rendering.pixel_states import state_legend, state_rgba
+from flatcloth.viewer.protocol.answers import PixelValues, SourcePlace
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -169,26 +170,18 @@ def place_in_view(
     return project(position_held_m, normal_held, integration.axis, angle_deg, recording.intrinsics)
 
 
-def place_under(
-    integration: Integration, view_index: int, *attributes: Mapping[str, Any] | None
-) -> dict[str, Any] | None:
-    """Return the position of the first valid read-out in the image of a view; None if there is none.
-
-    ``attributes`` are those of ``picture.attributes_at``.
-    """
-    found = next((a for a in attributes if a is not None), None)
+def place_under(integration: Integration, view_index: int, found: PixelValues | None) -> SourcePlace | None:
+    """Return where a pixel of the flattened view is in the image of a view; None if it is not seen there."""
     if found is None or not 0 <= view_index < len(integration.recording):
         return None
-    if found["view_index"] == view_index:
-        return {"view_index": view_index, "rc": found["source_rc"]}
-    position = np.array(found["xyz_mm"]) / 1000.0
-    normal = np.array([np.nan if x is None else x for x in found["normal"]])
+    if found.view_index == view_index:
+        return SourcePlace(view_index=view_index, rc=found.source_rc)
+    position = np.array(found.xyz_mm) / 1000.0
+    normal = np.array(found.normal, dtype=np.float64)  # None becomes NaN
     place = place_in_view(integration, view_index, position, normal)
-    return (
-        {"view_index": view_index, "rc": [place.row, place.col]}
-        if place.visibility is Visibility.SEEN
-        else None
-    )
+    if place.visibility is not Visibility.SEEN:
+        return None
+    return SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
 
 
 def views_that_saw(integration: Integration, position_held_m: Floats, normal_held: Floats) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.core.signals import handled_by
 from flatcloth.viewer.places import Chosen, Places
+from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
 from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
 from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limited_logs
@@ -238,7 +239,7 @@ class PageServer:
         workspace.start(self._loop)
         self._now = workspace
         if before is not None:
-            before.hub.tell(None, {"type": "switched"})
+            before.hub.tell(None, Switched())
             before.stop()
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import json
 from collections import deque
 from collections.abc import Awaitable, Callable
-from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from flatcloth.viewer.protocol.answers import ServerMessage
+from flatcloth.viewer.protocol.sent import encoded
+from flatcloth.viewer.protocol.state import PageState
 
 WAITING_LIMIT = 1000
 """Messages that wait for a page before it is given up. Chosen: it bounds memory."""
@@ -69,9 +71,9 @@ class Hub:
         """Start sending on this event loop."""
         self._loop = loop
 
-    def show(self, state: dict[str, Any]) -> None:
+    def show(self, state: PageState) -> None:
         """Send the whole state to every tab."""
-        text = json.dumps(state, allow_nan=False)
+        text = encoded(state).decode()
 
         def give() -> None:
             for tab in self._tabs.values():
@@ -79,9 +81,9 @@ class Hub:
 
         self._call(give)
 
-    def tell(self, client: int | None, message: dict[str, Any]) -> None:
+    def tell(self, client: int | None, message: ServerMessage) -> None:
         """Send one message to one tab, or to all of them."""
-        text = json.dumps(message, allow_nan=False)
+        text = encoded(message).decode()
 
         def give() -> None:
             for key, tab in self._tabs.items():
@@ -105,14 +107,14 @@ class Hub:
             loop.call_soon_threadsafe(job)
 
     async def serve(
-        self, socket: WebSocket, first: dict[str, Any], receive: Callable[[int, Tab, str], Awaitable[None]]
+        self, socket: WebSocket, first: PageState | None, receive: Callable[[int, Tab, str], Awaitable[None]]
     ) -> None:
         """Serve one tab until it closes; ``receive(tab_id, tab, text)`` gets its messages, one by one."""
         await socket.accept()
         tab, key = Tab(), next(self._ids)
         self._tabs[key] = tab
-        if first:
-            tab.put_state(json.dumps(first, allow_nan=False))
+        if first is not None:
+            tab.put_state(encoded(first).decode())
         sender = asyncio.create_task(_send(socket, tab))
         try:
             while True:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -23,6 +22,8 @@ from flatcloth.viewer.modes.player import Player
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.answers import HoverAnswer, RayAnswer
+from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
 from flatcloth.viewer.routes.robot import RobotRoutes
@@ -144,15 +145,15 @@ class Workspace:
         async def receive(key: int, tab: Tab, text: str) -> None:
             answer = self._pointed_at(text)
             if answer is not None:
-                tab.put(json.dumps(answer, allow_nan=False))
+                tab.put(encoded(answer).decode())
                 return
             while self.application.is_swamped:  # meanwhile no more of this tab is read
                 await asyncio.sleep(_SWAMPED_S)
             self.application.receive(key, text)
 
-        await self.hub.serve(browser, self.application.last_snapshot, receive)
+        await self.hub.serve(browser, self.application.last_state, receive)
 
-    def _pointed_at(self, text: str) -> dict[str, Any] | None:
+    def _pointed_at(self, text: str) -> HoverAnswer | RayAnswer | None:
         """Answer a question about what is under the pointer; None for any other message."""
         hover = _hover(text)
         if isinstance(hover, messages.HoverRay):

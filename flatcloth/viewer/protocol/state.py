@@ -1,0 +1,432 @@
+"""The state of the page, which every tab receives in full after each change."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from flatcloth.viewer.protocol.sent import (
+    RC,
+    UV,
+    XYZ,
+    Direction,
+    Grid,
+    Legend,
+    Motion,
+    Note,
+    Placement,
+    Progress,
+    Sent,
+)
+
+ViewState = Literal["unused", "start", "pending", "accepted", "fixed", "later", "rejected", "skipped"]
+
+
+class RecordingInfo(Sent, frozen=True):
+    """The recording that is open."""
+
+    name: str
+    description: str
+    n_views: int
+
+
+class AwaitedRequest(Sent, frozen=True):
+    """The computation that a session waits for."""
+
+    kind: str
+    view_index: int | None
+
+
+class ActionRow(Sent, frozen=True):
+    """An action of the page; ``why_not`` is the reason if it is not allowed now."""
+
+    name: str
+    title: str
+    keys: tuple[str, ...]
+    description: str
+    group: str
+    mode: str
+    why_not: str | None
+
+
+class ViewRow(Sent, frozen=True):
+    """A view on the timeline: what was decided about it, and what it added to the shape."""
+
+    index: int
+    angle_deg: float
+    state: ViewState
+    detail: str = ""
+    score: float | None = None
+    follows: int = 0
+    why_not: str | None = None
+    why_not_reopen: str | None = None
+    flagged: bool = False
+    order: int | None = None
+    added_cm2: float | None = None
+    flags: tuple[str, ...] = ()
+
+
+class ReviewInfo(Sent, frozen=True):
+    """``token`` changes when the pictures of the views do; ``flags`` are the texts of the views' flags."""
+
+    token: str
+    flags: dict[str, str]
+
+
+class OverlayInfo(Grid, frozen=True):
+    """Where the proposal lies; ``placement`` maps its own plane to the shape's."""
+
+    revision: int
+    view_index: int
+    center_uv_m: UV
+    differences: dict[str, Legend]
+    placement: Placement
+
+
+class FloatingPiece(Sent, frozen=True):
+    """A piece that is not joined to the shape yet; ``grid`` is its place on the sheet."""
+
+    label: str
+    file: str
+    area_cm2: float
+    reason: str
+    views: tuple[int, ...]
+    color: str
+    placed: bool
+    grid: Grid
+
+
+class Layers(Grid, frozen=True):
+    """The pictures of the shape; ``revision`` is part of their addresses."""
+
+    revision: int
+    names: tuple[str, ...]
+    area_cm2: float
+    pieces: tuple[FloatingPiece, ...]
+    legends: dict[str, Legend]
+    overlay: OverlayInfo | None
+
+
+class PendingPart(Sent, frozen=True):
+    """A connected part of the proposed view; ``waits``: the method found no place for it."""
+
+    component: int
+    area_cm2: float
+    waits: bool
+    chosen: bool
+
+
+class PlacedPartInfo(Sent, frozen=True):
+    """A further component that is placed with the proposal: its area, and a place on the sheet.
+
+    The place is in the middle of the cloth that it alone adds, if there is any.
+    """
+
+    view_index: int
+    component: int
+    area_cm2: float
+    place_uv_m: UV
+
+
+class JoinedPieceInfo(Sent, frozen=True):
+    """The floating piece that the proposal joins to the shape, and its motion on the sheet."""
+
+    label: str
+    placement: Placement
+
+
+class Foreseen(Sent, frozen=True):
+    """What accepting the proposal would add, measure again, and join."""
+
+    added_cm2: float
+    again_cm2: float
+    joins: tuple[str, ...]
+
+
+class Check(Sent, frozen=True):
+    """A check of the proposal; ``passed`` is None if the cloth in common does not tell."""
+
+    name: str
+    title: str
+    value: float | None
+    limit: float
+    unit: str
+    passed: bool | None
+    place_uv_m: UV | None
+
+
+class HypothesisInfo(Motion, frozen=True):
+    """A place that the method found for the proposal."""
+
+    source: str
+    score: float | None
+
+
+class PendingInfo(Sent, frozen=True):
+    """The proposal. What the method computes with it has a default while it is being drawn."""
+
+    view_index: int
+    side: str | None
+    proposed_score: float | None
+    score: float | None
+    why: str
+    again: bool
+    nudge: Motion
+    parts: dict[str, float | None] = msgspec.field(default_factory=dict)
+    reason: str = ""
+    rotation_deg: float | None = None
+    pieces: tuple[PendingPart, ...] = ()
+    also: tuple[PlacedPartInfo, ...] = ()
+    extends: str | None = None
+    brings: JoinedPieceInfo | None = None
+    foreseen: Foreseen | None = None
+    checks: tuple[Check, ...] = ()
+    margin: float | None = None
+    cameras: str = ""
+    undetermined: tuple[str, ...] = ()
+    hypotheses: tuple[HypothesisInfo, ...] = ()
+
+
+class GripInfo(Sent, frozen=True):
+    """How a pick is gripped; ``axis_deg`` is the gripper's axis as a line on the plane."""
+
+    axis_from: str
+    axis_deg: float | None
+    axis_uv: tuple[float, float] | None
+    axis_held: XYZ
+    approach_held: XYZ
+    opening_m: float
+    outline_distance_m: float | None
+    position_std_m: float | None
+    normal_std_deg: float | None
+    axis_std_deg: float | None
+    placement_std_m: float | None
+
+
+class PickInfo(Sent, frozen=True):
+    """All numbers of the current pick."""
+
+    id: int
+    name: str
+    rc: RC
+    uv_m: UV
+    in_shape: bool
+    position_held_m: XYZ
+    position_camera_m: XYZ
+    normal_held: Direction
+    normal_camera: Direction
+    angle_deg: float
+    z_angle_deg: float | None
+    view_index: int
+    source_rc: tuple[float | None, float | None]
+    miss_m: float
+    grip: GripInfo | None
+
+
+class ListedPick(Sent, frozen=True):
+    """A pick of the list; ``uv_m`` is None if the present shape does not contain it."""
+
+    id: int
+    name: str
+    view_index: int
+    position_held_m: XYZ
+    uv_m: UV | None
+
+
+class Switch(Sent, frozen=True):
+    """A setting that is on or off."""
+
+    name: str
+    title: str
+    description: str
+    value: bool
+    default: bool
+    low: None = None
+    high: None = None
+    step: None = None
+
+
+class Slider(Sent, frozen=True):
+    """A setting with a range."""
+
+    name: str
+    title: str
+    description: str
+    value: float
+    default: float
+    low: float
+    high: float
+    step: float
+
+
+class SettingsTable(Sent, frozen=True):
+    """The settings of the page in the order of their dialog."""
+
+    advance: Switch
+    auto_threshold: Slider
+    step_mm: Slider
+    step_deg: Slider
+    follow: Switch
+    turn_to_pick: Switch
+
+
+class SidesInfo(Sent, frozen=True):
+    """What is known of the side of interest; ``revision`` grows with every change of the labels."""
+
+    revision: int
+    token: str
+    n_strokes: int
+    text: str
+    certainty: float | None
+    undecided_cm2: float | None
+    conflicts: tuple[str, ...]
+    pixels_per_m: float
+
+
+class GarmentPointInfo(Sent, frozen=True):
+    """A named point of the garment; ``xyz_m`` is None if no view saw its cloth."""
+
+    name: str
+    uv_m: UV
+    std_mm: float
+    seen: bool
+    held: bool
+    xyz_m: Direction | None
+
+
+class Dimension(Sent, frozen=True):
+    """A dimension of the garment and its standard deviation."""
+
+    name: str
+    mm: float
+    std_mm: float
+
+
+class GarmentPiece(Sent, frozen=True):
+    """A floating piece that the garment has a place for, and its outline there."""
+
+    label: str
+    probability: float
+    std_mm: float
+    sure: bool
+    state: Literal["placed", "refused", "proposed"]
+    outline_uv_m: list[list[UV]]
+
+
+class DoubtedLinkInfo(Sent, frozen=True):
+    """A link that no garment allows: how probable it is, and the outline of the part."""
+
+    probability: float
+    area_cm2: float
+    outline_uv_m: list[list[UV]]
+
+
+class FoundGarment(Sent, frozen=True):
+    """The garment: its kind (None: of no known kind), dimensions, outline and named points."""
+
+    kind: str | None
+    likeliest: str
+    by_hand: bool
+    probabilities: list[tuple[str, float]]
+    dimensions: list[Dimension]
+    outline_uv_m: list[UV]
+    points: list[GarmentPointInfo]
+    upright_rad: float
+    pieces: list[GarmentPiece]
+    links: list[DoubtedLinkInfo]
+
+
+class GarmentInfo(Sent, frozen=True):
+    """What is known of the garment; ``revision`` grows with each answer, ``text`` says why there is none."""
+
+    revision: int
+    working: bool
+    text: str
+    kinds: tuple[str, ...]
+    found: FoundGarment | None
+
+
+class AutoInfo(Sent, frozen=True):
+    """Whether Auto decides."""
+
+    running: bool
+
+
+class LiveInfo(Sent, frozen=True):
+    """How the recording is played in live mode."""
+
+    playing: bool
+    forward: bool
+    fps: float
+
+
+class CapturedView(Sent, frozen=True):
+    """The view that was captured last."""
+
+    number: int
+    angle_deg: float
+    frames: int
+    noise_mm: float
+    warnings: tuple[str, ...]
+
+
+class CaptureStatus(Sent, tag_field="type", tag="capture", frozen=True):
+    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed."""
+
+    camera: str
+    camera_fps: float
+    ended: str | None
+    warnings: tuple[str, ...]
+    folder: str
+    phase: str
+    why_not: dict[str, str | None]
+    step_deg: float
+    hold_s: float
+    frames: int
+    target_deg: float
+    turn_by_deg: float
+    taken: int
+    still_s: float
+    speed_px_s: float | None
+    announced: bool
+    kept_deg: tuple[float, ...]
+    view: CapturedView | None
+
+
+class PageState(Sent, tag_field="type", tag="state", frozen=True):
+    """The whole state of the page. What the present mode does not have is None, or the default."""
+
+    revision: int
+    mode: Literal["session", "live"]
+    phase: str
+    method: str
+    recording: RecordingInfo
+    notes: tuple[str, ...]
+    auto: AutoInfo
+    edges: bool
+    layers: Layers | None
+    pick: PickInfo | None
+    picks: tuple[ListedPick, ...]
+    log: tuple[Note, ...]
+    settings: SettingsTable
+    present_view: int | None
+    angle_deg: float | None
+    views: tuple[ViewRow, ...]
+    actions: tuple[ActionRow, ...]
+    reject_reasons: tuple[str, ...]
+    step: int = 0
+    start_view: int | None = None
+    finished: str | None = None
+    undo: str | None = None
+    redo: str | None = None
+    n_later: int = 0
+    request: AwaitedRequest | None = None
+    progress: Progress | None = None
+    pending: PendingInfo | None = None
+    drawing: bool = False
+    review: ReviewInfo | None = None
+    sides: SidesInfo | None = None
+    garment: GarmentInfo | None = None
+    live: LiveInfo | None = None
+    capture: CaptureStatus | None = None
