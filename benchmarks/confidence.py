@@ -127,7 +127,7 @@ def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) 
     shape = robust.shapes.shape(document)
     result = np.full((len(shape.nodes), 2), np.nan)
     for observation in shape.observations:
-        offset = np.array(robust.shapes.surfaces(shape)[observation.view_index].frame.offset_rc)
+        offset = np.array(robust.seen.surfaces(shape)[observation.view_index].frame.offset_rc)
         result[observation.node] = _truth_at(truth, observation.view_index, observation.rc + offset)
     return result
 

@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.connectivity import links_of
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.observations import Nodes, Observation
 
 STEP_M = 0.008
@@ -73,6 +74,7 @@ def shape_of(uv: Float64, observations: Sequence[Observation], known: Bool) -> J
         nodes=nodes_at(uv),
         observations=tuple(observations),
         held_from_camera=(STILL,) * len(observations),
+        links=links_of(observations),
         piece=np.where(known, 0, -1).astype(np.int32),
         all_uv_m=np.where(known[:, None], uv, np.nan),
         anchor=np.flatnonzero(known).astype(np.int32),

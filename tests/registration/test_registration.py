@@ -33,7 +33,7 @@ def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=2e-3)
     robust = exact.algorithm
     assert isinstance(robust, RobustMethod)
-    for pose, known in zip(robust.shapes.poses((0, 1, 2)), found.known, strict=True):
+    for pose, known in zip(robust.seen.poses((0, 1, 2)), found.known, strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
 
 
@@ -58,7 +58,7 @@ def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> 
 def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None:
     robust = exact.algorithm
     assert isinstance(robust, RobustMethod)
-    stepwise = robust.shapes.registered((0, 1, 2))
+    stepwise = robust.seen.registered((0, 1, 2))
     once = registered(exact)
     for a, b in zip(stepwise.held_from_camera, once.held_from_camera, strict=True):
         np.testing.assert_array_equal(a.rotation, b.rotation)

@@ -21,8 +21,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import cuthill_mckee
+from flatcloth.methods.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust.connectivity import renumbered
-from flatcloth.methods.robust.relaxation import BorderedBand, add_products
 
 LEAST_RIGID_PART_NODES = 40
 """A wide part needs at least this many nodes to be a rigid part. Set by hand."""

@@ -13,22 +13,69 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from flatcloth.core.config import FlatteningConfig
+from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, Rigid2, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles
 from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
+from flatcloth.methods.base import Canonical
 from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.consistency import LEAST_PIECE
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
+from flatcloth.methods.robust.uncertainty import with_placement_std
 
 _RIM_NOISE = 3.0
 """Additional cost of a pixel at the outline of the surface, decreasing over a few pixels. Set by hand."""
+
+
+def draw(
+    shape: JointShape,
+    surfaces: Mapping[int, Surface],
+    axis: RotationAxis,
+    config: Config,
+    costs: Mapping[int, Float32],
+    certainty: tuple[Float64, Bool],
+    current_from_view: dict[int, Rigid2],
+    taken_off: Bool | None = None,
+) -> Canonical:
+    """Composite the main piece of a shape, with its uncertainty, and each floating piece.
+
+    Parameters
+    ----------
+    shape, surfaces, axis, costs
+        As in :func:`composite`.
+    config : Config
+        Sampling interval, pixel size, and the least area of a floating piece.
+    certainty : (N,) float64 and (N,) bool
+        Standard deviation of each node's position, and which nodes are not determined: these float.
+    current_from_view : dict
+        The motion of each view to the plane.
+    taken_off : (N,) bool, optional
+        Nodes that were taken off the shape.
+    """
+    interval, size = config.flattening.sampling_intervals_px[-1], config.flattening.pixel_size_m
+    std, unreliable = certainty
+    places = floating_pieces(shape, unreliable)
+    reliable, *pieces = [
+        composite(shape, surfaces, axis, interval, size, costs, uv)
+        for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *places)
+    ]
+    least_m2 = config.surface.min_component_area_m2
+    kept = [(uv, piece) for uv, piece in zip(places, pieces, strict=True) if piece.area_m2 >= least_m2]
+    return Canonical(
+        view=with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces),
+        current_from_view=current_from_view,
+        floating=tuple(piece for _, piece in kept),
+        taken_off=frozenset(
+            n
+            for n, (uv, _) in enumerate(kept)
+            if taken_off is not None and taken_off[np.isfinite(uv[:, 0])].mean() > 0.5
+        ),
+    )
 
 
 def composite(
@@ -147,6 +194,16 @@ def _near(own_rc: Int32, others_rc: Int32, surface: Surface, interval_px: int) -
     nearest = nearest_samples(surface.usable, surface.steps, np.concatenate([own_rc, others_rc]), reach_px)
     near: Bool = (nearest >= 0) & (nearest < len(own_rc))
     return near
+
+
+def states_of_nodes(shape: JointShape, unreliable: Bool, taken_off: Bool | None = None) -> Uint8:
+    """Return the state (N,) of each node, a :class:`PixelState`; ``taken_off`` (N,) float."""
+    state = np.full(len(shape.nodes), PixelState.NO_CHAIN, dtype=np.uint8)
+    state[shape.has_place & (shape.piece >= 0)] = PixelState.FLOATING
+    state[shape.placed & ~unreliable] = PixelState.SHAPE
+    if taken_off is not None:
+        state[taken_off & (state == PixelState.SHAPE)] = PixelState.FLOATING
+    return state
 
 
 def states_on_surface(

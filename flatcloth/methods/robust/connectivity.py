@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -21,20 +20,11 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.sampling import graph_components
 from flatcloth.methods.robust.observations import Complex128, Observation
 
-if TYPE_CHECKING:
-    from flatcloth.methods.robust.joint import JointShape
-
 Int64 = NDArray[np.int64]
 
 LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
 Set by hand."""
-_LEAST_NODE_EVIDENCE = 0.25
-"""A node that less evidence joins to others is not shown, ..."""
-_LEAST_OF_MEDIAN = 0.025
-"""... if that is also less than this share of the median node's, which is lower with few views or a worse
-sensor. Set by hand: of the nodes of 30 noisy recordings 3 % have less; they are 38 % of the nodes that lie
-more than 50 mm off."""
 _TRIANGLES = 3
 """A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
 
@@ -266,6 +256,21 @@ class Links:
         )
 
 
+NO_LINKS = Links(
+    edges=np.zeros((0, 2), dtype=np.int32),
+    member=np.zeros((0, 2), dtype=np.int32),
+    n_members=0,
+    length_m=np.zeros(0),
+    std_m=np.zeros(0),
+    evidence=np.zeros(0),
+    offset=np.zeros((0, 2), dtype=np.complex128),
+    observation=np.zeros(0, dtype=np.int32),
+    once=np.zeros((0, 2), dtype=np.int32),
+    pair=np.zeros(0, dtype=np.int32),
+)
+"""The pairs of no observation."""
+
+
 def links_of(observations: Sequence[Observation]) -> Links:
     """Return the pairs of all observations."""
     before = np.cumsum([0] + [len(s.node) for s in observations])
@@ -367,18 +372,3 @@ def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence:
             return piece
         joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)
         piece = graph_components(count, joined)[piece]
-
-
-def without_weak(shape: JointShape, beside: Bool | None = None) -> JointShape:
-    """Return the shape without places of nodes that little evidence joins, least of all ``beside`` a cut."""
-    evidence = shape.node_evidence
-    usual = float(np.median(evidence[shape.placed])) if shape.placed.any() else 0.0
-    weak = evidence < min(_LEAST_NODE_EVIDENCE, _LEAST_OF_MEDIAN * usual)
-    if beside is not None:
-        weak |= beside & (evidence < LEAST_EVIDENCE)
-    if not (shape.placed & ~weak).any():
-        return shape
-    return shape.with_same_pairs(
-        piece=np.where(weak, -1, shape.piece).astype(np.int32),
-        all_uv_m=np.where(weak[:, None], np.nan, shape.all_uv_m),
-    )

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -25,10 +23,8 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 from flatcloth.methods.robust.connectivity import near_and_apart
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, Hinge, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
-
-if TYPE_CHECKING:
-    from flatcloth.methods.robust.joint import JointShape
 
 _NEAR_M = 0.015
 """Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
@@ -44,10 +40,6 @@ _OTHER_PIECE_M = 5.0
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
-_TRIED_AGAIN = 1.25
-"""Other cuts are tried again when this many times the evidence is cut. Chosen for speed."""
-LEAST_PIECE = 12
-"""Fewest nodes of a floating piece that is kept, and of an overlap that counts. Set by hand."""
 _EVIDENCE_UNITS = 1000
 """Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
@@ -55,25 +47,10 @@ _MOST_MISFIT = 9.0
 """A hinge may turn until its pairs fit worse by three standard deviations. By definition."""
 _TURNS_RAD = [math.radians(sign * turn) for turn in range(1, 13) for sign in (1.0, -1.0)]
 """Least turns that are tried, the smallest first. Chosen: a turn by more is unsure by more than 5 degrees."""
-_LEAST_TURNED = 12
-"""Fewest nodes on both sides of a hinge that is held: as many as a piece has. Set by hand."""
 _EXPECTED_TURN, _TURN_STD = 1.525, 0.446
 """Mean and standard deviation of a normal distribution beyond one standard deviation. By definition."""
 
 Int64 = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hinge:
-    """A few pairs about which a part was turned off the rest, on which it lay.
-
-    ``part`` (P,) int32 are the nodes of the part, ``ends`` (E,) int32 those of the pairs, ``std_rad`` is the
-    standard deviation of its angle.
-    """
-
-    part: Int32
-    ends: Int32
-    std_rad: float
 
 
 def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
@@ -237,7 +214,7 @@ def held_hinge(
     was[hinge.part] = True
     known = np.isfinite(before_uv_m[:, 0]) & np.isfinite(uv_m[:, 0])
     own, rest = np.flatnonzero(known & was), np.flatnonzero(known & ~was)
-    if min(own.size, rest.size) < _LEAST_TURNED:
+    if min(own.size, rest.size) < LEAST_PIECE:
         return None
     part, strength = _minimum_cut(len(uv_m), edges, evidence, own, rest)
     placed = np.isfinite(uv_m[:, 0])
@@ -285,24 +262,6 @@ def without_overlap(
     if strength <= most_cut and smaller.sum() >= LEAST_PIECE:
         return uv_m, held, within[cut]
     return uv_m, held, within[:0]
-
-
-def with_better_cuts(shape: JointShape, solved: Callable[..., JointShape]) -> JointShape:
-    """Return the shape laid out anew with other cuts if more evidence is cut by now than a cut may have.
-
-    If a false link is seen before the right one, the right one makes cloth overlap when it is first seen, and
-    is cut because it is weak; all that later views say for it then counts as contradiction. ``solved`` is
-    :func:`flatcloth.methods.robust.joint._solved`.
-    """
-    links = shape.links
-    cut = float(links.evidence[shape.is_cut].sum())
-    if cut <= max(MOST_CUT_EVIDENCE, _TRIED_AGAIN * shape.cuts_tried) or shape.by_hand.any():
-        return shape
-    anew = solved(shape.not_laid_out(np.zeros_like(shape.is_cut)), most_cut=cut)
-    is_better = float(links.evidence[anew.is_cut].sum()) < cut
-    overlapping = np.unique(overlaps(anew, anew.uv_m)).size >= LEAST_PIECE
-    made = anew if is_better and not overlapping else shape
-    return made.with_same_pairs(cuts_tried=float(links.evidence[made.is_cut].sum()))
 
 
 def hinges_within(shape: JointShape, members: Bool) -> list[Hinge]:

@@ -1,43 +1,41 @@
 """The joint flattening of all accepted views (a departure from the paper, which places views rigidly).
 
-Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs.
-Eq. (2) is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the
-others lose their weight. Minimisation from a poor start would fold the sheet. Therefore each new node is
-first initialised from its placed neighbours, and the whole is relaxed as rigidly as possible: every view
-determines the arrangement of the neighbours around a node, with mirror images excluded.
+Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs. Eq. (2)
+is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the others lose
+their weight. :func:`flatten_jointly` is the algorithm: its steps are those of ``docs/robust.md``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.config import FlatteningConfig
-from flatcloth.core.geometry import Rigid3, fit_rigid2
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
-from flatcloth.methods.robust.connectivity import (
-    LEAST_EVIDENCE,
-    Links,
-    connected_pieces,
-    links_of,
-    without_weak,
-)
+from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, connected_pieces, links_of
 from flatcloth.methods.robust.consistency import (
-    LEAST_PIECE,
     MOST_CUT_EVIDENCE,
-    Hinge,
     contradicted_pairs,
     hinges_within,
     overlaps,
-    with_better_cuts,
     without_overlap,
+)
+from flatcloth.methods.robust.joint_shape import (
+    LEAST_PIECE,
+    OUTGROWN,
+    Hinge,
+    JointShape,
+    anchored,
+    with_cut,
+    with_observation,
+    without_layout,
+    without_weak,
 )
 from flatcloth.methods.robust.layout import (
     lay_out,
@@ -47,19 +45,7 @@ from flatcloth.methods.robust.layout import (
     seed_pair,
     seeded_anew,
 )
-from flatcloth.methods.robust.observations import (
-    Association,
-    Complex128,
-    Nodes,
-    Observation,
-    associate,
-    averaged,
-    no_nodes,
-    observe,
-)
-
-OUTGROWN = 1.3
-"""A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
+from flatcloth.methods.robust.observations import Association, Complex128, no_nodes, observe
 
 _MOST_GROWTH = 1.35
 """With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
@@ -67,99 +53,12 @@ _MOST_NEW = 0.2
 """... as is a piece of which the last view adds more than this share of nodes ..."""
 _MOST_STRAINED = 0.03
 """... or contradicts more than this share of pairs, as they lie. Set by hand."""
+_TRIED_AGAIN = 1.25
+"""Other cuts are tried again when this many times the evidence is cut. Chosen for speed."""
+_APART_M = 10.0
+"""Distance of floating pieces on the plane. Set by hand."""
 
 Int64 = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointShape:
-    """All accepted views, flattened together.
-
-    ``observations`` and ``held_from_camera`` are in the order of acceptance. ``piece`` (N,) int32 is
-    the piece of cloth of each node: 0 for the main piece, positive for floating pieces (which no view
-    connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the positions of the nodes; floating
-    pieces lie far beside the main one. ``anchor`` (A,) int32 are nodes of the main piece seen by one
-    of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the plane.
-    ``weight`` (M,) of the pairs of ``links`` is from 0 to 1 relative to their accuracy: small where a
-    pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
-    of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
-    space does not: they lie beside others without being near them in space, which contradicts nothing.
-    ``hinges`` are those whose angle follows from cloth that must not overlap. ``settled_pairs`` is the number
-    of pairs when all pieces were last relaxed as a whole. ``cuts_tried`` is the evidence that was cut when
-    others were last tried.
-    """
-
-    nodes: Nodes
-    observations: tuple[Observation, ...]
-    held_from_camera: tuple[Rigid3, ...]
-    piece: Int32
-    all_uv_m: Float64
-    anchor: Int32
-    anchor_uv_m: Float64
-    weight: Float64
-    is_cut: Bool
-    by_hand: Bool
-    hinges: tuple[Hinge, ...] = ()
-    settled_pairs: int = 0
-    cuts_tried: float = 0.0
-
-    @cached_property
-    def uv_m(self) -> Float64:
-        """(N, 2) positions of the nodes of the main piece; NaN for all others."""
-        return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
-
-    @property
-    def has_place(self) -> Bool:
-        """(N,) whether a node has a position, on the main piece or a floating one."""
-        found: Bool = np.isfinite(self.all_uv_m[:, 0])
-        return found
-
-    @cached_property
-    def links(self) -> Links:
-        """The pairs of all views."""
-        return links_of(self.observations)
-
-    @property
-    def evidence(self) -> Float64:
-        """(M,) evidence of the pairs that their ends are one piece of cloth; 0 for those that are cut."""
-        return np.where(self.is_cut, 0.0, self.weight * self.links.evidence)
-
-    @property
-    def node_evidence(self) -> Float64:
-        """(N,) evidence that joins each node to others."""
-        ends, twice = self.links.edges.ravel(), np.repeat(self.evidence, 2)
-        return np.bincount(ends, twice, len(self.nodes)).astype(np.float64)
-
-    @property
-    def placed(self) -> Bool:
-        """(N,) whether a node is on the main piece."""
-        found: Bool = (self.piece == 0) & np.isfinite(self.all_uv_m[:, 0])
-        return found
-
-    @property
-    def views(self) -> tuple[int, ...]:
-        """The accepted views."""
-        return tuple(s.view_index for s in self.observations)
-
-    def not_laid_out(self, is_cut: Bool) -> JointShape:
-        """Return it before any node had a place, with the pairs ``is_cut`` (M,) cut and no weight lost.
-
-        A layout that a false link has bent would stay so: what is right contradicts it, and has no weight.
-        """
-        return self.with_same_pairs(
-            piece=np.where(self.piece == 0, 0, -1).astype(np.int32),
-            all_uv_m=np.full_like(self.all_uv_m, np.nan),
-            weight=np.where(is_cut, 0.0, 1.0),
-            is_cut=is_cut,
-            hinges=(),
-            settled_pairs=0,
-        )
-
-    def with_same_pairs(self, **changed: Any) -> JointShape:
-        """Return it with other fields but the same observations: their pairs take most of its memory."""
-        made = replace(self, **changed)
-        made.__dict__["links"] = self.links
-        return made
 
 
 def begin_joint(
@@ -181,26 +80,25 @@ def begin_joint(
     flattening : FlatteningConfig
         Sampling interval.
     """
-    nodes, first = observe(no_nodes(), _NONE, surface, held_from_camera, flattening)
-    at = np.rint(first.rc).astype(np.int32)
-    uv = start_uv_m[at[:, 0], at[:, 1]]
-    shape = JointShape(
-        nodes=nodes,
-        observations=(first,),
-        held_from_camera=(held_from_camera,),
-        piece=np.where(np.isfinite(uv[:, 0]), 0, -1).astype(np.int32),
-        all_uv_m=uv,
-        anchor=np.zeros(0, dtype=np.int32),
-        anchor_uv_m=np.zeros((0, 2)),
-        weight=np.ones(len(first.edges)),
-        is_cut=np.zeros(len(first.edges), dtype=np.bool_),
-        by_hand=np.zeros(len(nodes), dtype=np.bool_),
+    nothing = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
+    nodes, first = observe(no_nodes(), nothing, surface, held_from_camera, flattening)
+    row, col = np.rint(first.rc).astype(np.int32).T
+    uv = start_uv_m[row, col]
+    return flatten_jointly(
+        JointShape(
+            nodes=nodes,
+            observations=(first,),
+            held_from_camera=(held_from_camera,),
+            links=links_of([first]),
+            piece=np.where(np.isfinite(uv[:, 0]), 0, -1).astype(np.int32),
+            all_uv_m=uv,
+            anchor=np.zeros(0, dtype=np.int32),
+            anchor_uv_m=np.zeros((0, 2)),
+            weight=np.ones(len(first.edges)),
+            is_cut=np.zeros(len(first.edges), dtype=np.bool_),
+            by_hand=np.zeros(len(nodes), dtype=np.bool_),
+        )
     )
-    return _solved(shape)
-
-
-_NONE = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
-"""No nodes were found again. By definition."""
 
 
 def extend_joint(
@@ -208,7 +106,7 @@ def extend_joint(
     surface: Surface,
     held_from_camera: Rigid3,
     flattening: FlatteningConfig,
-    associated: Association | None = None,
+    associated: Association,
     placed_by_hand: Bool | None = None,
 ) -> JointShape:
     """Return the shape with one more view, with all views flattened again.
@@ -221,172 +119,226 @@ def extend_joint(
         The view to add, and the pose of its camera.
     flattening : FlatteningConfig
         Sampling interval.
-    associated : Association, optional
-        The nodes that the view shows; by default they are found by place and normal.
+    associated : Association
+        The nodes that the view shows.
     placed_by_hand : (H, W) bool, optional
         Pixels of the view that the operator placed where they share no cloth with the shape in space.
     """
-    if associated is None:
-        associated = associate(shape.nodes, surface, held_from_camera)
     nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
-    more = len(nodes) - len(shape.nodes)
-    before_uv = np.concatenate([shape.all_uv_m, np.full((more, 2), np.nan)])
-    contradicted = contradicted_pairs(
-        before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
+    before_uv = np.concatenate([shape.all_uv_m, np.full((len(nodes) - len(shape.nodes), 2), np.nan)])
+    row, col = np.rint(added.rc).astype(np.int32).T
+    grown = with_observation(
+        shape,
+        nodes,
+        added,
+        held_from_camera,
+        is_cut=contradicted_pairs(
+            before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
+        ),
+        by_hand=np.zeros(row.size, dtype=np.bool_) if placed_by_hand is None else placed_by_hand[row, col],
     )
-    by_hand = np.concatenate([shape.by_hand, np.zeros(more, dtype=np.bool_)])
-    if placed_by_hand is not None:
-        row, col = np.rint(added.rc).astype(np.int32).T
-        by_hand[added.node] |= placed_by_hand[row, col]
-    grown = JointShape(
-        nodes=nodes,
-        observations=(*shape.observations, added),
-        held_from_camera=(*shape.held_from_camera, held_from_camera),
-        piece=np.concatenate([shape.piece, np.full(more, -1, dtype=np.int32)]),
-        all_uv_m=before_uv,
-        anchor=shape.anchor,
-        anchor_uv_m=shape.anchor_uv_m,
-        weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
-        is_cut=np.concatenate([shape.is_cut, contradicted]),
-        by_hand=by_hand,
-        hinges=shape.hinges,
-        settled_pairs=shape.settled_pairs,
-        cuts_tried=shape.cuts_tried,
-    )
-    grown.__dict__["links"] = shape.links.with_view(added)
-    return with_better_cuts(_solved(grown), _solved)
+    return with_better_cuts(flatten_jointly(grown))
 
 
-def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
-    """Return the shape with other camera poses: its nodes move in space, not on the plane."""
-    if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
+def flatten_jointly(
+    shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: bool = False
+) -> JointShape:
+    """Flatten all views together: find the pieces of cloth, initialise and minimise each of them.
+
+    Parameters
+    ----------
+    shape : JointShape
+        All views, with the positions of the nodes that have one.
+    most_cut : float
+        A part whose overlap cannot be resolved otherwise is cut off if at most this much evidence joins it.
+    precise : bool
+        The shape has been minimised before, and its minimum is to be reached.
+    """
+    while True:
+        is_whole = len(shape.links.edges) > _MOST_GROWTH * shape.settled_pairs
+        number = np.full(len(shape.nodes), -1, dtype=np.int32)
+        uv, weight = np.full((len(shape.nodes), 2), np.nan), shape.weight.copy()
+        hinges: list[Hinge] = []
+        for n, piece in enumerate(_find_pieces(shape, is_whole)):  # pieces: connectivity.py
+            own_uv, own_hinges, cut = _flattened(shape, piece, weight, is_whole, most_cut, precise)
+            if cut.size:  # a false link: all pieces are found again without it, and none is cut after that
+                shape, most_cut, precise = with_cut(shape, cut), 0.0, False
+                break
+            hinges += own_hinges
+            uv[piece.members] = own_uv[piece.members]
+            number[piece.members & np.isfinite(uv[:, 0])] = n
+            if not piece.is_main:
+                uv[piece.members] += (_APART_M * n, 0.0) - np.nanmean(uv[piece.members], axis=0)
+        else:
+            settled_pairs = len(shape.links.edges) if is_whole else shape.settled_pairs
+            return anchored(
+                replace(
+                    shape,
+                    piece=number,
+                    all_uv_m=uv,
+                    weight=weight,
+                    hinges=tuple(hinges),
+                    settled_pairs=settled_pairs,
+                )
+            )
+
+
+def with_better_cuts(shape: JointShape) -> JointShape:
+    """Return the shape laid out again with other cuts if more evidence is cut by now than a cut may have.
+
+    If a false link is seen before the right one, the right one makes cloth overlap when it is first seen, and
+    is cut because its evidence is small; later views that show it count as contradictions.
+    """
+    cut = shape.cut_evidence
+    if cut <= max(MOST_CUT_EVIDENCE, _TRIED_AGAIN * shape.cuts_tried) or shape.by_hand.any():
         return shape
-    nodes = no_nodes()
-    for observation, held in zip(shape.observations, held_from_camera, strict=True):
-        nodes = averaged(nodes, observation, held)
-    return shape.with_same_pairs(nodes=nodes, held_from_camera=held_from_camera)
-
-
-def largest_piece(shape: JointShape) -> int:
-    """Return the number of the piece with the most nodes: 0 if it is the main one."""
-    sizes = np.bincount(shape.piece[shape.piece >= 0])
-    return int(sizes.argmax()) if sizes.size else 0
-
-
-def with_largest_piece(shape: JointShape) -> JointShape:
-    """Return the shape with its largest piece as the main one; the main piece floats in its place."""
-    largest = largest_piece(shape)
-    if largest == 0:
-        return shape
-    piece, uv = shape.piece.copy(), shape.all_uv_m.copy()
-    main, floating = piece == 0, piece == largest
-    piece[main], piece[floating] = largest, 0
-    uv[main] += np.nanmean(uv[floating], axis=0) - np.nanmean(uv[main], axis=0)
-    return _anchored(shape.with_same_pairs(piece=piece, all_uv_m=uv))
+    other = flatten_jointly(without_layout(shape, np.zeros_like(shape.is_cut)), most_cut=cut)
+    is_better = other.cut_evidence < cut
+    overlapping = np.unique(overlaps(other, other.uv_m)).size >= LEAST_PIECE
+    made = other if is_better and not overlapping else shape
+    return replace(made, cuts_tried=made.cut_evidence)
 
 
 def settled(shape: JointShape) -> JointShape:
-    """Return the shape, relaxed as a whole up to the minimum of Eq. (2), without nodes that little joins."""
-    return without_weak(_solved(shape.with_same_pairs(settled_pairs=0), precise=True))
+    """Return the shape at the minimum of Eq. (2) as a whole, without nodes of too little evidence."""
+    return without_weak(flatten_jointly(replace(shape, settled_pairs=0), precise=True))
 
 
 def taken_apart(shape: JointShape, parts: Sequence[Bool]) -> JointShape:
     """Return the shape with each of ``parts`` (N,) of its nodes as a piece of its own, all relaxed again.
 
-    Nodes beside the cut that little evidence joins to their side may belong to either, and have no place.
+    Nodes at the cut that little evidence joins to their side may belong to either, and have no position.
     """
     edges = shape.links.edges
     of_part = np.array(parts)[:, edges]
     between = (of_part[:, :, 0] != of_part[:, :, 1]).any(axis=0)
-    cut = shape.not_laid_out(shape.is_cut | between)
+    cut = without_layout(shape, shape.is_cut | between)
     if shape.by_hand.any():  # what the operator placed stays as it lies
-        cut = shape.with_same_pairs(is_cut=cut.is_cut, weight=cut.weight * shape.weight, settled_pairs=0)
-    made = settled(_solved(cut))
-    beside = np.zeros(len(made.nodes), dtype=np.bool_)
-    beside[edges[between]] = True
-    beside[edges[beside[edges].any(axis=1)]] = True
-    return without_weak(made, beside)
+        cut = replace(shape, is_cut=cut.is_cut, weight=cut.weight * shape.weight, settled_pairs=0)
+    made = settled(flatten_jointly(cut))
+    at_cut = np.zeros(len(made.nodes), dtype=np.bool_)
+    at_cut[edges[between]] = True
+    at_cut[edges[at_cut[edges].any(axis=1)]] = True
+    return without_weak(made, at_cut)
 
 
-def _solved(shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: bool = False) -> JointShape:
-    """Initialise and minimise each connected piece; the largest is the main one.
+@dataclass(frozen=True, kw_only=True)
+class _Piece:
+    """A piece of cloth: its nodes ``members`` (N,), and those ``known`` (N,) to lie on one piece before.
 
-    The main piece stays the main one unless another is clearly larger. A piece that overlaps itself is laid
-    out anew; if it still does, a part is turned about where the least evidence joins it, or cut off if
-    that is at most ``most_cut``. If ``precise``, the shape is minimised already, but for the last bit.
+    ``is_changed`` is set if the last view shows it, or all pieces are to be relaxed.
     """
-    links, before = shape.links, shape.piece
-    whole = len(links.edges) > _MOST_GROWTH * shape.settled_pairs
-    label = _pieces(shape)
-    touched = np.ones(int(label.max()) + 1, dtype=bool)
-    if not whole or shape.settled_pairs == len(links.edges) - len(shape.observations[-1].edges):
-        touched[:] = False
-        touched[label[shape.observations[-1].node]] = True
+
+    members: Bool
+    known: Bool
+    is_main: bool
+    is_changed: bool
+
+
+def _find_pieces(shape: JointShape, is_whole: bool) -> list[_Piece]:
+    """Return the pieces of cloth that the pairs connect, the main one first, then by size.
+
+    The main piece remains the main one unless another is clearly larger.
+    """
+    label = _connected(shape)
     sizes = np.bincount(label)
-    order = np.flatnonzero(sizes >= LEAST_PIECE)
-    main = int(np.bincount(label[before == 0], minlength=sizes.size).argmax())
+    main = int(np.bincount(label[shape.piece == 0], minlength=sizes.size).argmax())
     if sizes.max() > OUTGROWN * sizes[main]:
         main = int(sizes.argmax())
-    order = np.array([main, *sorted(set(order.tolist()) - {main}, key=lambda k: -sizes[k])], dtype=int)
-    piece = np.full(len(label), -1, dtype=np.int32)
-    uv, weight = np.full((len(label), 2), np.nan), shape.weight.copy()
-    hinges: list[Hinge] = []
-    for n, own in enumerate(order):
-        members = label == own
-        known = _known(members & shape.has_place, before)
-        if not touched[own] and n and known.any() and (known == members).all():
-            uv[members] = shape.all_uv_m[members]
-            hinges += hinges_within(shape, members)
-        else:
-            within = np.flatnonzero(links.both_ends(members) & ~shape.is_cut)
-            z = np.where(known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
-            if not known.any():
-                seed_pair(z, links, within)
-            z = lay_out(_with_pieces(z, shape, links, within, members), links, within)
-            if n:
-                z = seeded_anew(z, members, links, within)
-            inside = within[links.both_ends(np.isfinite(z.real))[within]]
-            quick = None if whole else _relaxed_around(shape, z, members, known, inside)
-            if quick is not None:
-                own_uv, weight[inside] = quick
-            else:
-                own_uv, weight[inside] = minimise_piece(
-                    z, links, inside, shape.weight[inside], precise=precise
-                )
-                own_uv, held, cut = without_overlap(shape, own_uv, members, within, weight, most_cut)
-                if cut.size:
-                    is_cut = shape.is_cut.copy()
-                    is_cut[cut] = True
-                    kept = np.where(is_cut, 0.0, shape.weight)
-                    anew = shape.with_same_pairs(is_cut=is_cut, weight=kept, settled_pairs=0)
-                    return _solved(anew, most_cut=0.0)
-                hinges += held
-            uv[members] = own_uv[members]
-        piece[members & np.isfinite(uv[:, 0])] = n
-        if n:
-            uv[members] += (_APART_M * n, 0.0) - np.nanmean(uv[members], axis=0)
-    return _anchored(
-        shape.with_same_pairs(
-            piece=piece,
-            all_uv_m=uv,
-            weight=weight,
-            hinges=tuple(hinges),
-            settled_pairs=len(links.edges) if whole else shape.settled_pairs,
+    last = shape.observations[-1]
+    changed = np.ones(sizes.size, dtype=bool)
+    if not is_whole or shape.settled_pairs == len(shape.links.edges) - len(last.edges):
+        changed[:] = False
+        changed[label[last.node]] = True
+    others = sorted(set(np.flatnonzero(sizes >= LEAST_PIECE).tolist()) - {main}, key=lambda k: -sizes[k])
+    return [
+        _Piece(
+            members=label == k,
+            known=_known((label == k) & shape.has_place, shape.piece),
+            is_main=k == main,
+            is_changed=bool(changed[k]),
         )
-    )
+        for k in (main, *others)
+    ]
+
+
+def _connected(shape: JointShape) -> Int32:
+    """Return the piece of each node (N,) by the evidence of all pairs that are not cut."""
+    pair, edges = shape.links.pair, shape.links.once
+    evidence: Float64 = np.bincount(pair, shape.evidence, len(edges)).astype(np.float64)
+    if shape.is_cut.any():
+        left = np.bincount(pair[~shape.is_cut], minlength=len(edges)) > 0
+        edges, evidence = edges[left], evidence[left]
+    return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, LEAST_EVIDENCE)
+
+
+def _known(members: Bool, before: Int32) -> Bool:
+    """Of a piece's members that have positions, return the largest set that was one piece before."""
+    if not members.any():
+        return members
+    most = int(np.bincount(before[members] + 1).argmax()) - 1
+    largest: Bool = members & (before == most)
+    return largest
+
+
+def _flattened(
+    shape: JointShape, piece: _Piece, weight: Float64, is_whole: bool, most_cut: float, precise: bool
+) -> tuple[Float64, list[Hinge], Int64]:
+    """Flatten one piece; return its positions (N, 2), its hinges, and the pairs that are to be cut.
+
+    Changes ``weight`` (M,) of its pairs.
+    """
+    none = np.zeros(0, dtype=np.int64)
+    is_laid_out = piece.known.any() and (piece.known == piece.members).all()
+    if is_laid_out and not piece.is_main and not piece.is_changed:
+        return shape.all_uv_m, hinges_within(shape, piece.members), none
+    links = shape.links
+    within = np.flatnonzero(links.both_ends(piece.members) & ~shape.is_cut)
+    # Initialisation: new nodes from their neighbours, joined pieces as they were (layout.py).
+    z = _initialised(shape, piece, within)
+    inside = within[links.both_ends(np.isfinite(z.real))[within]]
+    # Extent of the update: a small change moves only what lies around the new nodes.
+    nearby = None if is_whole else _relaxed_around(shape, piece, z, inside)
+    if nearby is not None:
+        uv, weight[inside] = nearby
+        return uv, [], none
+    # Minimisation: as rigid as possible (Sorkine and Alexa, 2007), then Eq. (2) with robust weights, then
+    # strips and necks by lengths and directions (articulated.py).
+    uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside], precise=precise)
+    # Contradictions: cloth that overlaps is laid out again, turned about a hinge, or cut (consistency.py).
+    return without_overlap(shape, uv, piece.members, within, weight, most_cut)
+
+
+def _initialised(shape: JointShape, piece: _Piece, within: Int64) -> Complex128:
+    """Place the nodes of a piece (as u + iv) from those that are known, or from one pair if none is."""
+    z = np.where(piece.known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
+    if not piece.known.any():
+        seed_pair(z, shape.links, within)
+    z = lay_out(_with_joined_pieces(z, shape, within, piece.members), shape.links, within)
+    return z if piece.is_main else seeded_anew(z, piece.members, shape.links, within)
+
+
+def _with_joined_pieces(z: Complex128, shape: JointShape, within: Int64, members: Bool) -> Complex128:
+    """Place pieces that were laid out before, and are now joined to what is placed, as they were."""
+    apart = members & shape.has_place & (shape.piece >= 0) & ~np.isfinite(z.real)
+    if not apart.any() or not np.isfinite(z.real).any():
+        return z
+    new = within[~apart[shape.links.edges[within]].any(axis=1)]
+    laid = np.where(apart, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
+    return lay_pieces(lay_out(z, shape.links, new), shape.links, within, laid, shape.piece)
 
 
 def _relaxed_around(
-    shape: JointShape, z: Complex128, members: Bool, known: Bool, inside: Int64
+    shape: JointShape, piece: _Piece, z: Complex128, inside: Int64
 ) -> tuple[Float64, Float64] | None:
     """Relax a piece (its pairs ``inside``) around its new nodes only.
 
-    Returns places (N, 2) and weights as :func:`minimise_piece`; None if that is not enough: much of the piece
-    is new or was another piece, many pairs of the last view contradict the places, a part was turned about a
-    hinge (which sees to its nodes), or cloth overlaps.
+    Returns positions (N, 2) and weights as :func:`minimise_piece`; None if that is not enough: much of the
+    piece is new or was another piece, many pairs of the last view contradict the positions, a part was turned
+    about a hinge (whose angle depends on all nodes), or cloth overlaps.
     """
-    new = np.isfinite(z.real) & ~known
-    if new.sum() > _MOST_NEW * known.sum() or hinges_within(shape, members):
+    new = np.isfinite(z.real) & ~piece.known
+    if new.sum() > _MOST_NEW * piece.known.sum() or hinges_within(shape, piece.members):
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
     of_last = weight[shape.links.of_last_view(inside)]
@@ -394,57 +346,3 @@ def _relaxed_around(
     if is_strained or np.unique(overlaps(shape, uv)).size >= LEAST_PIECE:
         return None
     return uv, weight
-
-
-def _with_pieces(z: Complex128, shape: JointShape, links: Links, within: Int64, members: Bool) -> Complex128:
-    """Place pieces that were laid out before, and are now joined to what is placed, as they were."""
-    apart = members & shape.has_place & (shape.piece >= 0) & ~np.isfinite(z.real)
-    if not apart.any() or not np.isfinite(z.real).any():
-        return z
-    new = within[~apart[links.edges[within]].any(axis=1)]
-    laid = np.where(apart, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
-    return lay_pieces(lay_out(z, links, new), links, within, laid, shape.piece)
-
-
-_APART_M = 10.0
-"""Distance of floating pieces on the plane. Set by hand."""
-
-
-def _known(members: Bool, before: Int32) -> Bool:
-    """Of a piece's members that have positions, return the largest set that was one piece before."""
-    if not members.any():
-        return members
-    was = before[members]
-    most = int(np.bincount(was + 1).argmax()) - 1
-    largest: Bool = members & (before == most)
-    return largest
-
-
-def _anchored(shape: JointShape) -> JointShape:
-    """Move the main piece onto its anchor; a main piece without an anchor gets one."""
-    kept = shape.placed[shape.anchor]
-    if kept.sum() >= 3:
-        motion = fit_rigid2(shape.all_uv_m[shape.anchor[kept]], shape.anchor_uv_m[kept])
-        uv = shape.all_uv_m.copy()
-        uv[shape.placed] = motion.apply(uv[shape.placed])
-        return shape.with_same_pairs(all_uv_m=uv)
-    if shape.anchor.size and shape.placed.any():
-        # A floating piece has become the main one: move it to the middle of the plane.
-        uv = shape.all_uv_m.copy()
-        uv[shape.placed] -= uv[shape.placed].mean(axis=0)
-        shape = shape.with_same_pairs(all_uv_m=uv)
-    for observation in shape.observations:
-        anchor = observation.node[shape.placed[observation.node]]
-        if anchor.size >= 3:
-            break
-    return shape.with_same_pairs(anchor=anchor, anchor_uv_m=shape.all_uv_m[anchor])
-
-
-def _pieces(shape: JointShape) -> Int32:
-    """Return the piece of each node (N,)."""
-    pair, edges = shape.links.pair, shape.links.once
-    evidence: Float64 = np.bincount(pair, shape.evidence, len(edges)).astype(np.float64)
-    if shape.is_cut.any():
-        left = np.bincount(pair[~shape.is_cut], minlength=len(edges)) > 0
-        edges, evidence = edges[left], evidence[left]
-    return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, LEAST_EVIDENCE)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import Banding, banding
 from flatcloth.flattening.minimisation import MOST_STEPS, minimise
+from flatcloth.methods.relaxation import local_rotations, relax_rigidly
 from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
 from flatcloth.methods.robust.observations import Complex128
-from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
 
 _ROBUST_STD = 3.0
 """A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""

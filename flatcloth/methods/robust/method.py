@@ -1,15 +1,19 @@
 """The method ``robust``: placements from 3D, several hypotheses, one joint flattening of all views.
 
-Start here; ``docs/robust.md`` describes the algorithm. The plane is always the start view's: a
-placement ``current_from_new`` maps to it.
+Start here: :class:`RobustMethod` has the steps of ``docs/robust.md`` in order. A step that takes a document
+is cached by the part of the document that it depends on (:mod:`flatcloth.methods.robust.shapes`). The plane
+is always the start view's: a placement ``current_from_new`` maps to it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
+from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.base import (
     AlignmentScore,
     Candidate,
@@ -22,23 +26,29 @@ from flatcloth.methods.base import (
     SurfaceEdges,
     Views,
 )
+from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
+from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
 from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint import JointShape, largest_piece
+from flatcloth.methods.robust.joint import begin_joint, extend_joint, taken_apart
+from flatcloth.methods.robust.joint_shape import JointShape, largest_piece
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
-from flatcloth.methods.robust.shapes import JointShapes, prefix
+from flatcloth.methods.robust.shapes import Certainty, JointShapes, RegisteredViews, prefix
 from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.cameras import Registered, describe
-from flatcloth.session.machine import Accepted, Document, Later, Side
+from flatcloth.session.document import Accepted, Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1
 """Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
 hand."""
 _LISTED = 6
 """Candidates that a plan lists. Set by hand."""
-_SCORES = 16
-"""Scores that are kept. Chosen: those of a view under decision, with its other placements."""
+_KEPT = 16
+"""Scores and canonical views that are kept. Chosen: those of a view under decision, with its other
+placements."""
+_DRAWN_BYTES = 28 * 2**20
+"""Memory of the canonical views that are kept: one takes 13 MiB (``python -m benchmarks soak``)."""
 
 
 class RobustMethod(Method):
@@ -49,14 +59,11 @@ class RobustMethod(Method):
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
         self._views, self._config = views, views.config
-        self.shapes = JointShapes(views)
-        self.search = PlacementSearch(views, self.shapes, angles_deg)
-        self._scores: Cache[AlignmentScore] = Cache(_SCORES)
-
-    @property
-    def accept_score(self) -> float:
-        """The smallest accepted confidence (``docs/robust.md``, "Confidence")."""
-        return self._config.robust.accept_confidence
+        self.seen = RegisteredViews(views)
+        self.shapes = JointShapes(self.begin, self.extend, views.held_point_m)
+        self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
+        self._scores: Cache[AlignmentScore] = Cache(_KEPT)
+        self._drawn: Cache[Canonical] = Cache(_KEPT, _DRAWN_BYTES)
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
 
@@ -109,7 +116,7 @@ class RobustMethod(Method):
         progress(0.4, "searching the placement")
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
-        cameras = describe(self.shapes.registered((*shape.views, view_index)))
+        cameras = describe(self.seen.registered((*shape.views, view_index)))
         chosen = choose_placement(components, found, view_index, cameras)  # 2c. choose
         alignment = chosen.alignment
         key = (prefix(document), view_index, chosen.component, alignment.current_from_new)
@@ -141,9 +148,60 @@ class RobustMethod(Method):
 
     # ------------------------------------------------- 3. joint flattening (in place of 4.3)
 
+    def begin(self, start_view: int) -> JointShape:
+        """Return the joint shape of the start view: its nodes, and the pairs between them."""
+        flattening = self._views.flattening(start_view)
+        uv, _ = flattening.carrier.place_all()
+        uv[self.seen.component_of_pixel(start_view) != 0] = np.nan
+        (pose,) = self.seen.poses((start_view,))
+        return begin_joint(flattening.surface, pose, uv, self._config.flattening)
+
+    def extend(self, shape: JointShape, added: Accepted) -> JointShape:
+        """Add an accepted view to the joint shape."""
+        view, flattening = added.view_index, self._views.flattening(added.view_index)
+        shape, pose, shown = self.seen.associated(shape, view)  # 3a. register the camera; association
+        places = self.seen.places(view, shown.rc)
+        joined = joined_piece(shape, shown, places, added, flattening)
+        if joined is not None:
+            shape = with_piece_moved(shape, joined)
+        shown, by_hand = same_cloth(  # 3b. the nodes that fit the accepted placement
+            shape, shown, places, added, flattening, joins_piece=joined is not None
+        )
+        placed = self.seen.component_of_pixel(view) == added.component if by_hand else None
+        return extend_joint(  # 3c. new nodes, pairs (Eq. 2), pieces, initialisation, minimisation
+            shape, flattening.surface, pose, self._config.flattening, shown, placed
+        )
+
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
-        return self.shapes.canonical(document)
+
+        def make() -> Canonical:
+            shape = self.shapes.settled(document)  # 3d. the minimum of Eq. (2) over all pairs
+            return self._draw(document, shape, self.shapes.certainty(document))
+
+        return self._drawn.get(prefix(document), make)
+
+    def _draw(
+        self, document: Document, shape: JointShape, certainty: Certainty, taken_off: Bool | None = None
+    ) -> Canonical:
+        """Composite a shape (3e), with its placement uncertainty (3f); some nodes (N,) were taken off it."""
+        surfaces = self.seen.surfaces(shape)
+        costs = self.seen.pixel_costs(surfaces)
+        motions = self.seen.current_from_view(shape, document.placed_components)
+        return draw(shape, surfaces, self._views.axis, self._config, costs, certainty, motions, taken_off)
+
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges]:
+        """Return the canonical view without some parts, which float, and its edges (doubted links)."""
+        shape = taken_apart(self.shapes.settled(document), parts)
+        canonical = self._draw(document, shape, self.shapes.certainty_of(shape), np.any(parts, axis=0))
+        return canonical, _edges_of(shape)
+
+    # ------------------------------------------------- 4. acceptance without an operator
+
+    @property
+    def accept_score(self) -> float:
+        """The smallest accepted confidence (``docs/robust.md``, "Placing a view")."""
+        return self._config.robust.accept_confidence
 
     def contradiction(self, document: Document) -> float:
         """Return the share of the last accepted view's pairs that the other views contradict."""
@@ -152,19 +210,13 @@ class RobustMethod(Method):
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
         return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
 
-    def pixel_states(
-        self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
-    ) -> Uint8 | None:
-        """Return what became of each pixel of an accepted view: that of the node that carries it."""
-        return self.shapes.pixel_states(document, frame, item, taken_off)
+    def is_contradicted(self, document: Document) -> bool:
+        """Return whether this share is too large for acceptance without an operator."""
+        return self.contradiction(document) > _MOST_CONTRADICTION
 
     def is_outgrown(self, document: Document) -> bool:
         """Return whether a floating piece has more nodes than the shape."""
         return largest_piece(self.shapes.shape(document)) != 0
-
-    def is_contradicted(self, document: Document) -> bool:
-        """Return whether this share is too large for acceptance without an operator."""
-        return self.contradiction(document) > _MOST_CONTRADICTION
 
     # ------------------------------------------------- what the rest of the program asks
 
@@ -174,7 +226,7 @@ class RobustMethod(Method):
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
-        return self.shapes.registered(self.shapes.shape(document).views)
+        return self.seen.registered(self.shapes.shape(document).views)
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:
         """Return the floating piece that the pending view joins to the shape where it lies."""
@@ -184,16 +236,25 @@ class RobustMethod(Method):
         added = Accepted(
             pending.view_index, pending.current_from_new, fixed=True, component=pending.component
         )
-        return self.shapes.joined_piece(document, added)
+        shape, _, shown = self.seen.associated(self.shapes.shape(document), added.view_index)
+        places = self.seen.places(added.view_index, shown.rc)
+        return joined_piece(shape, shown, places, added, self._views.flattening(added.view_index))
+
+    def pixel_states(
+        self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
+    ) -> Uint8 | None:
+        """Return what became of each pixel of an accepted view: that of the node that carries it."""
+        shape = self.shapes.settled(document)
+        _, unreliable = self.shapes.certainty(document)
+        state = states_of_nodes(shape, unreliable, taken_off)
+        observation = shape.observations[shape.views.index(frame.view_index)]
+        surface = self.seen.surfaces(shape)[frame.view_index]
+        carried = states_on_surface(observation, surface, state, self._config.flattening)
+        return states_of_view(frame, item, surface, carried)
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of the joint flattening, each once per view that saw it."""
         return _edges_of(self.shapes.settled(document))
-
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
-        """Return the canonical view without some parts, which float, and its edges."""
-        canonical, shape = self.shapes.apart(document, parts)
-        return canonical, _edges_of(shape)
 
 
 def _edges_of(shape: JointShape) -> SurfaceEdges:

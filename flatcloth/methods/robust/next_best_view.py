@@ -21,7 +21,7 @@ from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.scoring import neighbourhoods_of
 
 LEAST_OVERLAP_M2 = 0.03

@@ -73,9 +73,9 @@ class Nodes:
         return len(self.xyz_m)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """The nodes that one view sees, and the pairs between them.
+    """The nodes that one view sees, and the pairs between them. Two are equal only if they are the same.
 
     ``node`` (K,) int32 their indices; ``rc`` (K, 2) their positions in the view's (cropped) image;
     ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) whether

@@ -11,7 +11,6 @@ import numpy as np
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.flattening.surface import Surface
 from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.hypotheses import (
@@ -24,12 +23,10 @@ from flatcloth.methods.robust.hypotheses import (
 from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
-    TextureFeatures,
     neighbourhoods_of,
     sample_component,
-    texture_features,
 )
-from flatcloth.methods.robust.shapes import JointShapes, prefix
+from flatcloth.methods.robust.shapes import JointShapes, RegisteredViews, prefix
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.machine import Document
 
@@ -54,18 +51,21 @@ class PlacementSearch:
     ----------
     views : Views
         Single views.
+    seen : RegisteredViews
+        Their cameras and components.
     shapes : JointShapes
         The joint shapes of documents.
     angles_deg : sequence of float
         Angles of all views.
     """
 
-    def __init__(self, views: Views, shapes: JointShapes, angles_deg: Sequence[float]) -> None:
-        self._views, self._shapes, self._angles_deg = views, shapes, angles_deg
+    def __init__(
+        self, views: Views, seen: RegisteredViews, shapes: JointShapes, angles_deg: Sequence[float]
+    ) -> None:
+        self._views, self._seen, self._shapes, self._angles_deg = views, seen, shapes, angles_deg
         self._config = views.config
         self._references: Cache[ReferenceShape] = Cache(2)
         self._around: Cache[Neighbourhoods] = Cache(1)
-        self._textures: Cache[TextureFeatures] = Cache(48)
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 
     def reference(self, document: Document) -> ReferenceShape:
@@ -73,8 +73,8 @@ class PlacementSearch:
 
         def make() -> ReferenceShape:
             shape = self._shapes.shape(document)
-            surfaces = self._shapes.surfaces(shape)
-            textures = {view: self._texture(view, surface) for view, surface in surfaces.items()}
+            surfaces = self._seen.surfaces(shape)
+            textures = self._seen.textures(surfaces)
             return ReferenceShape(shape, surfaces, textures, self._views.axis, self.around(document))
 
         return self._references.get(prefix(document), make)
@@ -134,13 +134,11 @@ class PlacementSearch:
         estimates += [("correlation", motion) for motion in correlated]
         return evaluate(reference, sampled, number, estimates)
 
-    def _texture(self, view_index: int, surface: Surface) -> TextureFeatures:
-        return self._textures.get(view_index, lambda: texture_features(surface))
-
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         flattening = self._views.flattening(view_index)
-        _, held_from_camera, associated = self._shapes.associated(document, view_index)
-        component_of_pixel = self._shapes.component_of_pixel(view_index)
+        _, held_from_camera, associated = self._seen.associated(self._shapes.shape(document), view_index)
+        component_of_pixel = self._seen.component_of_pixel(view_index)
+        texture = self._seen.textures({view_index: flattening.surface})[view_index]
         pixel = np.rint(associated.rc).astype(np.int32)
         component_of_node = component_of_pixel[pixel[:, 0], pixel[:, 1]]
         sampled = {}
@@ -161,7 +159,7 @@ class PlacementSearch:
                 uv[known],
                 rc[known],
                 flattening.surface,
-                self._texture(view_index, flattening.surface),
+                texture,
                 held_from_camera,
                 associated.rc[own],
                 associated.node[own],

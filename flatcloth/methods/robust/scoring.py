@@ -24,7 +24,7 @@ from flatcloth.methods.base import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.joint_shape import JointShape
 
 _COVER_M = 0.010
 """A position of the plane is covered if a node lies within this distance. Set by hand."""

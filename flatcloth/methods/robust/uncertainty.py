@@ -29,7 +29,7 @@ from flatcloth.methods.robust.articulated import (
     rigid_parts,
 )
 from flatcloth.methods.robust.connectivity import both_ends, renumbered
-from flatcloth.methods.robust.joint import OUTGROWN, JointShape
+from flatcloth.methods.robust.joint_shape import OUTGROWN, JointShape
 
 Complex128 = NDArray[np.complex128]
 

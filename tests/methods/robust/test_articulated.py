@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import tangent_basis
+from flatcloth.methods.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust import articulated
 from flatcloth.methods.robust.articulated import (
     FlexibleSheet,
@@ -19,7 +20,6 @@ from flatcloth.methods.robust.articulated import (
     settle_flexible,
 )
 from flatcloth.methods.robust.observations import _offsets
-from flatcloth.methods.robust.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust.uncertainty import (
     LEAST_STD_M,
     MOST_STD_M,

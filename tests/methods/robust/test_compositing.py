@@ -11,8 +11,9 @@ from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedView, composite, pixel_cost
-from flatcloth.methods.robust.joint import JointShape, begin_joint, extend_joint
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE
+from flatcloth.methods.robust.joint import begin_joint, extend_joint
+from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, associate
 
 ANGLES = (0.0, 30.0)
 PIXEL_M = 0.002
@@ -25,7 +26,9 @@ COSTS = {n: pixel_cost(surface) for n, surface in SURFACES.items()}
 def shape() -> JointShape:
     flat = CYLINDER.flat_uv_m(SURFACES[0].xyz_m.astype(float))
     first = begin_joint(SURFACES[0], held_from_camera(AXIS, 0.0), flat, FlatteningConfig())
-    return extend_joint(first, SURFACES[1], held_from_camera(AXIS, 30.0), FlatteningConfig())
+    pose = held_from_camera(AXIS, 30.0)
+    shown = associate(first.nodes, SURFACES[1], pose)
+    return extend_joint(first, SURFACES[1], pose, FlatteningConfig(), shown)
 
 
 @pytest.fixture(scope="module")

@@ -14,15 +14,14 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32, Int64
 from flatcloth.methods.robust.connectivity import links_of
 from flatcloth.methods.robust.consistency import (
-    Hinge,
     contradicted_pairs,
     held_hinge,
     overlapping_pairs,
     swung_apart,
     weakest_cut,
-    with_better_cuts,
 )
-from flatcloth.methods.robust.joint import JointShape, _solved
+from flatcloth.methods.robust.joint import flatten_jointly, with_better_cuts
+from flatcloth.methods.robust.joint_shape import Hinge, JointShape
 from flatcloth.methods.robust.layout import grown_layout
 from flatcloth.methods.robust.uncertainty import placement_std_m
 
@@ -104,7 +103,7 @@ def test_layers_that_meet_are_told_apart_where_they_are_farthest_from_one_anothe
 
 
 def test_a_flap_that_would_lie_on_the_sheet_is_cut_off_and_floats() -> None:
-    solved = _solved(falsely_joined(5))
+    solved = flatten_jointly(falsely_joined(5))
     assert set(solved.piece[~ON_FLAP]) == {0}
     assert set(solved.piece[ON_FLAP]) == {1}
     assert solved.is_cut.sum() == 5
@@ -117,7 +116,7 @@ def test_what_much_evidence_joins_is_not_cut() -> None:
     shape = falsely_joined(5)
     (view,) = shape.observations
     sure = replace(view, edge_evidence=np.full(len(view.edges), 10.0))
-    assert not _solved(replace(shape, observations=(sure,))).is_cut.any()
+    assert not flatten_jointly(replace(shape, observations=(sure,), links=links_of([sure]))).is_cut.any()
 
 
 def wrongly_cut(pairs: int, views: int) -> JointShape:
@@ -144,26 +143,24 @@ def wrongly_cut(pairs: int, views: int) -> JointShape:
 
 
 def test_cuts_are_chosen_anew_when_later_views_contradict_them() -> None:
-    shape = _solved(wrongly_cut(pairs=10, views=2))
+    shape = flatten_jointly(wrongly_cut(pairs=10, views=2))
     assert not shape.placed.all()
-    better = with_better_cuts(shape, _solved)
+    better = with_better_cuts(shape)
     assert better.placed.all()
     assert off_m(better.uv_m, SHEET) < 0.002
     false = better.links.observation == 2
     assert (better.is_cut[false] | (better.weight[false] < 0.05)).all()
     assert not better.is_cut[~false].any()
-    assert with_better_cuts(better, _solved).all_uv_m is better.all_uv_m
+    assert with_better_cuts(better).all_uv_m is better.all_uv_m
 
 
 def test_cuts_stay_while_little_evidence_contradicts_them_and_where_the_operator_placed_cloth() -> None:
-    shape = _solved(wrongly_cut(pairs=10, views=2))
-    assert with_better_cuts(replace(shape, cuts_tried=1e3), _solved).is_cut is shape.is_cut
-    weak = replace(shape, observations=tuple(
-        replace(o, edge_evidence=0.1 * o.edge_evidence) for o in shape.observations
-    ))  # fmt: skip
-    assert with_better_cuts(weak, _solved) is weak
+    shape = flatten_jointly(wrongly_cut(pairs=10, views=2))
+    assert with_better_cuts(replace(shape, cuts_tried=1e3)).is_cut is shape.is_cut
+    weak = replace(shape, links=replace(shape.links, evidence=0.1 * shape.links.evidence))
+    assert with_better_cuts(weak) is weak
     placed = replace(shape, by_hand=np.ones(len(SHEET), dtype=bool))
-    assert with_better_cuts(placed, _solved) is placed
+    assert with_better_cuts(placed) is placed
 
 
 def test_a_sheet_that_was_folded_over_before_a_view_came_unfolds() -> None:
@@ -171,7 +168,7 @@ def test_a_sheet_that_was_folded_over_before_a_view_came_unfolds() -> None:
     shape = shape_of(SHEET, [observed(SHEET, everything, 0)], everything)
     folded = SHEET.copy()
     folded[:, 0] = np.minimum(folded[:, 0], 2 * 15 * STEP_M - folded[:, 0])
-    solved = _solved(replace(shape, all_uv_m=folded))
+    solved = flatten_jointly(replace(shape, all_uv_m=folded))
     assert off_m(solved.uv_m, SHEET) < 2e-4
 
 

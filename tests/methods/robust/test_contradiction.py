@@ -11,7 +11,7 @@ from made_up_sheets import STEP_M, grid, observed, shape_of
 
 from flatcloth.core.config import Config
 from flatcloth.methods.base import Views
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.machine import Document
 
@@ -21,7 +21,9 @@ EVERYTHING = np.ones(len(UV), dtype=bool)
 
 
 def method_of(shape: JointShape) -> RobustMethod:
-    made = RobustMethod(cast("Views", SimpleNamespace(config=Config())), (0.0, 10.0))
+    made = RobustMethod(
+        cast("Views", SimpleNamespace(config=Config(), held_point_m=np.zeros(3))), (0.0, 10.0)
+    )
     made.shapes = cast("Any", SimpleNamespace(shape=lambda _: shape))
     return made
 

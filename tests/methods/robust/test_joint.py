@@ -12,14 +12,13 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
 from flatcloth.methods.robust.compositing import floating_pieces
-from flatcloth.methods.robust.joint import (
+from flatcloth.methods.robust.joint import flatten_jointly, settled, taken_apart
+from flatcloth.methods.robust.joint_shape import (
     JointShape,
-    _anchored,
-    _solved,
+    anchored,
     largest_piece,
-    settled,
-    taken_apart,
     with_largest_piece,
+    with_observation,
     with_poses,
 )
 from flatcloth.methods.robust.layout import _robust_weight, lay_pieces
@@ -36,7 +35,7 @@ def off_m(found: Float64, true: Float64) -> float:
 
 def test_a_new_view_is_laid_out_from_what_it_shares_and_the_plane_stays() -> None:
     first, second = COLUMN < 14, COLUMN >= 8
-    shape = _solved(shape_of(UV, [observed(UV, first, 0), observed(UV, second, 1)], first))
+    shape = flatten_jointly(shape_of(UV, [observed(UV, first, 0), observed(UV, second, 1)], first))
     assert shape.placed.all()
     assert np.abs(shape.uv_m - UV).max() < 1e-4  # not only up to a motion: the anchor holds the plane
     assert shape.weight.min() > 0.9
@@ -50,7 +49,7 @@ def test_lengths_with_noise_average_out() -> None:
         seen = observed(UV, everything, view)
         noise = 0.0003 * random.standard_normal(len(seen.edges))
         noisy.append(replace(seen, edge_length_m=seen.edge_length_m + noise))
-    shape = _solved(shape_of(UV, noisy, everything))
+    shape = flatten_jointly(shape_of(UV, noisy, everything))
     assert off_m(shape.uv_m, UV) < 0.0012
 
 
@@ -59,7 +58,7 @@ def test_pairs_that_contradict_the_others_lose_their_weight() -> None:
     good, bad = observed(UV, everything, 0), observed(UV, everything, 1)
     wrong = np.arange(len(bad.edges)) % 25 == 0
     bad = replace(bad, edge_length_m=np.where(wrong, bad.edge_length_m + 0.012, bad.edge_length_m))
-    shape = _solved(shape_of(UV, [good, bad], everything))
+    shape = flatten_jointly(shape_of(UV, [good, bad], everything))
     own = shape.weight[len(good.edges) :]
     assert own[wrong].max() < 0.05
     assert np.median(own[~wrong]) > 0.9
@@ -77,21 +76,14 @@ def test_the_robust_weight_is_a_quarter_at_its_scale() -> None:
 def test_a_piece_that_nothing_joins_floats_and_a_bridge_brings_it_down() -> None:
     left, right = COLUMN < 9, COLUMN >= 13
     views = [observed(UV, left, 0), observed(UV, right, 1)]
-    apart = _solved(shape_of(UV, views, left))
+    apart = flatten_jointly(shape_of(UV, views, left))
     assert set(apart.piece[left]) == {0}
     assert set(apart.piece[right]) == {1}
     assert np.isnan(apart.uv_m[right]).all()
     (floating,) = floating_pieces(apart)
     assert off_m(floating[right], UV[right]) < 1e-4
     bridge = observed(UV, (COLUMN >= 5) & (COLUMN < 17), 2)
-    more = replace(
-        apart,
-        observations=(*apart.observations, bridge),
-        held_from_camera=(STILL,) * 3,
-        weight=np.concatenate([apart.weight, np.ones(len(bridge.edges))]),
-        is_cut=np.concatenate([apart.is_cut, np.zeros(len(bridge.edges), dtype=bool)]),
-    )
-    joined = _solved(more)
+    joined = flatten_jointly(with_view(apart, bridge))
     assert set(joined.piece) == {0}
     assert np.abs(joined.uv_m - UV).max() < 2e-4
 
@@ -101,7 +93,7 @@ def test_a_floating_piece_of_which_one_place_is_known_is_laid_out_whole() -> Non
     views = [observed(UV, left, 0), observed(UV, right, 1)]
     shape = shape_of(UV, views, left)
     shape.all_uv_m[np.flatnonzero(right)[0]] = UV[right][0]
-    found = _solved(shape)
+    found = flatten_jointly(shape)
     assert set(found.piece[right]) == {1}
     assert off_m(found.all_uv_m[right], UV[right]) < 1e-4
 
@@ -109,11 +101,11 @@ def test_a_floating_piece_of_which_one_place_is_known_is_laid_out_whole() -> Non
 def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     small, large = COLUMN < 6, COLUMN >= 9
     views = [observed(UV, small, 0), observed(UV, large, 1)]
-    shape = _solved(shape_of(UV, views, small))
+    shape = flatten_jointly(shape_of(UV, views, small))
     assert set(shape.piece[large]) == {0}
     assert set(shape.piece[small]) == {1}
     similar = (COLUMN >= 9) & (COLUMN < 16)  # 70 nodes beside 60
-    shape = _solved(shape_of(UV, [views[0], observed(UV, similar, 1)], small))
+    shape = flatten_jointly(shape_of(UV, [views[0], observed(UV, similar, 1)], small))
     assert set(shape.piece[small]) == {0}
     # At the end the larger one is the shape, in the middle of the plane, and stays it from there on.
     assert largest_piece(shape) == 1
@@ -125,14 +117,14 @@ def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     np.testing.assert_allclose(ended.uv_m[similar].mean(axis=0), 0.0, atol=1e-12)
     apart = np.linalg.norm(ended.all_uv_m[small].mean(axis=0) - ended.uv_m[similar].mean(axis=0))
     assert apart > 5.0
-    on = _solved(ended)
+    on = flatten_jointly(ended)
     np.testing.assert_allclose(on.uv_m[similar], ended.uv_m[similar], atol=1e-6)
     assert with_largest_piece(on) is on
 
 
 def test_unreliable_parts_of_the_main_piece_float_as_connected_pieces() -> None:
     everything = np.ones(len(UV), dtype=bool)
-    shape = _solved(shape_of(UV, [observed(UV, everything, 0)], everything))
+    shape = flatten_jointly(shape_of(UV, [observed(UV, everything, 0)], everything))
     pieces = floating_pieces(shape, (COLUMN < 4) | (COLUMN > 16))
     assert [int(np.isfinite(p[:, 0]).sum()) for p in pieces] == [70, 40]
 
@@ -145,7 +137,7 @@ def test_a_part_that_is_taken_off_floats_as_it_is_and_what_little_joins_belongs_
     row = np.rint(UV[false.node[false.edges[:, 0]], 1] / STEP_M)
     shorter = 1.0 - 0.05 * row * (on.min(axis=1) == 12) * (on.max(axis=1) == 13)
     false = replace(false, edge_length_m=false.edge_length_m * shorter)
-    shape = _solved(shape_of(UV, [observed(UV, left, 0), observed(UV, right, 1), false], left))
+    shape = flatten_jointly(shape_of(UV, [observed(UV, left, 0), observed(UV, right, 1), false], left))
     assert set(shape.piece) == {0}
     apart = taken_apart(shape, [right])
     assert set(apart.piece[left]) == {0}
@@ -162,15 +154,15 @@ def test_without_a_part_the_rest_is_laid_out_anew_but_for_what_the_operator_plac
 ) -> None:
     """What a false link has bent would stay so: the right pairs have lost their weight to it."""
     left, right = COLUMN < 18, COLUMN >= 18
-    shape = _solved(shape_of(UV, [observed(UV, np.ones(len(UV), dtype=bool), 0)], left))
+    shape = flatten_jointly(shape_of(UV, [observed(UV, np.ones(len(UV), dtype=bool), 0)], left))
     bent = replace(shape, weight=np.full(len(shape.links.edges), 0.1))
     begun: list[JointShape] = []
 
     def watched(shape: JointShape, **options: Any) -> JointShape:
         begun.append(shape)
-        return _solved(shape, **options)
+        return flatten_jointly(shape, **options)
 
-    monkeypatch.setattr("flatcloth.methods.robust.joint._solved", watched)
+    monkeypatch.setattr("flatcloth.methods.robust.joint.flatten_jointly", watched)
     for by_hand in (False, True):
         begun.clear()
         apart = taken_apart(replace(bent, by_hand=right & by_hand), [right])
@@ -196,7 +188,7 @@ def test_a_node_that_hardly_anything_joins_has_no_place_when_the_shape_settles(
         observed(UV, rim, 1, evidence=evidence),
         observed(UV, beyond, 2, evidence=evidence),
     ]
-    shape = settled(_solved(shape_of(UV, views, known)))
+    shape = settled(flatten_jointly(shape_of(UV, views, known)))
     assert shape.placed[known].all()
     assert (shape.placed[COLUMN == 18] == shown).all()
     assert len(floating_pieces(shape)) == shown
@@ -204,22 +196,20 @@ def test_a_node_that_hardly_anything_joins_has_no_place_when_the_shape_settles(
 
 def with_view(shape: JointShape, seen: Observation) -> JointShape:
     """The shape with one more observation of its nodes, not relaxed yet."""
-    return replace(
-        shape,
-        observations=(*shape.observations, seen),
-        held_from_camera=(STILL,) * (len(shape.observations) + 1),
-        weight=np.concatenate([shape.weight, np.ones(len(seen.edges))]),
-        is_cut=np.concatenate([shape.is_cut, np.zeros(len(seen.edges), dtype=bool)]),
-    )
+    none = np.zeros(len(seen.edges), dtype=bool)
+    by_hand = np.zeros(len(seen.node), dtype=bool)
+    return with_observation(shape, shape.nodes, seen, STILL, is_cut=none, by_hand=by_hand)
 
 
 def test_a_view_that_adds_little_moves_what_is_near_and_the_rest_when_it_settles() -> None:
     known = COLUMN < 21
-    whole = _solved(shape_of(UV, [observed(UV, known, n) for n in range(3)], known))
+    whole = flatten_jointly(shape_of(UV, [observed(UV, known, n) for n in range(3)], known))
     assert whole.settled_pairs == len(whole.links.edges)
     # What is far from the new nodes is not where its pairs want it: left so now, mended when it settles.
     off = np.where((COLUMN == 3)[:, None], (0.0, 0.0008), 0.0)
-    added = _solved(with_view(replace(whole, all_uv_m=whole.all_uv_m + off), observed(UV, COLUMN >= 18, 3)))
+    added = flatten_jointly(
+        with_view(replace(whole, all_uv_m=whole.all_uv_m + off), observed(UV, COLUMN >= 18, 3))
+    )
     assert added.settled_pairs == whole.settled_pairs
     assert added.placed.all()
     far = COLUMN < 12
@@ -238,7 +228,7 @@ def test_a_view_that_contradicts_the_places_moves_everything() -> None:
     wrong = replace(
         shape, all_uv_m=np.where(known[:, None], torn, np.nan), settled_pairs=len(shape.links.edges)
     )
-    assert off_m(_solved(with_view(wrong, observed(UV, COLUMN >= 10, 3))).uv_m, UV) < 1e-4
+    assert off_m(flatten_jointly(with_view(wrong, observed(UV, COLUMN >= 10, 3))).uv_m, UV) < 1e-4
 
 
 def test_nodes_follow_their_views_in_space_but_not_on_the_plane() -> None:
@@ -271,13 +261,13 @@ def test_a_piece_that_outgrows_the_main_one_comes_to_the_middle_of_the_plane() -
     laid = uv + np.where(former, 0.0, 10.0)[:, None]
     shape = shape_of(uv, [observed(uv, former, 0), observed(uv, ~former, 1)], former)
     outgrown = replace(shape, piece=former.astype(np.int32), all_uv_m=laid)
-    moved = _anchored(outgrown)
+    moved = anchored(outgrown)
     np.testing.assert_allclose(moved.uv_m[~former].mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.diff(moved.uv_m[~former], axis=0), np.diff(uv[~former], axis=0), atol=1e-12)
     np.testing.assert_allclose(moved.all_uv_m[former], uv[former])
     # It is fixed there: anchored again, it stays.
     assert moved.placed[moved.anchor].all()
-    np.testing.assert_allclose(_anchored(moved).uv_m[~former], moved.uv_m[~former], atol=1e-12)
+    np.testing.assert_allclose(anchored(moved).uv_m[~former], moved.uv_m[~former], atol=1e-12)
 
 
 def test_a_piece_that_is_joined_keeps_its_layout() -> None:

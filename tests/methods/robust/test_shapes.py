@@ -12,8 +12,8 @@ from scenes import Cylinder
 from flatcloth.core.cache import Cache, size_in_bytes
 from flatcloth.engine import views
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.robust import shapes
-from flatcloth.methods.robust.joint import JointShape
+from flatcloth.methods.robust import method, shapes
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
 
@@ -52,9 +52,10 @@ def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[int
 
 
 def test_small_caches_cost_no_work_as_a_shape_grows(monkeypatch: pytest.MonkeyPatch) -> None:
-    extended, flattened = counted(monkeypatch, shapes, "extend_joint"), counted(monkeypatch, views, "flatten")
+    extended, flattened = counted(monkeypatch, method, "extend_joint"), counted(monkeypatch, views, "flatten")
     made, own = integration()
-    own._shapes, own._prefixes, own._drawn, made._flattenings = Cache(1), Cache(1), Cache(1), Cache(1)
+    own._shapes, own._prefixes, made._flattenings = Cache(1), Cache(1), Cache(1)
+    vars(made.algorithm)["_drawn"] = Cache(1)
     documents = grown(made, 1, 2, 3)
     assert (len(extended), len(flattened)) == (3, 4)
     # Back to a shape that is not kept: only the views after the longest kept prefix are added.
@@ -99,6 +100,6 @@ def test_prefixes_are_counted_without_what_they_share() -> None:
     own._shapes = Cache(3)
     assert own.shape(document).links.edges.size  # of a shape whose prefix is the longest kept one
     kept = [value for _, value in own._prefixes.items()]
-    assert all("links" not in vars(value) for value in kept)
+    assert not any(value.links.edges.size for value in kept)
     assert kept[-1].observations[0] is kept[0].observations[0]
     assert shapes._own_bytes(kept[-1]) < 0.6 * size_in_bytes(kept[-1])

@@ -9,7 +9,7 @@ import pytest
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.flattening.banded import BandedLaplacian, banding
-from flatcloth.methods.robust.relaxation import local_rotations, relax_rigidly
+from flatcloth.methods.relaxation import local_rotations, relax_rigidly
 
 ROWS, COLS, SPACING_M = 7, 9, 0.01
 
