@@ -60,33 +60,25 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     edge = long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
     if not edge.any():
         return edge
-    weak = (strength >= _WEAK_RAMP_SHARE) | edge
-    rows, cols, label = _regions(weak)
-    joined = np.zeros(rows.size + 1, dtype=np.bool_)
-    joined[label[edge[rows, cols]]] = True
-    weak[rows, cols] = joined[label]
-    return weak
+    return regions_with(edge, (strength >= _WEAK_RAMP_SHARE) | edge)
 
 
 def long_ones(found: Bool, length_px: int) -> Bool:
     """Return the regions of ``found`` (H, W) that are at least this high or wide."""
-    rows, cols, label = _regions(found)
-    long = np.zeros(rows.size + 1, dtype=np.bool_)
-    for at in (rows, cols):
-        first, last = np.full(long.size, found.size), np.zeros(long.size, dtype=np.int64)
-        np.minimum.at(first, label, at)
-        np.maximum.at(last, label, at)
-        long |= last - first + 1 >= length_px
-    kept = np.zeros(found.shape, dtype=np.bool_)
-    kept[rows, cols] = long[label]
+    _, label, stats, _ = cv2.connectedComponentsWithStats(found.view(np.uint8), connectivity=8)
+    long = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length_px
+    long[0] = False
+    kept: Bool = long[label]
     return kept
 
 
-def _regions(found: Bool) -> tuple[NDArray[np.intp], NDArray[np.intp], Int32]:
-    """Return rows and columns (K,) of what was found, and the numbers (K,), from 1, of its regions."""
-    _, label = cv2.connectedComponents(found.astype(np.uint8), connectivity=8)
-    rows, cols = np.nonzero(found)
-    return rows, cols, label[rows, cols].astype(np.int32)
+def regions_with(seed: Bool, found: Bool) -> Bool:
+    """Return the regions of ``found`` (H, W) that hold a pixel of ``seed`` (thresholds with hysteresis)."""
+    count, label = cv2.connectedComponents(found.view(np.uint8), connectivity=8)
+    holds = np.zeros(count, dtype=np.bool_)
+    holds[label[seed & found]] = True
+    kept: Bool = holds[label]
+    return kept
 
 
 def fill_dropouts(

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import fit_patches, normals_from_fit
-from flatcloth.flattening.surface import Surface, unite
+from flatcloth.flattening.surface import Surface, numbered, unite
 
 _FIT_RADIUS_PX = 6
 """Radius of the local quadratic fit of depth at each sample. Set by hand."""
@@ -201,32 +201,23 @@ def cut_necks(samples: Samples, least_core: int) -> Samples:
     return replace(samples, edges=samples.edges[inside], edge_length_m=samples.edge_length_m[inside])
 
 
-def graph_components(n: int, edges: Int32) -> Int32:
-    """Return the number (n,) of each point's connected component, in the order of their first points."""
-    return _components(n, np.ascontiguousarray(edges))
-
-
 @njit(cache=True, nogil=True)
-def _components(n: int, edges: Int32) -> Int32:
+def graph_components(n: int, edges: Int32) -> Int32:
+    """Return the number (n,) of each point's connected component, in the order of their first points.
+
+    SciPy's ``connected_components`` takes five times as long, as it wants a matrix first.
+    """
     parent = np.arange(n).astype(np.int32)
     for e in range(edges.shape[0]):
         unite(parent, edges[e, 0], edges[e, 1])
-    count = 0
-    for m in range(n):
-        # A parent has a smaller number than its child, and was replaced by its component's before.
-        if parent[m] == m:
-            parent[m] = count
-            count += 1
-        else:
-            parent[m] = parent[parent[m]]
-    return parent
+    return numbered(parent, np.ones(n, dtype=np.bool_))
 
 
 def _parts(n: int, edges: Int32, least_core: int) -> Int32:
     """Find the core nearest to each sample (N,) along the pairs; -1 if no core can be reached."""
     a, b = edges[:, 0], edges[:, 1]
     whole = np.bincount(edges.ravel(), minlength=n) >= _NEIGHBOURS
-    core = _cores(n, edges[whole[a] & whole[b]], whole)
+    core = np.where(whole, graph_components(n, edges[whole[a] & whole[b]]), -1)
     size = np.bincount(core[core >= 0], minlength=1)
     if (size >= least_core).sum() <= 1:
         return np.zeros(n, dtype=np.int32)  # at most one part
@@ -239,8 +230,3 @@ def _parts(n: int, edges: Int32, least_core: int) -> Int32:
         if (reached == part).all():
             return part
         part = reached
-
-
-def _cores(n: int, edges: Int32, whole: Bool) -> Int32:
-    label: Int32 = np.where(whole, graph_components(n, edges), -1)
-    return label

@@ -313,33 +313,29 @@ def unite(parent: Int32 | Int64, a: int, b: int) -> None:
 
 
 @njit(cache=True, nogil=True)
+def numbered(parent: Int32 | Int64, used: Bool) -> Int32:
+    """Return the number of each element's set (N,), by their first elements; -1 where it is not used."""
+    number, count = np.full(len(parent), -1, dtype=np.int32), 0
+    for m in range(len(parent)):
+        if parent[m] != m:  # it leads to a smaller element
+            number[m] = number[parent[m]]
+        elif used[m]:
+            number[m] = count
+            count += 1
+    return number
+
+
+@njit(cache=True, nogil=True)
 def _label_regions(steps: NDArray[np.uint8], measured: Bool) -> Int32:
-    """Label the regions (H, W) that steps connect, from 0, by their first pixel; -1 where not measured."""
-    rows, cols = measured.shape
-    parent = np.arange(rows * cols)
-    for r in range(rows):
-        for c in range(cols):
-            if not measured[r, c]:
-                continue
-            here = r * cols + c
-            for way in range(2):
-                # The step between two pixels is marked at the left or upper one.
-                if (way == 0 and c > 0 and steps[r, c - 1] & 1) or (
-                    way == 1 and r > 0 and steps[r - 1, c] & 2
-                ):
-                    unite(parent, here, here - (1 if way == 0 else cols))
-    labels = np.full((rows, cols), -1, dtype=np.int32)
-    number = np.full(rows * cols, -1, dtype=np.int32)
-    count = 0
-    for r in range(rows):
-        for c in range(cols):
-            if not measured[r, c]:
-                continue
-            root = r * cols + c
-            while parent[root] != root:
-                root = parent[root]
-            if number[root] < 0:
-                number[root] = count
-                count += 1
-            labels[r, c] = number[root]
-    return labels
+    """Label the regions (H, W) that steps connect, from 0, by their first pixel; -1 where not measured.
+
+    OpenCV's ``connectedComponents``, of an image with the steps between the pixels, takes twice as long.
+    """
+    marked, cols = steps.ravel(), steps.shape[1]
+    parent = np.arange(marked.size)
+    for p in range(marked.size):
+        if marked[p] & 1:
+            unite(parent, p, p + 1)
+        if marked[p] & 2:
+            unite(parent, p, p + cols)
+    return numbered(parent, measured.ravel()).reshape(steps.shape)

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics
-from flatcloth.flattening.ramps import RAMP_HEIGHT_M, long_ones
+from flatcloth.flattening.ramps import RAMP_HEIGHT_M, long_ones, regions_with
 
 _NARROWEST_PX, _WIDEST_PX = 5, 15
 """Half the width of a wide ramp. Narrower ones are those of :mod:`flatcloth.flattening.ramps`. Chosen: a
@@ -120,7 +120,7 @@ def cut_wide_ramps(
     offset = _edges(lab, half, way, _WEAK_EDGE_SHARE * level)
     sure = _lines(_edges(lab, half, way, level), half, way)
     line = _lines(offset, half, way)
-    line &= _joined(_thick(line), long_ones(_thick(sure), _LENGTH_PX) & sure)
+    line &= regions_with(long_ones(_thick(sure), _LENGTH_PX) & sure, _thick(line))
     if not line.any():
         return inverse_depth, none
     near, far = _continued(smooth, half, way, offset, line)
@@ -170,16 +170,6 @@ def _widths(inverse_depth: Float64, middles: Bool) -> EdgeWidths:
 def _thick(found: Bool) -> Bool:
     """Return ``found`` (H, W) grown by a pixel, so that small gaps do not interrupt a line."""
     return cv2.dilate(found.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-
-
-def _joined(found: Bool, sure: Bool) -> Bool:
-    """Return the regions of ``found`` (H, W) that hold something of ``sure``."""
-    _, label = cv2.connectedComponents(found.astype(np.uint8), connectivity=8)
-    kept = np.zeros(int(label.max()) + 1, dtype=np.bool_)
-    kept[label[sure & found]] = True
-    kept[0] = False
-    joined: Bool = kept[label]
-    return joined
 
 
 def _smoothed(inverse_depth: Float64) -> Float64:
