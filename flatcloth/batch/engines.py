@@ -15,7 +15,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
-from flatcloth.batch.runner import Limits, run_task, start_children, stop_children
+from flatcloth.batch.runner import Limits, run_task, start_processes, stop_processes
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.signals import handled_by
 
@@ -74,12 +74,12 @@ class _Threads:
         self._pool = concurrent.futures.ThreadPoolExecutor(workers)
 
     def __enter__(self) -> _Threads:
-        start_children()
+        start_processes()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=False, cancel_futures=True)
-        stop_children()
+        stop_processes()
         self._pool.shutdown(wait=True)
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from flatcloth.batch.rows import CRASHED, HUNG
-from flatcloth.core.subprocess_worker import Child, ChildError, ChildHungError, ChildLostError
+from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerHungError, WorkerLostError
 
-_PROGRAM = "flatcloth.batch.child"
+_PROGRAM = "flatcloth.batch.task_process"
 _ONE_THREAD = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS", "VECLIB_MAXIMUM")
 }
@@ -24,54 +24,54 @@ class Limits:
     seconds: float
 
 
-class _Children:
-    """The processes of this worker: one for each task that runs at the same time, used again and again."""
+class _Processes:
+    """The processes that run tasks: one for each task at a time, used again for the next one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._idle: list[tuple[Limits, Child]] = []
-        self._busy: list[Child] = []
+        self._idle: list[tuple[Limits, Worker]] = []
+        self._busy: list[Worker] = []
         self._stopped = False
 
-    def take(self, limits: Limits) -> Child:
+    def take(self, limits: Limits) -> Worker:
         with self._lock:
             if self._stopped:
-                raise ChildLostError("was stopped")
-            for n, (of, child) in enumerate(self._idle):
+                raise WorkerLostError("was stopped")
+            for n, (of, worker) in enumerate(self._idle):
                 if of == limits:
                     del self._idle[n]
-                    self._busy.append(child)
-                    return child
-        child = Child(
+                    self._busy.append(worker)
+                    return worker
+        worker = Worker(
             _PROGRAM, memory_bytes=limits.memory_bytes, quiet_s=limits.seconds, environment=_ONE_THREAD
         )
         with self._lock:
-            self._busy.append(child)
-        return child
+            self._busy.append(worker)
+        return worker
 
-    def give_back(self, limits: Limits, child: Child, *, good: bool) -> None:
+    def give_back(self, limits: Limits, worker: Worker, *, good: bool) -> None:
         with self._lock:
-            self._busy.remove(child)
+            self._busy.remove(worker)
             if good and not self._stopped:
-                self._idle.append((limits, child))
+                self._idle.append((limits, worker))
                 return
-        child.close()
+        worker.close()
 
     def stop(self) -> None:
         with self._lock:
             self._stopped = True
-            children = [*self._busy, *(child for _, child in self._idle)]
+            every = [*self._busy, *(worker for _, worker in self._idle)]
             self._idle.clear()
-        for child in children:
-            child.close()
+        for worker in every:
+            worker.close()
 
     def start(self) -> None:
         with self._lock:
             self._stopped = False
 
 
-_children = _Children()
-start_children, stop_children = _children.start, _children.stop
+_processes = _Processes()
+start_processes, stop_processes = _processes.start, _processes.stop
 
 
 def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
@@ -84,26 +84,26 @@ def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
         process crashed or was too slow.
     """
     try:
-        child = _children.take(limits)
-    except ChildLostError as error:
+        worker = _processes.take(limits)
+    except WorkerLostError as error:
         return {"lost": CRASHED, "reason": f"its process {error}."}
     good = False
     try:
-        answer = dict(child.ask(question, limit_s=limits.seconds).table)
+        answer = dict(worker.ask(question, limit_s=limits.seconds).table)
         good = not answer.get("spent")
         return answer
-    except ChildError as error:
+    except WorkerError as error:
         good = True
         return {"error": str(error)}
-    except ChildHungError:
+    except WorkerHungError:
         return {
             "lost": HUNG,
             "reason": f"was not done within {limits.seconds:g} s; give more by --time-limit.",
         }
-    except ChildLostError as error:
+    except WorkerLostError as error:
         return {"lost": CRASHED, "reason": _told(str(error))}
     finally:
-        _children.give_back(limits, child, good=good)
+        _processes.give_back(limits, worker, good=good)
 
 
 def _told(cause: str) -> str:

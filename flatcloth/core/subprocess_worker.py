@@ -42,16 +42,16 @@ _BYTES_PER_S = 20e6
 """The timeout is extended for a large file by the time that a slow disk needs to read it."""
 
 
-class ChildError(Exception):
+class WorkerError(Exception):
     """The worker could not complete the request; the text is for the user."""
 
 
-class ChildLostError(Exception):
+class WorkerLostError(Exception):
     """The worker crashed, timed out or exceeded its memory; the text says which."""
 
 
-class ChildHungError(ChildLostError):
-    """The child did not answer in time."""
+class WorkerHungError(WorkerLostError):
+    """The worker did not answer in time."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Message:
     arrays: Arrays = field(default_factory=dict)
 
 
-class Child:
+class Worker:
     """A worker process that runs a module of this package; it ends when closed or garbage-collected.
 
     Parameters
@@ -114,18 +114,18 @@ class Child:
 
         Raises
         ------
-        ChildError
+        WorkerError
             If the worker reports one.
-        ChildLostError
+        WorkerLostError
             If the worker does not answer; it is then ended.
         """
         with self._lock, self._closing_when_lost():
             if not self.close.alive:
-                raise ChildLostError("ended while it read an earlier view")
+                raise WorkerLostError("ended while it read an earlier view")
             try:
                 _write(self._stdin, Message(table))
             except OSError as error:
-                raise ChildLostError(self._end_of_it()) from error
+                raise WorkerLostError(self._end_of_it()) from error
             until_s = time.monotonic() + limit_s
             while True:
                 answer = self._receive(min(until_s, time.monotonic() + self._patience_s))
@@ -133,9 +133,9 @@ class Child:
                     break
                 progress(*answer.table["progress"])
             if "lost" in answer.table:
-                raise ChildLostError(answer.table["lost"])
+                raise WorkerLostError(answer.table["lost"])
         if "error" in answer.table:
-            raise ChildError(answer.table["error"])
+            raise WorkerError(answer.table["error"])
         return answer
 
     @property
@@ -151,10 +151,10 @@ class Child:
             pieces, missing = [], count
             while missing:
                 if not select.select([fd], [], [], max(0.0, until_s - time.monotonic()))[0]:
-                    raise ChildHungError("did not answer in time")
+                    raise WorkerHungError("did not answer in time")
                 piece = os.read(fd, min(missing, 1 << 20))
                 if not piece:
-                    raise ChildLostError(self._end_of_it())
+                    raise WorkerLostError(self._end_of_it())
                 pieces.append(piece)
                 missing -= len(piece)
             return b"".join(pieces)
@@ -172,7 +172,7 @@ class Child:
     def _closing_when_lost(self) -> Iterator[None]:
         try:
             yield
-        except ChildLostError:
+        except WorkerLostError:
             self.close()
             raise
 
@@ -219,7 +219,7 @@ def _answered(
 
 
 def memory_limit_bytes() -> int:
-    """Return what this process, a child, may take beyond its libraries."""
+    """Return what this process, a worker, may take beyond its libraries."""
     return int(os.environ.get(_MEMORY, MEMORY_BYTES))
 
 

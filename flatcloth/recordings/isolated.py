@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError, Message
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.recordings.base import check_index
 from flatcloth.recordings.film.angles import GivenAngles
@@ -35,8 +35,8 @@ class IsolatedRecording:
     def __init__(self, path: Path, question: Mapping[str, Any], progress: Progress) -> None:
         self._path = path
         try:
-            self._child = Child(_READER, path)
-        except ChildLostError as error:
+            self._worker = Worker(_READER, path)
+        except WorkerLostError as error:
             raise RecordingError(f"{path}: its reader {error}. Check the installation.") from error
         found = self._asked(question, progress).table
         self.name: str = found["name"]
@@ -73,10 +73,10 @@ class IsolatedRecording:
 
     def _asked(self, question: Mapping[str, Any], progress: Progress) -> Message:
         try:
-            return self._child.ask(question, progress)
-        except ChildError as error:
+            return self._worker.ask(question, progress)
+        except WorkerError as error:
             raise RecordingError(str(error)) from error
-        except ChildLostError as error:
+        except WorkerLostError as error:
             raise RecordingError(
                 f"{self._path}: damaged, or not a recording: its reader {error}. Copy or export it again."
             ) from error

@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain, read_plain
-from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError
+from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerLostError
 from flatcloth.core.types import Float64, Int32, Uint8
 from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
@@ -65,7 +65,7 @@ def read_mesh(path: Path) -> GarmentMesh:
         raise SynthesisError(f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}.")
     if not path.is_file():
         raise SynthesisError(f"{path}: no such file. Name a mesh file ({', '.join(SUFFIXES)}).")
-    mesh = _ObjReader(path).mesh() if suffix == ".obj" else _read_in_child(path)
+    mesh = _ObjReader(path).mesh() if suffix == ".obj" else _read_in_worker(path)
     return _checked(mesh, path)
 
 
@@ -261,12 +261,12 @@ def _texture(path: Path) -> Uint8:
         ) from error
 
 
-def _read_in_child(path: Path) -> GarmentMesh:
+def _read_in_worker(path: Path) -> GarmentMesh:
     try:
-        found = Child("flatcloth.synthesis.mesh_reader", path).ask({"path": str(path)}).arrays
-    except ChildError as error:
+        found = Worker("flatcloth.synthesis.mesh_reader", path).ask({"path": str(path)}).arrays
+    except WorkerError as error:
         raise SynthesisError(str(error)) from error
-    except ChildLostError as error:
+    except WorkerLostError as error:
         raise SynthesisError(f"{path}: damaged: its reader {error}. Export the surface again.") from error
     count = sum(name.startswith("image") for name in found) - 1
     return GarmentMesh(

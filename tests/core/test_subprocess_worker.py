@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flatcloth.core import subprocess_worker as child_module
-from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError, Message, serve
+from flatcloth.core import subprocess_worker as worker_module
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError, serve
 from flatcloth.core.types import Progress
 
 
 def answer(question: Mapping[str, Any], progress: Progress) -> Message:
-    """What the child of these tests can do."""
+    """What the worker of these tests can do."""
     match question["do"]:
         case "double":
             arrays = {
@@ -37,22 +37,22 @@ def answer(question: Mapping[str, Any], progress: Progress) -> Message:
         case "hang":
             time.sleep(600)
         case "eat":
-            return Message({}, {"all": np.ones(child_module.MEMORY_BYTES)})
+            return Message({}, {"all": np.ones(worker_module.MEMORY_BYTES)})
         case "leave":
             os._exit(7)
     raise KeyError("unforeseen")
 
 
 @pytest.fixture
-def child(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Child:
+def worker(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Worker:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    return Child("test_subprocess_worker", tmp_path / "gone")
+    return Worker("test_subprocess_worker", tmp_path / "gone")
 
 
-def test_answers_arrive_with_their_arrays(child: Child) -> None:
+def test_answers_arrive_with_their_arrays(worker: Worker) -> None:
     told: list[tuple[float, str]] = []
     for say in ("é\n", {"list": [1, None]}):
-        found = child.ask({"do": "double", "say": say}, lambda *step: told.append(step))
+        found = worker.ask({"do": "double", "say": say}, lambda *step: told.append(step))
         assert found.table == {"said": say}
         np.testing.assert_array_equal(found.arrays["a"], [[0, 2, 4], [6, 8, 10]])
         assert found.arrays["b"].tolist() == [True, False]
@@ -60,10 +60,10 @@ def test_answers_arrive_with_their_arrays(child: Child) -> None:
     assert told == [(0.5, "half")] * 2
 
 
-def test_a_known_error_is_told_and_the_child_lives_on(child: Child) -> None:
-    with pytest.raises(ChildError, match=r"^a\.bag: damaged\. Copy it again\.$"):
-        child.ask({"do": "refuse"})
-    assert child.ask({"do": "double", "say": 1}).table == {"said": 1}
+def test_a_known_error_is_told_and_the_worker_lives_on(worker: Worker) -> None:
+    with pytest.raises(WorkerError, match=r"^a\.bag: damaged\. Copy it again\.$"):
+        worker.ask({"do": "refuse"})
+    assert worker.ask({"do": "double", "say": 1}).table == {"said": 1}
 
 
 @pytest.mark.parametrize(
@@ -75,25 +75,25 @@ def test_a_known_error_is_told_and_the_child_lives_on(child: Child) -> None:
         ("unforeseen", r"failed \(KeyError: 'unforeseen'\)"),
     ],
 )
-def test_the_death_of_a_child_is_an_error(child: Child, do: str, said: str) -> None:
-    with pytest.raises(ChildLostError, match=said):
-        child.ask({"do": do})
-    assert not child.close.alive
-    with pytest.raises(ChildLostError, match="ended while it read an earlier view"):
-        child.ask({"do": "double", "say": 1})
+def test_the_death_of_a_worker_is_an_error(worker: Worker, do: str, said: str) -> None:
+    with pytest.raises(WorkerLostError, match=said):
+        worker.ask({"do": do})
+    assert not worker.close.alive
+    with pytest.raises(WorkerLostError, match="ended while it read an earlier view"):
+        worker.ask({"do": "double", "say": 1})
 
 
-def test_a_child_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, child: Child) -> None:
-    monkeypatch.setattr(child, "_patience_s", 0.3)
-    with pytest.raises(ChildLostError, match="did not answer in time"):
-        child.ask({"do": "hang"})
-    assert not child.close.alive
+def test_a_worker_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker) -> None:
+    monkeypatch.setattr(worker, "_patience_s", 0.3)
+    with pytest.raises(WorkerLostError, match="did not answer in time"):
+        worker.ask({"do": "hang"})
+    assert not worker.close.alive
 
 
-def test_a_child_whose_parent_lets_go_of_it_ends(child: Child) -> None:
-    process = child._process
-    child.close()
-    child.close()  # twice does no harm
+def test_a_worker_whose_parent_lets_go_of_it_ends(worker: Worker) -> None:
+    process = worker._process
+    worker.close()
+    worker.close()  # twice does no harm
     assert process.poll() is not None
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Child, ChildError, ChildLostError, Message
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError
 from flatcloth.recordings.files.images import ImageHeader
 
 MAX_CHANNELS = 32
@@ -20,7 +20,7 @@ MAX_PIXELS = 2**24
 
 _READER = "flatcloth.recordings.files.exr_reader"
 _lock = threading.Lock()
-_kept: list[Child] = []
+_kept: list[Worker] = []
 
 
 def read_exr_header(path: Path) -> ImageHeader:
@@ -61,11 +61,11 @@ def _asked(question: dict[str, Any], path: Path) -> Message:
     with _lock:
         try:
             if not _kept:
-                _kept.append(Child(_READER, path))
+                _kept.append(Worker(_READER, path))
             return _kept[0].ask(question)
-        except ChildError as error:
+        except WorkerError as error:
             raise RecordingError(str(error)) from error
-        except ChildLostError as error:
+        except WorkerLostError as error:
             _kept.clear()
             raise RecordingError(
                 f"{path}: truncated or damaged: its reader {error}. Copy or export the image again."
